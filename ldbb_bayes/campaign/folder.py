@@ -1,0 +1,282 @@
+"""A campaign on disk: a folder with campaign.toml and one CSV per test, read, checked and written."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.table import READING_COLUMNS, read_columns, read_tidy, readings_of
+from ldbb_bayes.errors import InputError, nearest
+
+__all__ = ["read_campaign", "write_campaign"]
+
+SCHEMA = 1
+TOML_NAME = "campaign.toml"
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _MountFile(_Strict):
+    deflection_um_per_bar: float = 2.33
+    compensated: bool = True
+
+
+class _ForceFile(_Strict):
+    slope_N_per_bar: float = 126.04
+    offset_N: float = -14.2
+
+
+class _TestFile(_Strict):
+    file: str | None = None
+    force_N: float | None = None
+    pressure_bar: float | None = None
+    name: str | None = None
+    direction: Literal["CW", "CCW"] | None = None
+    work_ball_deg: float = 0.0
+    tool_ball_deg: float = 0.0
+    radius_mm: float | None = None
+    plane: Literal["XY", "YZ", "ZX"] | None = None
+    centre_x_mm: float | None = None
+    centre_y_mm: float | None = None
+    temperature_C: float | None = None
+    time_s: float | None = None
+    readings: int | None = Field(default=None, ge=9)
+    start_deg: float | None = None
+    arc_deg: float | None = Field(default=None, ge=180.0, le=360.0)
+
+
+class _CampaignFile(_Strict):
+    schema_: Literal[1] = Field(alias="schema")
+    topology: str
+    plane: Literal["XY", "YZ", "ZX"]
+    radius_mm: float
+    name: str | None = None
+    feed_mm_per_min: float | None = None
+    resolution_um: float = 0.24
+    mount: _MountFile = _MountFile()
+    force: _ForceFile = _ForceFile()
+    test: list[_TestFile] = Field(min_length=1)
+
+
+def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
+    """Read a campaign or a plan.
+
+    Parameters
+    ----------
+    path : path
+        A campaign folder, a campaign.toml, or one tidy CSV.
+    **options
+        For a tidy CSV only: what campaign.toml would say (`radius_mm=150`, `mount=MountCompensation(...)`, …).
+
+    Raises
+    ------
+    InputError
+        One message that names the file, the place and the cure.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / TOML_NAME
+    if not path.is_file():
+        raise InputError(f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path}, which does not exist. Check the path.")
+    if path.suffix.lower() != ".toml":
+        return read_tidy(path, **options)
+    if options:
+        raise InputError(f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them into {path.name}.")
+    described = _parse(path)
+    tests = tuple(_test(path, i, entry) for i, entry in enumerate(described.test, start=1))
+    try:
+        return Campaign(
+            tests,
+            topology=described.topology,
+            plane=described.plane,
+            radius_mm=described.radius_mm,
+            name=described.name or path.resolve().parent.name,
+            feed_mm_per_min=described.feed_mm_per_min,
+            resolution_um=described.resolution_um,
+            mount=MountCompensation(described.mount.deflection_um_per_bar, described.mount.compensated),
+            force_law=ForceLaw(described.force.slope_N_per_bar, described.force.offset_N),
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Write a campaign (or plan) folder, whole or not at all.
+
+    Numbers are written so that they read back to the same doubles.
+
+    Parameters
+    ----------
+    force : bool
+        Replace an existing folder.
+
+    Raises
+    ------
+    InputError
+        When the folder exists and ``force`` is false, or it cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists() and not force:
+        raise InputError(f"{folder} must not exist, got an existing folder. Choose another name or pass --force.")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise InputError(f"{folder} must be writable, got: {error.strerror}. Choose another place.") from None
+    try:
+        _write_files(campaign, staging)
+        staging.chmod(0o755)
+        if folder.exists():
+            retired = staging.with_name(staging.name + "-old")
+            folder.rename(retired)
+            staging.rename(folder)
+            shutil.rmtree(retired)
+        else:
+            staging.rename(folder)
+    except OSError as error:
+        raise InputError(f"{folder} must be writable, got: {error.strerror}. Free some space or choose another place.") from None
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return folder
+
+
+def _write_files(campaign: Campaign, folder: Path) -> None:
+    head: dict[str, Any] = {
+        "schema": SCHEMA,
+        "topology": campaign.topology,
+        "plane": campaign.plane,
+        "radius_mm": campaign.radius_mm,
+        "name": campaign.name,
+        "feed_mm_per_min": campaign.feed_mm_per_min,
+        "resolution_um": campaign.resolution_um,
+        "mount": {
+            "deflection_um_per_bar": campaign.mount.deflection_um_per_bar,
+            "compensated": campaign.mount.compensated,
+        },
+        "force": {"slope_N_per_bar": campaign.force_law.slope_N_per_bar, "offset_N": campaign.force_law.offset_N},
+        "test": [_test_entry(campaign, test) for test in campaign.tests],
+    }
+    (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)), encoding="utf-8")
+    for test in campaign.tests:
+        if test.reading_um is not None:
+            frame = pd.DataFrame({"angle_deg": test.angle_deg, "reading_um": test.reading_um})
+            frame.to_csv(folder / f"{test.name}.csv", index=False, lineterminator="\n")
+
+
+def _test_entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "file": None if test.reading_um is None else f"{test.name}.csv",
+        "force_N": test.force_N,
+        "pressure_bar": test.pressure_bar,
+        "name": test.name,
+        "direction": test.direction,
+        "work_ball_deg": test.work_ball_deg or None,
+        "tool_ball_deg": test.tool_ball_deg or None,
+        "radius_mm": None if test.radius_mm == campaign.radius_mm else test.radius_mm,
+        "plane": None if test.plane == campaign.plane else test.plane,
+        "centre_x_mm": test.centre_x_mm or None,
+        "centre_y_mm": test.centre_y_mm or None,
+        "temperature_C": test.temperature_C,
+        "time_s": test.time_s,
+    }
+    if test.reading_um is None:
+        entry |= _uniform(test)
+    return _given(entry)
+
+
+def _uniform(test: CircularTest) -> dict[str, Any]:
+    """How a planned test's angles are written: number, start and arc."""
+    n = len(test.angle_deg)
+    step = float(test.angle_deg[1] - test.angle_deg[0])
+    if not np.allclose(np.diff(test.angle_deg), step, rtol=1e-6):
+        raise InputError(f"a plan's angles must be evenly spaced to be written, got test {test.name!r}. Plan even angles.")
+    full = abs(n * step - 360.0) < 1e-6 * 360.0
+    arc = 360.0 if full else (n - 1) * step
+    return {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": arc}
+
+
+def _given(entry: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in entry.items() if value is not None}
+
+
+def _parse(path: Path) -> _CampaignFile:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} must be valid TOML, got: {error}. Correct that place.") from None
+    except OSError as error:
+        raise InputError(f"{path} must be a readable file, got: {error.strerror}. Check the permissions.") from None
+    schema = content.get("schema")
+    if isinstance(schema, int) and schema > SCHEMA:
+        raise InputError(f"{path}: schema must be {SCHEMA}, got {schema}, written by a newer version. Upgrade ldbb-bayes.")
+    try:
+        return _CampaignFile.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_first_error(error)}") from None
+
+
+_KEYS: dict[str, type[BaseModel]] = {"mount": _MountFile, "force": _ForceFile, "test": _TestFile}
+
+
+def _first_error(error: ValidationError) -> str:
+    """One sentence for the first thing pydantic found."""
+    first = error.errors()[0]
+    where = [str(part + 1) if isinstance(part, int) else part for part in first["loc"]]
+    place = " ".join(f"[{part}]" if part in _KEYS and len(where) > 1 else part for part in where)
+    if first["type"] == "extra_forbidden":
+        owner = _KEYS.get(where[0], _CampaignFile) if len(where) > 1 else _CampaignFile
+        known = [field.alias or name for name, field in owner.model_fields.items()]
+        return f"keys must be among {', '.join(known)}, got {place!r}. Did you mean {nearest(where[-1], known)!r}?"
+    if first["type"] == "missing":
+        return f"{place!r} must be given, got nothing. Add it."
+    message = first["msg"][0].lower() + first["msg"][1:]
+    return f"{place!r} must be valid, got {first['input']!r}: {message}. Correct it."
+
+
+def _test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
+    name = entry.name or (Path(entry.file).stem if entry.file else "")
+    fields = entry.model_dump(exclude={"file", "name", "readings", "start_deg", "arc_deg"})
+    if entry.file is None:
+        return _guarded(f"{toml}, test {number}", name, {"angle_deg": _planned_angles(entry)}, fields)
+    planned = [key for key in ("readings", "start_deg", "arc_deg") if getattr(entry, key) is not None]
+    if planned:
+        raise InputError(f"{toml}, test {number}: {planned[0]} must stand in planned tests only, got it beside 'file'. Remove one of them.")
+    path = _inside(toml, number, entry.file)
+    return _guarded(str(path), name, dict(readings_of(path, read_columns(path, READING_COLUMNS))), fields)
+
+
+def _planned_angles(entry: _TestFile) -> Any:
+    n = entry.readings or 720
+    arc = entry.arc_deg or 360.0
+    steps = np.arange(n) / (n if arc == 360.0 else n - 1)
+    return (entry.start_deg or 0.0) + arc * steps
+
+
+def _guarded(place: str, name: str, readings: dict[str, Any], fields: dict[str, Any]) -> CircularTest:
+    try:
+        return CircularTest(name=name, **readings, **fields)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+
+
+def _inside(toml: Path, number: int, file: str) -> Path:
+    """The referenced file, which must lie inside the campaign's folder, links followed."""
+    root = toml.parent.resolve()
+    path = (root / file).resolve()
+    if Path(file).is_absolute() or not path.is_relative_to(root):
+        raise InputError(f"{toml}, test {number}: file must lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name.")
+    if not path.is_file():
+        raise InputError(f"{toml}, test {number}: file must exist, got {file!r}, which is not in {toml.parent}. Check the name.")
+    return toml.parent / file

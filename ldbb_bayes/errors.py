@@ -1,0 +1,36 @@
+"""The one error a user can cause, and the one wording for unknown names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = ["InputError", "check_known", "nearest"]
+
+
+class InputError(ValueError):
+    """Input that cannot be used. The message says what must hold, what was found, and how to mend it."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The known name most like ``name``."""
+    candidates = list(known)
+    by_case = {candidate.lower(): candidate for candidate in candidates}
+    match = difflib.get_close_matches(name.lower(), by_case, n=1, cutoff=0.0)
+    return by_case[match[0]] if match else candidates[0]
+
+
+def check_known(what: str, names: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse the first of ``names`` that is not known.
+
+    Raises
+    ------
+    InputError
+        Naming the nearest known name and the whole list.
+    """
+    candidates = list(known)
+    for name in names:
+        if name not in candidates:
+            raise InputError(
+                f"{what} must be one of {', '.join(candidates)}, got {name!r}. Did you mean {nearest(str(name), candidates)!r}?"
+            )

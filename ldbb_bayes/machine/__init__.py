@@ -1,0 +1,1 @@
+"""What the machine is: its chain, its exact readings, its Jacobians."""

@@ -1,0 +1,333 @@
+"""A HybridModel bound to a campaign or plan: parameters with units and priors, columns, reduced readings, densities.
+
+p(β, φ | y) ∝ p(y | β, φ) p(β) p(φ) 1[A β ≥ 0], nuisances integrated out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.jacobian import (
+    ComplianceName,
+    geometric_jacobian,
+    geometric_kinds,
+    geometric_names,
+    kept_compliances,
+    wrench_jacobian,
+    wrench_names,
+)
+from ldbb_bayes.model.basis import SIZE, coefficients
+from ldbb_bayes.model.gaussian import least_squares
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.orthant import Truncation
+from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
+from ldbb_bayes.model.reduction import Reduced, reduce_readings
+from ldbb_bayes.model.structured import Conditional, StructuredGaussian
+from ldbb_bayes.model.terms import BasisNoise, Columns, Compliance, GeometricErrors, Setting
+
+__all__ = ["BoundModel", "Parameter"]
+
+Array = NDArray[Any]
+Group = Literal["compliance", "slope", "geometric"]
+_PLANNED_COMPLIANCE = 5e-5
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of interest: name, unit, prior sd (infinite when flat) and group."""
+
+    name: str
+    unit: str
+    prior_sd: float
+    group: Group
+
+
+class BoundModel:
+    """The model of one campaign.
+
+    Parameters
+    ----------
+    model : HybridModel
+    campaign : Campaign
+    keep : sequence of str, optional
+        Names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay those of the whole campaign.
+    setting : Setting, optional
+        Freeze the campaign properties of another binding (a pilot's, for a plan).
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        Compliances, their slopes degree by degree, geometric errors.
+    test_names : tuple of str
+    setting : Setting
+    reduced : tuple of Reduced
+    interest : ndarray, shape (tests, 25, p)
+        H: columns of the parameters of interest.
+    truncation : Truncation
+    """
+
+    def __init__(self, model: HybridModel, campaign: Campaign, *, keep: Sequence[str] | None = None) -> None:
+        _check(model, campaign)
+        self.model, self.campaign = model, campaign
+        machine = campaign.machine()
+        self.compliances: tuple[ComplianceName, ...] = kept_compliances(machine).names
+        self.geometric_errors: tuple[str, ...] = geometric_names(machine)
+        reduced = tuple(_reduced(test, plan=campaign.is_plan) for test in campaign.tests)
+        whole = _setting(model, campaign, self.compliances)
+        self.parameters = self._list_parameters(whole.force_range_N)
+        self.truncation = Truncation(self._truncation_rows(campaign, whole))
+        whole = replace(whole, compliance_estimate=self._estimate(whole, reduced))
+        rows = _rows(campaign, keep)
+        self.setting = _select(whole, rows)
+        self.reduced = tuple(reduced[i] for i in rows)
+        self.test_names = tuple(campaign.tests[i].name for i in rows)
+        self.interest = self._interest(self.setting)
+        self.hyper_prior = model.prior.hyper(model.hypers, campaign.resolution_um)
+
+    def keeping(self, names: Sequence[str]) -> BoundModel:
+        """The same binding with only the named tests; campaign properties stay frozen."""
+        return BoundModel(self.model, self.campaign, keep=names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters of interest."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def prior_sd(self) -> Array:
+        """Prior sd of the parameters, shape (p,); infinite when flat."""
+        return np.array([parameter.prior_sd for parameter in self.parameters])
+
+    @cached_property
+    def scale(self) -> Array:
+        """Typical size of every parameter, shape (p,): its prior sd, or the default prior's when flat."""
+        return self.prior_sd if not self.model.prior.flat else self._sd_of(Prior.default(), self.setting.force_range_N)
+
+    @cached_property
+    def centre(self) -> Array:
+        """Least-squares estimate about which densities are computed, shape (p,); zero for a plan."""
+        return self._fit(self.interest, self.scale, self.setting, self.reduced)
+
+    @cached_property
+    def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
+        """All nuisance columns, in the order of the model's terms."""
+        return tuple(column for term in self.model.nuisances for column in term.columns(self.setting))
+
+    @cached_property
+    def given_interest(self) -> StructuredGaussian:
+        """p(y | β, φ): nuisances integrated out. Coefficients are β − centre."""
+        return self._structured(())
+
+    @cached_property
+    def collapsed(self) -> StructuredGaussian:
+        """p(y | φ): nuisances and β integrated out, truncation left aside. The last shared coefficients are β − centre."""
+        return self._structured((Columns(self.names, self.interest, self.prior_sd, mean=-self.centre),))
+
+    def log_likelihood(self, phi: Array, beta: Array) -> Array:
+        """ln p(y | β, φ), shape (w,). φ (w, h) [mm], β (w, p)."""
+        return self.given_interest.log_density(phi, beta - self.centre)
+
+    def log_likelihood_per_test(self, phi: Array, beta: Array) -> Array:
+        """ln p(y_r | other tests, β, φ), shape (w, tests): shared nuisances make tests dependent."""
+        shifted = beta - self.centre
+        return self.given_interest.log_density(phi, shifted)[:, None] - self.given_interest.log_density_without(phi, shifted)
+
+    def log_prior(self, beta: Array) -> Array:
+        """ln p(β), shape (...): −inf outside the truncation, its prior probability divided out; 0 when flat."""
+        if self.model.prior.flat:
+            return np.zeros(beta.shape[:-1])
+        density = -0.5 * ((beta / self.prior_sd) ** 2).sum(axis=-1) - np.log(self.prior_sd * np.sqrt(2 * np.pi)).sum()
+        if not self.truncation.active:
+            return np.asarray(density)
+        return np.where(self.truncation.holds(beta), density - self.log_prob_truncation_prior, -np.inf)
+
+    @cached_property
+    def log_prob_truncation_prior(self) -> float:
+        """ln P(T | prior); 0 without truncation."""
+        if not self.truncation.active:
+            return 0.0
+        orthant = self.truncation.orthants(np.zeros((1, len(self.names))), np.diag(self.prior_sd)[None])
+        return float(orthant.log_probability(4096)[0][0])
+
+    def log_evidence_given(self, phi: Array) -> tuple[Array, Array, Array]:
+        """β integrated out, truncation aside.
+
+        Returns
+        -------
+        log_evidence : ndarray, shape (w,)
+            ln p(y | φ); without its normalising constant when the prior is flat.
+        mean : ndarray, shape (w, p)
+        spread : ndarray, shape (w, p, q)
+            spread spreadᵀ is the covariance of β given y and φ.
+        """
+        log_evidence, conditional = self.collapsed.conditional(phi, np.zeros(len(self.names)))
+        mean, spread = self._interest_part(conditional)
+        return log_evidence, mean, spread
+
+    def _interest_part(self, conditional: Conditional) -> tuple[Array, Array]:
+        p = len(self.names)
+        rows = np.arange(conditional.mean.shape[1] - p, conditional.mean.shape[1])
+        return conditional.mean[:, -p:] + self.centre, conditional.spread(rows)
+
+    def _structured(self, extra: tuple[Columns, ...]) -> StructuredGaussian:
+        columns = [term for term in self.nuisance_columns if isinstance(term, Columns)]
+        offset = self.interest @ self.centre + _mount_mean(self.setting)
+        shared = [replace(term, mean=None) for term in columns if not term.private]
+        return StructuredGaussian(
+            self.reduced,
+            noise=[term for term in self.nuisance_columns if isinstance(term, BasisNoise)],
+            private=[term for term in columns if term.private],
+            shared=[*shared, *extra],
+            interest=self.interest,
+            offset=offset,
+            hypers=self.model.hypers,
+        )
+
+    def _interest(self, setting: Setting) -> Array:
+        by_degree = Compliance(self.model.degree).columns(setting)
+        return np.concatenate([*by_degree, GeometricErrors().columns(setting)], axis=2)
+
+    def _estimate(self, setting: Setting, reduced: Sequence[Reduced]) -> Array:
+        """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, minimum norm in units of the prior sd."""
+        if reduced[0].projection is None:
+            return np.array([_PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances])
+        columns = np.concatenate([Compliance(0).columns(setting)[0], setting.geometric], axis=2)
+        prior = Prior.default() if self.model.prior.flat else self.model.prior
+        compliance = prior.compliance_sd(self.compliances, 0, setting.force_range_N)
+        scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors, geometric_kinds())])
+        return self._fit(columns, scale, setting, reduced)[: len(self.compliances)]
+
+    @staticmethod
+    def _fit(columns: Array, scale: Array, setting: Setting, reduced: Sequence[Reduced]) -> Array:
+        if reduced[0].projection is None:
+            return np.zeros(columns.shape[2])
+        mean = _mount_mean(setting)
+        rows = np.concatenate([test.factor @ columns[r] for r, test in enumerate(reduced)])
+        values = [np.asarray(test.projection) - test.factor @ mean[r] for r, test in enumerate(reduced)]
+        return least_squares(rows, np.concatenate(values), scale)
+
+    def _list_parameters(self, force_range_N: float) -> tuple[Parameter, ...]:
+        sd = self._sd_of(self.model.prior, force_range_N)
+        if self.model.prior.flat:
+            sd = np.full(len(sd), np.inf)
+        names: list[tuple[str, str, Group]] = []
+        for k in range(self.model.degree + 1):
+            group: Group = "slope" if k else "compliance"
+            suffix = f"_{k}" if k else ""
+            names += [(c.label + suffix, compliance_unit(c, k), group) for c in self.compliances]
+        kinds = zip(self.geometric_errors, geometric_kinds(), strict=True)
+        names += [(name, geometric_unit(kind), "geometric") for name, kind in kinds]
+        parameters = tuple(Parameter(n, u, float(s), g) for (n, u, g), s in zip(names, sd, strict=True))
+        self.model.prior.check_names([parameter.name for parameter in parameters])
+        return parameters
+
+    def _sd_of(self, prior: Prior, force_range_N: float) -> Array:
+        degrees = range(self.model.degree + 1)
+        compliance = [prior.compliance_sd(self.compliances, k, force_range_N) for k in degrees]
+        return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors, geometric_kinds())])
+
+    def _truncation_rows(self, campaign: Campaign, setting: Setting) -> Array:
+        """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind."""
+        p = len(self.parameters)
+        if not self.model.prior.truncated:
+            return np.zeros((0, p))
+        forces = np.unique(campaign.forces_N)
+        if self.model.degree == 0:
+            forces = forces[:1]
+        elif self.model.degree == 1:
+            forces = forces[[0, -1]]
+        rows = []
+        for j, name in enumerate(self.compliances):
+            if name.kind not in ("direct", "rotation_for_moment"):
+                continue
+            for force in forces:
+                row = np.zeros(p)
+                for k in range(self.model.degree + 1):
+                    row[k * len(self.compliances) + j] = (force - setting.reference_force_N) ** k
+                rows.append(row)
+        return np.array(rows)
+
+
+def _check(model: HybridModel, campaign: Campaign) -> None:
+    levels = len(np.unique(campaign.forces_N))
+    if levels == 1 and model.degree >= 1:
+        raise InputError(
+            f"degree ≥ 1 must have at least two force levels, got one ({campaign.forces_N[0]:g} N). "
+            "Use degree 0 (--degree 0), or add tests at another force."
+        )
+    if levels == 1 and model.prior.flat:
+        raise InputError(
+            f"flat priors must have at least two force levels, got one ({campaign.forces_N[0]:g} N): constant compliance and "
+            "geometry cannot be separated. Use the default preset or add tests at another force."
+        )
+    if model.prior.flat and levels < model.degree + 2:
+        raise InputError(
+            f"flat priors at degree {model.degree} must have at least {model.degree + 2} force levels, got {levels}: compliance and "
+            "geometry cannot be separated. Use the default preset, a lower degree, or add tests at another force."
+        )
+
+
+def _rows(campaign: Campaign, keep: Sequence[str] | None) -> list[int]:
+    if keep is None:
+        return list(range(len(campaign.tests)))
+    chosen = campaign.select(keep)
+    names = {test.name for test in chosen.tests}
+    return [i for i, test in enumerate(campaign.tests) if test.name in names]
+
+
+def _reduced(test: CircularTest, *, plan: bool) -> Reduced:
+    return reduce_readings(test.angles_rad(), None if plan else test.readings_mm())
+
+
+def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[ComplianceName, ...]) -> Setting:
+    machine = campaign.machine()
+    labels = [name.label for name in wrench_names(machine)]
+    index = [labels.index(name.label) for name in compliances]
+    wrench, geometric = {}, {}
+    for circle in {test.circle for test in campaign.tests}:
+        wrench[circle] = coefficients(lambda angle, c=circle: wrench_jacobian(machine, c, angle)[:, index])
+        geometric[circle] = coefficients(lambda angle, c=circle: geometric_jacobian(machine, c, angle))
+    forces = campaign.forces_N
+    clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in campaign.tests])
+    reference = model.reference_force_N
+    return Setting(
+        force_N=forces,
+        pressure_bar=campaign.pressures_bar,
+        work_ball_rad=clockings[:, 0],
+        tool_ball_rad=clockings[:, 1],
+        wrench=np.stack([wrench[test.circle] for test in campaign.tests]),
+        geometric=np.stack([geometric[test.circle] for test in campaign.tests]),
+        reference_force_N=float((forces.min() + forces.max()) / 2.0) if reference is None else float(reference),
+        force_range_N=float(forces.max() - forces.min()),
+        two_balls=_clocked(clockings),
+        compliance_estimate=np.zeros(len(compliances)),
+        compensated=campaign.mount.compensated,
+        deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
+    )
+
+
+def _clocked(clockings: Array) -> bool:
+    """Whether the clocking of either ball differs between tests, whole turns aside."""
+    turned = np.exp(1j * clockings)
+    return bool(np.abs(turned - turned[0]).max() > 1e-9)
+
+
+def _select(setting: Setting, rows: Sequence[int]) -> Setting:
+    per_test = ("force_N", "pressure_bar", "work_ball_rad", "tool_ball_rad", "wrench", "geometric")
+    return replace(setting, **{name: getattr(setting, name)[list(rows)] for name in per_test})
+
+
+def _mount_mean(setting: Setting) -> Array:
+    """Nominal mount deflection still in the readings (Eq. 32), shape (tests, 25) [mm]."""
+    mean = np.zeros((setting.tests, SIZE))
+    if not setting.compensated:
+        mean[:, 0] = setting.pressure_bar * setting.deflection_um_per_bar * 1e-3
+    return mean

@@ -1,0 +1,141 @@
+"""HybridModel: the terms, the prior and the noise, before they meet a campaign.
+
+ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε, β = (C_0 …, E) ~ N(0, S), nuisances Gaussian given φ = (σ, δ, κ, τ).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.model.prior import Prior
+from ldbb_bayes.model.terms import (
+    HYPERS,
+    BallForm,
+    BarLength,
+    Compliance,
+    Discrepancy,
+    ForceError,
+    GeometricErrors,
+    Hyper,
+    Mount,
+    Nuisance,
+    SetupShift,
+)
+
+if TYPE_CHECKING:
+    from ldbb_bayes.model.bound import BoundModel
+
+__all__ = ["NUISANCES", "HybridModel", "Preset"]
+
+Preset = Literal["default", "paper"]
+NUISANCES: Mapping[str, type[Nuisance]] = {
+    "ball-form": BallForm,
+    "bar-length": BarLength,
+    "mount": Mount,
+    "force-error": ForceError,
+    "setup-shift": SetupShift,
+    "discrepancy": Discrepancy,
+}
+_HYPER_OF: Mapping[type, Hyper] = {SetupShift: "delta", Discrepancy: "kappa", BallForm: "tau"}
+
+
+@dataclass(frozen=True)
+class HybridModel:
+    """The model of a campaign, not yet bound to one.
+
+    Parameters
+    ----------
+    degree : {0, 1, 2}
+        Compliance constant, linear or quadratic in force. Constant is linear with its slopes fixed at zero.
+    nuisances : tuple of terms
+    prior : Prior
+    reference_force_N : float, optional
+        F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally.
+    preset : {"default", "paper"}
+        Where the model started from.
+
+    Raises
+    ------
+    InputError
+        For a degree other than 0, 1, 2 or a nuisance given twice.
+    """
+
+    degree: int = 1
+    nuisances: tuple[Nuisance, ...] = field(default_factory=lambda: tuple(term() for term in NUISANCES.values()))
+    prior: Prior = field(default_factory=Prior.default)
+    reference_force_N: float | None = None
+    preset: Preset = "default"
+
+    def __post_init__(self) -> None:
+        if self.degree not in (0, 1, 2):
+            raise InputError(f"degree must be 0, 1 or 2, got {self.degree}. Choose constant, linear or quadratic compliance.")
+        kinds = [type(term) for term in self.nuisances]
+        repeated = next((kind for kind in kinds if kinds.count(kind) > 1), None)
+        if repeated is not None:
+            raise InputError(f"nuisances must differ, got {repeated.__name__} twice. Remove one.")
+        if self.prior.flat and self.nuisances:
+            raise InputError(
+                f"a flat prior must stand without nuisances, got {kinds[0].__name__}: what they share with the parameters would be "
+                "undetermined. Use proper priors or remove the nuisances."
+            )
+
+    @classmethod
+    def default(cls, degree: int = 1) -> HybridModel:
+        """All nuisances, proper priors, truncation."""
+        return cls(degree)
+
+    @classmethod
+    def paper(cls, degree: int = 0) -> HybridModel:
+        """No nuisances, flat priors, no truncation: the point estimate is Eq. 31."""
+        return cls(degree, (), Prior.paper(), preset="paper")
+
+    @classmethod
+    def from_preset(cls, preset: str, degree: int) -> HybridModel:
+        """The named preset."""
+        check_known("preset", [preset], ("default", "paper"))
+        return cls.paper(degree) if preset == "paper" else cls.default(degree)
+
+    def with_degree(self, degree: int) -> HybridModel:
+        """The same model with another degree."""
+        return replace(self, degree=degree)
+
+    def without(self, *names: str) -> HybridModel:
+        """The same model without the named terms (``ball-form`` … ``discrepancy``, ``truncation``).
+
+        Raises
+        ------
+        InputError
+            For an unknown name.
+        """
+        check_known("term", names, (*NUISANCES, "truncation"))
+        drop = tuple(NUISANCES[name] for name in names if name != "truncation")
+        prior = self.prior.untruncated() if "truncation" in names else self.prior
+        return replace(self, nuisances=tuple(term for term in self.nuisances if not isinstance(term, drop)), prior=prior)
+
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """Active hyper-parameters; σ always, the others with their term."""
+        active = {"sigma", *(_HYPER_OF[type(term)] for term in self.nuisances if type(term) in _HYPER_OF)}
+        return tuple(name for name in HYPERS if name in active)
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Class names of all terms."""
+        own = (type(Compliance()).__name__, type(GeometricErrors()).__name__)
+        return (*own, *(type(term).__name__ for term in self.nuisances))
+
+    def bind(self, campaign: Campaign) -> BoundModel:
+        """The model of this campaign (or plan): columns, reduced readings, likelihood.
+
+        Raises
+        ------
+        InputError
+            For degree ≥ 1 with one force level, or flat priors that the forces leave undetermined.
+        """
+        from ldbb_bayes.model.bound import BoundModel
+
+        return BoundModel(self, campaign)

@@ -1,0 +1,186 @@
+"""Priors of the parameters of interest and of the hyper-parameters, with units, and the truncation to physical compliances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erfc, erfcinv
+
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.machine.jacobian import ComplianceName, GeometricKind
+from ldbb_bayes.model.terms import HYPERS, Hyper
+
+__all__ = ["HyperPrior", "Prior", "compliance_unit", "geometric_unit"]
+
+Array = NDArray[Any]
+
+_COMPLIANCE_UNITS = {
+    "direct": "mm/N",
+    "cross": "mm/N",
+    "rotation_for_force": "rad/N",
+    "rotation_for_moment": "rad/(N mm)",
+}
+_GEOMETRIC_UNITS: dict[GeometricKind, str] = {"gain": "1", "straightness": "1/mm", "squareness": "rad", "offset": "mm"}
+
+
+def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
+    """Unit of a compliance or of its slope of the given degree."""
+    unit = _COMPLIANCE_UNITS[name.kind]
+    if degree == 0:
+        return unit
+    per = "N" if degree == 1 else f"N^{degree}"
+    return f"{unit}/{per}"
+
+
+def geometric_unit(kind: GeometricKind) -> str:
+    """Unit of a geometric error."""
+    return _GEOMETRIC_UNITS[kind]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Zero-mean Gaussian priors of the parameters of interest, half-normal priors of the hyper-parameters.
+
+    The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, a scale gain of 2e-4 is
+    200 µm/m. Give your own by ``replace(Prior.default(), ...)``, by ``overrides`` or in TOML.
+
+    Attributes
+    ----------
+    direct_mm_per_N, cross_mm_per_N, rotation_for_force_rad_per_N, rotation_for_moment_rad_per_N_mm : float
+        One sd of C_XXX and C_YYY; of C_XYX; of C_CXY and C_CYY; of C_CCY.
+    slope_scale : float
+        sd(C_k) = slope_scale · sd(C) / (F_max − F_min)^k.
+    gain, squareness_rad, straightness_per_mm, offset_mm : float
+        One sd of E_XX1 and E_YY1; of E_C(0Y)X; of E_YX2 and E_XY2; of E_Xt0 and E_Yt0.
+    sigma_um, delta_um, kappa_um, tau_um : float
+        Scales of the half-normal priors of white noise, set-up shift, discrepancy and ball form.
+    truncated : bool
+        C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at every tested force: F C(F) is a deflection under the force itself.
+    flat : bool
+        No prior on the parameters of interest (the paper's least squares).
+    overrides : mapping of parameter name to sd
+        In inside units (mm, N, rad).
+    """
+
+    direct_mm_per_N: float = 1e-4
+    cross_mm_per_N: float = 1e-5
+    rotation_for_force_rad_per_N: float = 1e-7
+    rotation_for_moment_rad_per_N_mm: float = 1e-9
+    slope_scale: float = 0.3
+    gain: float = 2e-4
+    squareness_rad: float = 5e-5
+    straightness_per_mm: float = 1e-6
+    offset_mm: float = 0.02
+    sigma_um: float = 1.0
+    delta_um: float = 1.0
+    kappa_um: float = 1.0
+    tau_um: float = 5.0
+    truncated: bool = True
+    flat: bool = False
+    overrides: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        scales = {name: value for name, value in vars(self).items() if isinstance(value, float)} | dict(self.overrides)
+        for name, value in scales.items():
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"prior {name} must be a positive number, got {value}. To drop a term, leave it out instead.")
+        if self.flat and self.truncated:
+            raise InputError("a flat prior must not be truncated, got both. Set truncated = false or flat = false.")
+        if self.flat and self.overrides:
+            raise InputError("a flat prior must have no overrides, got some. Set flat = false or remove them.")
+        object.__setattr__(self, "overrides", MappingProxyType(dict(self.overrides)))
+
+    @classmethod
+    def default(cls) -> Prior:
+        """The documented default."""
+        return cls()
+
+    @classmethod
+    def paper(cls) -> Prior:
+        """Flat and untruncated: least squares."""
+        return cls(truncated=False, flat=True)
+
+    def untruncated(self) -> Prior:
+        """The same without truncation."""
+        return replace(self, truncated=False)
+
+    def compliance_sd(self, names: Sequence[ComplianceName], degree: int, force_range_N: float) -> Array:
+        """Prior sd of every compliance of one degree, shape (compliances,)."""
+        by_kind = {
+            "direct": self.direct_mm_per_N,
+            "cross": self.cross_mm_per_N,
+            "rotation_for_force": self.rotation_for_force_rad_per_N,
+            "rotation_for_moment": self.rotation_for_moment_rad_per_N_mm,
+        }
+        labels = [name.label for name in names]
+        constant = self._overridden(labels, [by_kind[name.kind] for name in names])
+        if degree == 0:
+            return constant
+        return self._overridden([f"{label}_{degree}" for label in labels], self.slope_scale * constant / force_range_N**degree)
+
+    def geometric_sd(self, names: Sequence[str], kinds: Sequence[GeometricKind]) -> Array:
+        """Prior sd of every geometric error, shape (geometric errors,)."""
+        by_kind = {
+            "gain": self.gain,
+            "straightness": self.straightness_per_mm,
+            "squareness": self.squareness_rad,
+            "offset": self.offset_mm,
+        }
+        return self._overridden(names, [by_kind[kind] for kind in kinds])
+
+    def check_names(self, parameters: Sequence[str]) -> None:
+        """Refuse overrides of parameters the model does not have."""
+        check_known("prior override", self.overrides, parameters)
+
+    def _overridden(self, names: Sequence[str], default: Any) -> Array:
+        return np.array([self.overrides.get(name, value) for name, value in zip(names, default, strict=True)], dtype=float)
+
+    def hyper(self, active: Sequence[Hyper], resolution_um: float) -> HyperPrior:
+        """Priors of the active hyper-parameters; σ is restricted to σ ≥ resolution/√12."""
+        scale = {"sigma": self.sigma_um, "delta": self.delta_um, "kappa": self.kappa_um, "tau": self.tau_um}
+        names = tuple(name for name in HYPERS if name in active)
+        lower = np.array([resolution_um / np.sqrt(12.0) if name == "sigma" else 0.0 for name in names])
+        return HyperPrior(names, np.array([scale[name] for name in names]) * 1e-3, lower * 1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class HyperPrior:
+    """Independent half-normal densities in the hyper-parameters themselves, each restricted to φ ≥ lower.
+
+    Attributes
+    ----------
+    names : tuple of hyper-parameters
+    scale_mm, lower_mm : ndarray, shape (h,)
+    """
+
+    names: tuple[Hyper, ...]
+    scale_mm: Array
+    lower_mm: Array
+
+    def log_density_of_log(self, log_phi: Array) -> Array:
+        """ln p(ln φ), the Jacobian φ included, shape (..., h) → (...). −inf below the restriction."""
+        phi = np.exp(log_phi)
+        with np.errstate(over="ignore"):
+            quadratic = -0.5 * (phi / self.scale_mm) ** 2
+        constant = 0.5 * np.log(2.0 / np.pi) - np.log(self.scale_mm) - np.log(self._mass)
+        density = np.where(phi >= self.lower_mm, quadratic + constant + log_phi, -np.inf)
+        total: Array = density.sum(axis=-1)
+        return total
+
+    @property
+    def _mass(self) -> Array:
+        return np.asarray(erfc(self.lower_mm / self.scale_mm / np.sqrt(2.0)))
+
+    def draw(self, size: int, rng: np.random.Generator) -> Array:
+        """Draws of φ, shape (size, h) [mm]."""
+        return self.quantile(rng.random((size, len(self.names))))
+
+    def quantile(self, level: Array) -> Array:
+        """Quantiles of φ, shape (..., h) [mm]."""
+        quantiles: Array = self.scale_mm * np.sqrt(2.0) * erfcinv((1.0 - level) * self._mass)
+        return quantiles

@@ -1,0 +1,371 @@
+"""The Gaussian of all reduced readings given the hyper-parameters φ, arranged so that it costs little.
+
+z_r = ρ̄_r + H_r β + U_r b + V_r v_r + e_r,   b ~ N(0, S_U(φ)), v_r ~ N(0, S_V(φ)), e_r ~ N(0, D_r(φ)), D_r diagonal.
+
+U holds the columns shared by tests, V those of one test alone. Set-up shift and discrepancy live on the basis itself: for a
+uniform circle they are part of D; for any other sampling the reduced readings are turned so that discrepancy is diagonal, and
+set-up shift joins V. V is eliminated test by test, U once (Woodbury); basis functions that no column links are separate
+blocks, so that for uniform circles only orders 0 to 4 meet the parameters of interest. All arrays carry φ as first axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from ldbb_bayes.model.basis import SIZE
+from ldbb_bayes.model.reduction import Reduced
+from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper
+
+__all__ = ["Conditional", "StructuredGaussian"]
+
+Array = NDArray[Any]
+_LOG_2PI = float(np.log(2 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """A stack of b independent groups of basis functions of the same shape, each coupled within itself.
+
+    ``weights`` (b, tests, m, hypers): D = weights · φ²; ``present`` (b, tests, m) marks real rows; ``private``
+    (b, tests, m, v); ``shared`` (b, tests, m, q) with ``shared_index`` (b, q) into the shared columns; ``interest``
+    (b, tests, m, p); ``residual`` (b, tests, m).
+    """
+
+    weights: Array
+    present: Array
+    private: Array
+    shared: Array
+    shared_index: Array
+    interest: Array
+    residual: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Conditional:
+    """The shared coefficients given φ and the readings: N(mean, P⁻¹), one per φ.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (w, q)
+    precision_root : ndarray, shape (w, q, q)
+        Cholesky factor L of the scaled precision; covariance = diag(scale) (L Lᵀ)⁻¹ diag(scale).
+    scale : ndarray, shape (w, q)
+    """
+
+    mean: Array
+    precision_root: Array
+    scale: Array
+
+    def spread(self, rows: Array) -> Array:
+        """X with X Xᵀ = covariance of the selected coefficients, shape (w, len(rows), q)."""
+        eye = np.broadcast_to(np.eye(self.mean.shape[1])[:, rows], (*self.mean.shape, len(rows)))
+        white = np.linalg.solve(self.precision_root, eye)
+        spread: Array = np.swapaxes(white, 1, 2) * self.scale[:, rows, None]
+        return spread
+
+
+class StructuredGaussian:
+    """p(z | β, φ) with the shared and private columns integrated out.
+
+    Parameters
+    ----------
+    reduced : sequence of Reduced
+    noise : sequence of BasisNoise
+    private, shared : sequence of Columns
+    interest : ndarray, shape (tests, 25, p)
+        Columns whose coefficients are given in every call.
+    offset : ndarray, shape (tests, 25)
+        Known part of the readings in the basis, subtracted beforehand.
+    hypers : names of φ's components
+    """
+
+    def __init__(
+        self,
+        reduced: Sequence[Reduced],
+        *,
+        noise: Sequence[BasisNoise],
+        private: Sequence[Columns],
+        shared: Sequence[Columns],
+        interest: Array,
+        offset: Array,
+        hypers: Sequence[Hyper],
+    ) -> None:
+        self.hypers = tuple(hypers)
+        self.shared_names = tuple(name for term in shared for name in term.names)
+        self._residual_ss = np.array([test.residual_ss for test in reduced])
+        self._free = np.array([max(test.readings - SIZE, 0) for test in reduced])
+        self._readings = np.array([test.readings for test in reduced])
+        self._shared_sd = _SpreadOf(shared, self.hypers)
+        means = [np.zeros(len(term.names)) if term.mean is None else term.mean for term in shared]
+        self._shared_mean = np.concatenate([np.zeros(0), *means])
+        rows = _turned_rows(reduced, noise, private, shared, interest, offset, self.hypers)
+        self._private_sd = _SpreadOf(rows.private_terms, self.hypers)
+        self._blocks = _split(rows)
+
+    def log_density(self, phi: Array, beta: Array) -> Array:
+        """ln p(z | β, φ), shape (w,).
+
+        Parameters
+        ----------
+        phi : ndarray, shape (w, hypers) [mm]
+        beta : ndarray, shape (w, p), or (p,)
+        """
+        total = self._outside(phi).sum(axis=1)
+        for block in self._blocks:
+            by_test, gram, projected = self._condense(block, phi, beta)
+            gained = self._integrate(gram.sum(axis=2), projected.sum(axis=2), block, phi)[0]
+            total = total + by_test.sum(axis=(1, 2)) + gained.sum(axis=1)
+        return np.asarray(total)
+
+    def log_density_without(self, phi: Array, beta: Array) -> Array:
+        """ln p(z without test r | β, φ) for every r, shape (w, tests)."""
+        outside = self._outside(phi)
+        total = outside.sum(axis=1, keepdims=True) - outside
+        for block in self._blocks:
+            by_test, gram, projected = self._condense(block, phi, beta)
+            gram_all, projected_all = gram.sum(axis=2), projected.sum(axis=2)
+            density = by_test.sum(axis=1)
+            total = total + density.sum(axis=1, keepdims=True) - density
+            for r in range(total.shape[1]):
+                gained = self._integrate(gram_all - gram[:, :, r], projected_all - projected[:, :, r], block, phi)[0]
+                total[:, r] += gained.sum(axis=1)
+        return np.asarray(total)
+
+    def conditional(self, phi: Array, beta: Array) -> tuple[Array, Conditional]:
+        """ln p(z | β, φ), shape (w,), and the shared coefficients given z, β and φ."""
+        w, q = len(phi), len(self.shared_names)
+        total = self._outside(phi).sum(axis=1)
+        mean, scale, root = np.zeros((w, q)), np.zeros((w, q)), np.zeros((w, q, q))
+        for block in self._blocks:
+            by_test, gram, projected = self._condense(block, phi, beta)
+            gained, lower, white, block_scale = self._integrate(gram.sum(axis=2), projected.sum(axis=2), block, phi)
+            total = total + by_test.sum(axis=(1, 2)) + gained.sum(axis=1)
+            if not block.shared_index.size:
+                continue
+            solved = np.linalg.solve(np.swapaxes(lower, -1, -2), white[..., None])[..., 0] * block_scale
+            for k, index in enumerate(block.shared_index):
+                mean[:, index], scale[:, index] = solved[:, k], block_scale[:, k]
+                root[:, index[:, None], index[None, :]] = lower[:, k]
+        return np.asarray(total), Conditional(mean, root, scale)
+
+    def private_mean(self, phi: Array, beta: Array, shared: Array) -> Array:
+        """Conditional mean of every private coefficient given β, φ and the shared coefficients, shape (w, tests, v).
+
+        Columns come in the order of ``private``, then set-up shift where it is not part of the diagonal noise.
+        """
+        sd = self._private_sd(phi)
+        v = sd.shape[1]
+        gram = np.zeros((len(phi), len(self._readings), v, v)) + np.eye(v)
+        right = np.zeros((len(phi), len(self._readings), v))
+        for block in self._blocks:
+            if not block.private.shape[3]:
+                continue
+            residual = block.residual - _apply(block.interest, beta)
+            residual = residual - np.einsum("btmq,wbq->wbtm", block.shared, shared[:, block.shared_index])
+            columns = block.private * sd[:, None, None, None, :]
+            weighted = columns / _variance(block, phi)[..., None]
+            gram += np.einsum("wbtmi,wbtmj->wtij", weighted, columns)
+            right += np.einsum("wbtmi,wbtm->wti", weighted, residual)
+        mean: Array = np.linalg.solve(gram, right[..., None])[..., 0] * sd[:, None, :]
+        return mean
+
+    def _outside(self, phi: Array) -> Array:
+        """Per test: constants, and the readings' part outside the basis, shape (w, tests)."""
+        square = phi[:, :1] ** 2
+        return np.asarray(-0.5 * (self._readings * _LOG_2PI + self._free * np.log(square) + self._residual_ss / square))
+
+    def _condense(self, block: _Block, phi: Array, beta: Array) -> tuple[Array, Array, Array]:
+        """Per group and test, private columns integrated out: density of the residual (w, b, T), Uᵀ Σ⁻¹ U, Uᵀ Σ⁻¹ r."""
+        variance = _variance(block, phi)
+        residual = block.residual - _apply(block.interest, beta)
+        weight = 1.0 / variance
+        weighted = residual * weight
+        density = -0.5 * (np.where(block.present, np.log(variance), 0.0) + weighted * residual).sum(axis=3)
+        v, q = block.private.shape[3], block.shared.shape[3]
+        columns = np.concatenate([block.private, block.shared], axis=3)
+        pairs = np.einsum("btmi,btmj->btmij", columns, columns).reshape(*columns.shape[:3], -1)
+        gram = _contract(weight, pairs).reshape(*weight.shape[:3], v + q, v + q)
+        projected = _contract(weighted, columns)
+        if v:
+            sd = self._private_sd(phi)[:, None, None, :]
+            inner = gram[..., :v, :v] * (sd[..., :, None] * sd[..., None, :]) + np.eye(v)
+            cross = np.concatenate([gram[..., :v, v:], projected[..., :v, None]], axis=-1) * sd[..., :, None]
+            root = np.linalg.cholesky(inner)
+            white = np.linalg.solve(root, cross)
+            density = density - np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
+            density = density + 0.5 * (white[..., -1] ** 2).sum(axis=-1)
+            links = np.swapaxes(white[..., :-1], -1, -2)
+            gram = gram[..., v:, v:] - links @ white[..., :-1]
+            projected = projected[..., v:] - (links @ white[..., -1:])[..., 0]
+        return density, gram, projected
+
+    def _integrate(self, gram: Array, projected: Array, block: _Block, phi: Array) -> tuple[Array, Array, Array, Array]:
+        """Integrate the shared coefficients: log density gained (w, b), Cholesky factor, whitened projection, scale."""
+        sd = self._shared_sd(phi)[:, block.shared_index]
+        mean = self._shared_mean[block.shared_index]
+        flat = np.isinf(sd)
+        diagonal = np.diagonal(gram, axis1=-2, axis2=-1)
+        scale = np.where(flat, 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), sd)
+        precision = gram * (scale[..., :, None] * scale[..., None, :])
+        span = np.arange(sd.shape[2])
+        precision[..., span, span] += np.where(flat, 0.0, 1.0)
+        lower = np.linalg.cholesky(precision)
+        standard = np.where(flat, 0.0, mean / np.where(sd > 0, scale, 1.0))
+        white = np.linalg.solve(lower, (projected * scale + standard)[..., None])[..., 0]
+        log_root = np.log(lower[..., span, span]).sum(axis=-1)
+        flat_volume = np.where(flat, np.log(scale) + 0.5 * _LOG_2PI, 0.0).sum(axis=-1)
+        gained = flat_volume - log_root + 0.5 * ((white**2).sum(axis=-1) - (standard**2).sum(axis=-1))
+        return gained, lower, white, scale
+
+
+class _SpreadOf:
+    """Prior sd of stacked columns as a function of φ, shape (w, columns)."""
+
+    def __init__(self, terms: Sequence[Columns], hypers: Sequence[Hyper]) -> None:
+        self._sd = np.concatenate([term.sd for term in terms]) if terms else np.zeros(0)
+        owner = [(-1 if term.hyper is None else hypers.index(term.hyper)) for term in terms for _ in term.names]
+        self._hyper = np.array(owner, dtype=int)
+
+    def __call__(self, phi: Array) -> Array:
+        factors = np.column_stack([phi, np.ones(len(phi))])
+        spread: Array = self._sd * factors[:, self._hyper]
+        return spread
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """All reduced rows, padded to (tests, m): see `_Block`. ``coupled`` says which rows any test links with one another."""
+
+    weights: Array
+    present: Array
+    private: Array
+    private_terms: tuple[Columns, ...]
+    shared: Array
+    interest: Array
+    residual: Array
+    diagonal: bool
+
+
+def _variance(block: _Block, phi: Array) -> Array:
+    variance: Array = np.einsum("btmh,wh->wbtm", block.weights, phi**2)
+    return np.where(block.present, variance, 1.0)
+
+
+def _apply(columns: Array, values: Array) -> Array:
+    product: Array = np.moveaxis(columns @ np.atleast_2d(values).T, -1, 0)
+    return product
+
+
+def _contract(weight: Array, columns: Array) -> Array:
+    """Sum over the rows of each test: (w, b, T, m) with (b, T, m, c) → (w, b, T, c)."""
+    contracted: Array = np.moveaxis(np.moveaxis(weight, 0, 2) @ columns, 2, 0)
+    return contracted
+
+
+def _turned_rows(
+    reduced: Sequence[Reduced],
+    noise: Sequence[BasisNoise],
+    private: Sequence[Columns],
+    shared: Sequence[Columns],
+    interest: Array,
+    offset: Array,
+    hypers: Sequence[Hyper],
+) -> _Rows:
+    """Bring every test to rows with diagonal noise."""
+    diagonal = all(test.is_orthogonal for test in reduced)
+    absorbed = [term for term in noise if diagonal or term.hyper == "kappa"]
+    moved = [term for term in noise if term not in absorbed]
+    tests = len(reduced)
+    private_terms = (*private, *(_as_columns(term, tests) for term in moved))
+    stacked_private = _stack([term.values for term in private_terms], tests)
+    stacked_shared = _stack([term.values for term in shared], tests)
+    weights = np.zeros((tests, SIZE, len(hypers)))
+    present = np.zeros((tests, SIZE), dtype=bool)
+    out = [np.zeros((tests, SIZE, a.shape[2])) for a in (stacked_private, stacked_shared, interest)]
+    residual = np.zeros((tests, SIZE))
+    for r, test in enumerate(reduced):
+        m = test.factor.shape[0]
+        turn, spread = _turn(test, absorbed, diagonal)
+        factor = turn @ test.factor
+        if diagonal:
+            factor = np.diag(np.diag(factor))
+        present[r, :m] = True
+        weights[r, :m, hypers.index("sigma")] = 1.0
+        for term, value in zip(absorbed, spread, strict=True):
+            weights[r, :m, hypers.index(term.hyper)] = value
+        for target, source in zip(out, (stacked_private, stacked_shared, interest), strict=True):
+            target[r, :m] = factor @ source[r]
+        if test.projection is not None:
+            residual[r, :m] = turn @ test.projection - factor @ offset[r]
+    return _Rows(weights, present, out[0], private_terms, out[1], out[2], residual, diagonal)
+
+
+def _turn(test: Reduced, absorbed: Sequence[BasisNoise], diagonal: bool) -> tuple[Array, list[Array]]:
+    """An orthogonal matrix that makes the absorbed basis noise diagonal, and its variances in units of φ²."""
+    m = test.factor.shape[0]
+    if diagonal:
+        signs = np.diag(np.sign(np.diag(test.factor)))
+        return signs, [np.diag(test.factor) ** 2 * term.sd**2 for term in absorbed]
+    if not absorbed:
+        return np.eye(m), []
+    (term,) = absorbed
+    left, singular, _ = np.linalg.svd(test.factor * term.sd, full_matrices=True)
+    spread = np.zeros(m)
+    spread[: len(singular)] = singular**2
+    return left.T, [spread]
+
+
+def _as_columns(term: BasisNoise, tests: int) -> Columns:
+    used = np.flatnonzero(term.sd)
+    values = np.zeros((tests, SIZE, len(used)))
+    values[:, used, np.arange(len(used))] = 1.0
+    names = tuple(f"{term.hyper}_{i}" for i in used)
+    return Columns(names, values, term.sd[used], term.hyper, private=True)
+
+
+def _stack(columns: Sequence[Array], tests: int) -> Array:
+    return np.concatenate([np.zeros((tests, SIZE, 0)), *columns], axis=2)
+
+
+def _split(rows: _Rows) -> tuple[_Block, ...]:
+    """Separate the basis functions that no column links; without orthogonal sampling they are one group."""
+    columns = np.arange(rows.shared.shape[2])
+    if not rows.diagonal:
+        return (_block(rows, [np.arange(SIZE)], [columns], main=True),)
+    own = np.any(rows.private != 0, axis=(0, 2)) | np.any(rows.interest != 0, axis=(0, 2))
+    touched = np.any(rows.shared != 0, axis=0)
+    links = (own[:, None] & own[None, :]) | (touched.astype(int) @ touched.T.astype(int) > 0)
+    count, label = connected_components(links, directed=False)
+    main = int(label[np.flatnonzero(own)[0]]) if own.any() else -1
+    groups: dict[tuple[int, int, bool], list[tuple[Array, Array]]] = {}
+    for k in range(count):
+        members = np.flatnonzero(label == k)
+        index = np.flatnonzero(touched[members].any(axis=0))
+        groups.setdefault((len(members), len(index), k == main), []).append((members, index))
+    unseen = np.flatnonzero(~touched.any(axis=0))
+    if unseen.size:
+        groups[(0, len(unseen), False)] = [(np.zeros(0, dtype=int), unseen)]
+    return tuple(_block(rows, [m for m, _ in pairs], [i for _, i in pairs], main=key[2]) for key, pairs in groups.items())
+
+
+def _block(rows: _Rows, members: Sequence[Array], shared_index: Sequence[Array], *, main: bool) -> _Block:
+    def pick(array: Array) -> Array:
+        return np.stack([array[:, group] for group in members])
+
+    private, interest = pick(rows.private), pick(rows.interest)
+    shared = [rows.shared[:, group][:, :, index] for group, index in zip(members, shared_index, strict=True)]
+    return _Block(
+        pick(rows.weights),
+        pick(rows.present),
+        private if main else private[..., :0],
+        np.stack(shared),
+        np.stack(shared_index),
+        interest,
+        pick(rows.residual),
+    )

@@ -1,0 +1,236 @@
+"""The terms of the model: each a frozen value that answers, for a given setting, with columns in the circle's basis.
+
+ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + nuisances + ε. A column of test r is its 25 basis coefficients; a term's
+columns are shared by all tests or stand for each test apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.model.basis import MAX_ORDER, ORDERS, SIZE, harmonic_index
+
+__all__ = [
+    "HYPERS",
+    "BallForm",
+    "BarLength",
+    "BasisNoise",
+    "Columns",
+    "Compliance",
+    "Discrepancy",
+    "ForceError",
+    "GeometricErrors",
+    "Hyper",
+    "Mount",
+    "Nuisance",
+    "Setting",
+    "SetupShift",
+]
+
+Array = NDArray[Any]
+Hyper = Literal["sigma", "delta", "kappa", "tau"]
+HYPERS: tuple[Hyper, ...] = ("sigma", "delta", "kappa", "tau")
+FORM_ORDERS = range(2, MAX_ORDER + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What the terms see of a campaign: one row per test, and the properties that belong to the campaign as a whole.
+
+    Attributes
+    ----------
+    force_N, pressure_bar : ndarray, shape (tests,)
+    work_ball_rad, tool_ball_rad : ndarray, shape (tests,)
+    wrench : ndarray, shape (tests, 25, compliances)
+        Basis coefficients of j_C.
+    geometric : ndarray, shape (tests, 25, geometric errors)
+        Basis coefficients of j_G.
+    reference_force_N, force_range_N : float
+        F0 and F_max − F_min.
+    two_balls : bool
+        Whether the clocking of either ball differs between tests.
+    compliance_estimate : ndarray, shape (compliances,)
+        Ĉ, used only to linearise the force error.
+    compensated : bool
+    deflection_um_per_bar : float
+    """
+
+    force_N: Array
+    pressure_bar: Array
+    work_ball_rad: Array
+    tool_ball_rad: Array
+    wrench: Array
+    geometric: Array
+    reference_force_N: float
+    force_range_N: float
+    two_balls: bool
+    compliance_estimate: Array
+    compensated: bool
+    deflection_um_per_bar: float
+
+    @property
+    def tests(self) -> int:
+        """Number of tests."""
+        return len(self.force_N)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of one term with their Gaussian prior.
+
+    Attributes
+    ----------
+    names : tuple of str
+    values : ndarray, shape (tests, 25, p)
+    sd : ndarray, shape (p,)
+        Prior sd; where ``hyper`` names a hyper-parameter, in units of it. Infinite for a flat prior.
+    hyper : hyper-parameter that scales ``sd``, or None
+    private : bool
+        True when every test has its own copy of each coefficient.
+    mean : ndarray, shape (p,)
+        Prior mean.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    sd: Array
+    hyper: Hyper | None = None
+    private: bool = False
+    mean: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BasisNoise:
+    """Independent coefficients on the basis itself, separate for every test: sd = hyper · ``sd`` (25,)."""
+
+    hyper: Hyper
+    sd: Array
+
+
+class Nuisance(Protocol):
+    """A nuisance term: its class name is its name everywhere."""
+
+    def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
+        """Columns of the term in a setting."""
+        ...
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """F (F − F0)^k j_C, k = 0 … degree (Eq. 22, 33)."""
+
+    degree: int = 1
+
+    def columns(self, setting: Setting) -> tuple[Array, ...]:
+        """One array (tests, 25, compliances) per degree [mm per unit of the parameter]."""
+        lever = setting.force_N - setting.reference_force_N
+        return tuple((setting.force_N * lever**k)[:, None, None] * setting.wrench for k in range(self.degree + 1))
+
+
+@dataclass(frozen=True)
+class GeometricErrors:
+    """j_G, the same at every force (Eq. 16-18)."""
+
+    def columns(self, setting: Setting) -> Array:
+        """Array (tests, 25, geometric errors) [mm per unit of the parameter]."""
+        return setting.geometric
+
+
+@dataclass(frozen=True)
+class BallForm:
+    """cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12: form error of the balls, τ/n per coefficient, the same at every force.
+
+    While no ball is clocked the two forms are one sum. As soon as a clocking differs between tests there are two terms,
+    the work ball at θ − ψ_work and the tool ball, touched on its far side, at θ + 180° − ψ_tool, each with τ/(n √2).
+    """
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """Columns, hyper-parameter τ [mm]."""
+        if not setting.two_balls:
+            return (self._ball("form", setting.work_ball_rad, 1.0),)
+        half = 1.0 / np.sqrt(2.0)
+        return (
+            self._ball("work_form", setting.work_ball_rad, half),
+            self._ball("tool_form", setting.tool_ball_rad - np.pi, half),
+        )
+
+    @staticmethod
+    def _ball(stem: str, clocking_rad: Array, share: float) -> Columns:
+        values = np.zeros((len(clocking_rad), SIZE, 2 * len(FORM_ORDERS)))
+        names: list[str] = []
+        for j, n in enumerate(FORM_ORDERS):
+            c, s = harmonic_index(n)
+            turn = n * np.remainder(clocking_rad, 2 * np.pi)
+            values[:, c, 2 * j], values[:, s, 2 * j] = np.cos(turn), np.sin(turn)
+            values[:, c, 2 * j + 1], values[:, s, 2 * j + 1] = -np.sin(turn), np.cos(turn)
+            names += [f"{stem}_cos{n}", f"{stem}_sin{n}"]
+        values[np.abs(values) < 1e-14] = 0.0
+        sd = share / np.repeat(np.array(FORM_ORDERS, dtype=float), 2)
+        return Columns(tuple(names), values, sd, "tau")
+
+
+@dataclass(frozen=True)
+class BarLength:
+    """1: calibration of the bar's length: ball radii, zero setting, bar temperature."""
+
+    sd_um: float = 9.4
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """One shared column [1]."""
+        values = np.zeros((setting.tests, SIZE, 1))
+        values[:, 0, 0] = 1.0
+        return (Columns(("bar_length",), values, np.array([self.sd_um * 1e-3])),)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value (Eq. 32)."""
+
+    relative_sd: float = 0.10
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """One shared column [bar]; mean nominal when the readings are not compensated, 0 when they are."""
+        values = np.zeros((setting.tests, SIZE, 1))
+        values[:, 0, 0] = setting.pressure_bar
+        nominal = setting.deflection_um_per_bar * 1e-3
+        mean = 0.0 if setting.compensated else nominal
+        return (Columns(("mount",), values, np.array([self.relative_sd * nominal]), mean=np.array([mean])),)
+
+
+@dataclass(frozen=True)
+class ForceError:
+    """F j_C·Ĉ times a gain error common to all tests, and j_C·Ĉ times a random force error of each test."""
+
+    gain_sd: float = 0.01
+    random_sd_N: float = 4.0
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """One shared column [mm] and one column per test [mm/N]."""
+        deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
+        gain = setting.force_N[:, None, None] * deflection
+        return (
+            Columns(("force_gain",), gain, np.array([self.gain_sd])),
+            Columns(("force_random",), deflection, np.array([self.random_sd_N]), private=True),
+        )
+
+
+@dataclass(frozen=True)
+class SetupShift:
+    """1, cos θ, sin θ, separate for every test: zero and centre move between circles by δ."""
+
+    def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
+        """Coefficients of order 0 and 1, hyper-parameter δ [mm]."""
+        return (BasisNoise("delta", np.where(ORDERS <= 1, 1.0, 0.0)),)
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """cos nθ, sin nθ, n = 2 … 12, separate for every test: model inadequacy and run-to-run change, κ/n."""
+
+    def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
+        """Coefficients of order 2 to 12, hyper-parameter κ [mm]."""
+        return (BasisNoise("kappa", np.where(ORDERS >= 2, 1.0 / np.maximum(ORDERS, 1), 0.0)),)

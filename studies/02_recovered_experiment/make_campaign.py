@@ -1,0 +1,172 @@
+"""Recover the published experiment from the paper's Tables 5-8 and write it as a campaign.
+
+The raw readings are not public. Tables 5-8 are 78 printed numbers, each a known linear map of 48 harmonic coefficients
+(orders 0-3 and cos 4θ at six forces): least squares (Eq. 31) on full uniform circles. They determine 45 of the 48 dimensions;
+a weak prior supplies the rest. What lies outside these harmonics is synthetic and seeded.
+
+    python studies/02_recovered_experiment/make_campaign.py --out data/recovered_experiment
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.campaign.folder import write_campaign
+from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.jacobian import geometric_jacobian, kept_compliances, wrench_jacobian, wrench_names
+from ldbb_bayes.model.gaussian import LinearGaussian
+
+HERE = Path(__file__).resolve().parent
+TABLES = HERE.parents[1] / "data" / "published_tables"
+FORCES_N = np.array([36.0, 238.0, 364.0, 490.0, 616.0, 742.0])
+PRESSURES_BAR = np.array([0.4, 2.0, 3.0, 4.0, 5.0, 6.0])
+READINGS = 720
+SEED = 20_24
+OUT_OF_BAND_RMS_UM, WHITE_UM, DISCREPANCY_UM = 0.60, 0.12, 0.27
+
+
+@dataclass(frozen=True)
+class Printed:
+    """One printed number: which forces it was estimated from, which of the 13 parameters, value and half-unit."""
+
+    forces_N: tuple[float, ...]
+    parameter: int
+    value: float
+    half_unit: float
+
+
+def half_unit(text: str) -> float:
+    """Half a unit of the last printed digit."""
+    mantissa, _, exponent = text.upper().partition("E")
+    decimals = len(mantissa.partition(".")[2])
+    return 0.5 * 10.0 ** (int(exponent or 0) - decimals)
+
+
+def printed_numbers() -> list[Printed]:
+    """The 78 numbers of Tables 5-8 as printed."""
+    found: list[Printed] = []
+    for name, first in (
+        ("table_5_global_compliances", 0),
+        ("table_6_global_geometric_errors", 6),
+        ("table_7_local_compliances", 0),
+        ("table_8_local_geometric_errors", 6),
+    ):
+        table = pd.read_csv(TABLES / f"{name}.csv", dtype=str)
+        pair = [column for column in table.columns if column.startswith("force_")]
+        for _, row in table.iterrows():
+            forces = tuple(float(row[column]) for column in pair) or tuple(FORCES_N)
+            cells = row.drop(pair)
+            found += [Printed(forces, first + j, float(text), half_unit(text)) for j, text in enumerate(cells)]
+    return found
+
+
+def harmonics(angle_rad: np.ndarray) -> np.ndarray:
+    """1, cos θ, sin θ, cos 2θ, sin 2θ, cos 3θ, sin 3θ, cos 4θ: shape (n, 8)."""
+    columns = [np.ones_like(angle_rad)]
+    for n in (1, 2, 3):
+        columns += [np.cos(n * angle_rad), np.sin(n * angle_rad)]
+    return np.column_stack([*columns, np.cos(4 * angle_rad)])
+
+
+def hybrid_columns(force_N: float, angle_rad: np.ndarray) -> np.ndarray:
+    """The paper's 13 columns (Eq. 28): six compliances, seven geometric errors."""
+    machine, circle = Machine(), Circle()
+    labels = [name.label for name in wrench_names(machine)]
+    index = [labels.index(name.label) for name in kept_compliances(machine, circle).names]
+    wrench = wrench_jacobian(machine, circle, angle_rad)[:, index]
+    return np.hstack([force_N * wrench, geometric_jacobian(machine, circle, angle_rad)])
+
+
+def estimation_map(forces_N: tuple[float, ...]) -> np.ndarray:
+    """Eq. 31 as a map from the 48 harmonic coefficients to the 13 parameters."""
+    angle = np.arange(READINGS) * 2 * np.pi / READINGS
+    basis = harmonics(angle)
+    jacobian = np.vstack([hybrid_columns(force, angle) for force in forces_N])
+    scale = np.linalg.norm(jacobian, axis=0)
+    pseudo_inverse = np.linalg.pinv(jacobian / scale, rcond=1e-12) / scale[:, None]
+    mapping = np.zeros((13, FORCES_N.size, 8))
+    for k, force in enumerate(forces_N):
+        mapping[:, int(np.flatnonzero(FORCES_N == force)[0])] = pseudo_inverse[:, k * READINGS : (k + 1) * READINGS] @ basis
+    return mapping.reshape(13, -1)
+
+
+def recover() -> tuple[np.ndarray, np.ndarray, list[Printed], np.ndarray]:
+    """Posterior mean and sd of the harmonics [µm], shape (6, 8), the printed numbers, and what the mean returns for them."""
+    numbers = printed_numbers()
+    maps = {forces: estimation_map(forces) for forces in {number.forces_N for number in numbers}}
+    jacobian = np.array([maps[number.forces_N][number.parameter] for number in numbers]) * 1e-3
+    lever = (FORCES_N - 389.0) / 353.0
+    across = 20.0**2 + 30.0**2 * np.outer(lever, lever) + 0.5**2 * np.eye(FORCES_N.size)
+    unit = np.array([number.half_unit for number in numbers]) / np.sqrt(3.0)
+    model = LinearGaussian(jacobian / unit[:, None], np.ones(len(unit)), np.zeros(48), np.kron(across, np.eye(8)))
+    posterior = model.posterior(np.array([number.value for number in numbers]) / unit)
+    shape = (FORCES_N.size, 8)
+    return posterior.mean.reshape(shape), posterior.sd.reshape(shape), numbers, jacobian @ posterior.mean
+
+
+def synthetic_um(angle_rad: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """What the tables do not hold, shape (6, n) [µm]: white noise, discrepancy per test, and one shared form."""
+    basis = harmonics(angle_rad)
+
+    def project_off(values: np.ndarray) -> np.ndarray:
+        return values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
+
+    def waves(sd_of_order_one: float, orders: range) -> np.ndarray:
+        total = np.zeros_like(angle_rad)
+        for n in orders:
+            a, b = rng.normal(0.0, sd_of_order_one / n, 2)
+            total += a * np.cos(n * angle_rad) + b * np.sin(n * angle_rad)
+        return total
+
+    own = []
+    for _ in FORCES_N:
+        white = rng.normal(0.0, WHITE_UM, angle_rad.size)
+        lobe = rng.normal(0.0, DISCREPANCY_UM / 4) * np.sin(4 * angle_rad)
+        own.append(project_off(white + waves(DISCREPANCY_UM, range(5, 13)) + lobe))
+    form = project_off(waves(1.0, range(5, 13)))
+    rest = np.array(own)
+    a, b = np.mean(form**2), np.mean(rest * form)
+    c = np.mean(rest**2) - OUT_OF_BAND_RMS_UM**2
+    size = (-b + np.sqrt(b**2 - a * c)) / a
+    return rest + size * form
+
+
+def make_campaign() -> Campaign:
+    """The recovered experiment: 720 readings per circle, clockwise."""
+    mean, _, _, _ = recover()
+    angle_deg = 360.0 - 0.5 * np.arange(READINGS)
+    angle = np.deg2rad(angle_deg)
+    readings = mean @ harmonics(angle).T + synthetic_um(angle, np.random.default_rng(SEED))
+    tests = tuple(
+        CircularTest(float(force), angle_deg, reading, float(pressure), f"f{force:03.0f}", "CW")
+        for force, pressure, reading in zip(FORCES_N, PRESSURES_BAR, readings, strict=True)
+    )
+    return Campaign(tests, name="wCAFYXZSt, recovered experiment", feed_mm_per_min=2000.0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder to write the campaign to (its README is kept)")
+    out = parser.parse_args().out
+    mean, sd, numbers, returned = recover()
+    worst = max(abs(value - number.value) / number.half_unit for number, value in zip(numbers, returned, strict=True))
+    readme = (out / "README.md").read_text(encoding="utf-8") if (out / "README.md").exists() else None
+    campaign = make_campaign()
+    write_campaign(campaign, out, force=True)
+    if readme is not None:
+        (out / "README.md").write_text(readme, encoding="utf-8")
+    print(f"{len(numbers)} printed numbers returned, worst {worst:.3f} half-units")
+    print(pd.DataFrame(mean, index=FORCES_N, columns=["1", "c1", "s1", "c2", "s2", "c3", "s3", "c4"]).round(3).to_string())
+    print("sd (um)")
+    print(pd.DataFrame(sd, index=FORCES_N).round(3).to_string())
+    print(f"SHA-256 {campaign.sha256}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,202 @@
+"""The dense textbook version of the model, written from the measurement model alone.
+
+Nothing of ldbb_bayes is imported. Every test's columns are evaluated at its own angles, the covariance of all readings is one
+n × n matrix, hyper-parameters are integrated by importance sampling about the mode, the truncation is by rejection.
+Columns are typed in for the paper's machine: tool at x = R cos θ, y = R sin θ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import optimize, stats
+
+INTEREST = ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"]
+GEOMETRIC = ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
+SD_C = np.array([1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9])
+SD_E = np.array([2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02])
+
+
+@dataclass
+class OracleTest:
+    force: float
+    pressure: float
+    angle: np.ndarray  # rad
+    reading: np.ndarray  # mm
+    work: float = 0.0  # rad
+    tool: float = 0.0
+    radius: float = 150.0
+
+
+def compliance_columns(t: OracleTest) -> np.ndarray:
+    c, s, R = np.cos(t.angle), np.sin(t.angle), t.radius
+    return np.stack([c**2, c * s, s**2, R * c**2 * s, R * c * s**2, R**2 * c**2 * s**2], axis=1)
+
+
+def geometric_columns(t: OracleTest) -> np.ndarray:
+    c, s, R = np.cos(t.angle), np.sin(t.angle), t.radius
+    return np.stack([R * c**2, R**2 * c**2 * s, R**2 * s**2 * c, R * s**2, R * c * s, c, s], axis=1)
+
+
+@dataclass
+class Oracle:
+    """The model of one campaign; ``terms`` lists the nuisances that are on."""
+
+    tests: list[OracleTest]
+    degree: int
+    terms: tuple[str, ...] = ("form", "length", "mount", "force", "setup", "discrepancy")
+    compensated: bool = True
+    resolution: float = 0.24e-3
+    truncated: bool = True
+    names: list[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        forces = np.array([t.force for t in self.tests])
+        self.reference = 0.5 * (forces.min() + forces.max())
+        span = forces.max() - forces.min()
+        self.y = np.concatenate([t.reading for t in self.tests])
+        if not self.compensated:
+            self.y = self.y - 2.33e-3 * np.concatenate([np.full(t.angle.size, t.pressure) for t in self.tests])
+        blocks, sds, self.names = [], [], []
+        for k in range(self.degree + 1):
+            blocks.append(np.vstack([t.force * (t.force - self.reference) ** k * compliance_columns(t) for t in self.tests]))
+            sds.append(SD_C if k == 0 else 0.3 * SD_C / span**k)
+            self.names += [n if k == 0 else f"{n}_{k}" for n in INTEREST]
+        blocks.append(np.vstack([geometric_columns(t) for t in self.tests]))
+        sds.append(SD_E)
+        self.names += GEOMETRIC
+        self.J, self.sd = np.hstack(blocks), np.concatenate(sds)
+        self.unique = np.unique(forces)
+        self.hypers = ["sigma"]
+        self.hypers += [h for h, term in (("delta", "setup"), ("kappa", "discrepancy"), ("tau", "form")) if term in self.terms]
+        self.scales = np.array([{"sigma": 1e-3, "delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}[h] for h in self.hypers])
+        self._nuisances(span)
+
+    def _nuisances(self, span: float) -> None:
+        everything = np.hstack([np.vstack([t.force * compliance_columns(t) for t in self.tests]), self.J[:, -7:]])
+        scale = np.concatenate([SD_C, SD_E])
+        estimate = np.linalg.pinv(everything * scale, rcond=1e-10) @ self.y * scale
+        n = self.y.size
+        self.fixed = np.zeros((n, n))
+        self.form_part, self.setup_part, self.discrepancy_part = (np.zeros((n, n)) for _ in range(3))
+        starts = np.cumsum([0, *[t.angle.size for t in self.tests]])
+        parts = [slice(a, b) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+        if "length" in self.terms:
+            self.fixed += 9.4e-3**2
+        if "mount" in self.terms:
+            p = np.concatenate([np.full(t.angle.size, t.pressure) for t in self.tests])
+            self.fixed += (0.1 * 2.33e-3) ** 2 * np.outer(p, p)
+        if "force" in self.terms:
+            deflection = np.concatenate([compliance_columns(t) @ estimate[:6] for t in self.tests])
+            gain = np.concatenate([t.force * compliance_columns(t) @ estimate[:6] for t in self.tests])
+            self.fixed += 0.01**2 * np.outer(gain, gain)
+            for part in parts:
+                self.fixed[part, part] += 4.0**2 * np.outer(deflection[part], deflection[part])
+        for t, part in zip(self.tests, parts, strict=True):
+            c, s = np.cos(t.angle), np.sin(t.angle)
+            self.setup_part[part, part] += 1.0 + np.outer(c, c) + np.outer(s, s)
+            for m in range(2, 13):
+                c, s = np.cos(m * t.angle), np.sin(m * t.angle)
+                self.discrepancy_part[part, part] += (np.outer(c, c) + np.outer(s, s)) / m**2
+        turned = [(np.exp(1j * (t.work - self.tests[0].work)), np.exp(1j * (t.tool - self.tests[0].tool))) for t in self.tests]
+        clocked = any(abs(w - 1) > 1e-9 or abs(q - 1) > 1e-9 for w, q in turned)
+        work = np.concatenate([t.angle - t.work for t in self.tests])
+        tool = np.concatenate([t.angle + np.pi - t.tool for t in self.tests])
+        for angle, share in ((work, 0.5 if clocked else 1.0), (tool, 0.5 if clocked else 0.0)):
+            for m in range(2, 13):
+                c, s = np.cos(m * angle), np.sin(m * angle)
+                self.form_part += share * (np.outer(c, c) + np.outer(s, s)) / m**2
+
+    def covariance(self, phi: np.ndarray) -> np.ndarray:
+        value = dict(zip(self.hypers, phi, strict=True))
+        sigma = self.fixed + value["sigma"] ** 2 * np.eye(self.y.size)
+        sigma = sigma + value.get("delta", 0.0) ** 2 * self.setup_part
+        sigma = sigma + value.get("kappa", 0.0) ** 2 * self.discrepancy_part
+        return sigma + value.get("tau", 0.0) ** 2 * self.form_part
+
+    def log_likelihood(self, phi: np.ndarray, beta: np.ndarray) -> float:
+        return float(stats.multivariate_normal(self.J @ beta, self.covariance(phi)).logpdf(self.y))
+
+    def log_prior_of_log(self, log_phi: np.ndarray) -> float:
+        phi = np.exp(log_phi)
+        floor = self.resolution / np.sqrt(12.0)
+        if phi[0] < floor:
+            return -np.inf
+        total = float(stats.halfnorm.logpdf(phi, scale=self.scales).sum() + log_phi.sum())
+        return total - float(stats.halfnorm.logsf(floor, scale=self.scales[0]))
+
+    def given(self, phi: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """ln p(y | φ), mean and covariance of β given y, φ; truncation aside."""
+        root = np.linalg.cholesky(self.covariance(phi))
+        white_j = np.linalg.solve(root, self.J * self.sd)
+        white_y = np.linalg.solve(root, self.y)
+        precision = white_j.T @ white_j + np.eye(self.sd.size)
+        covariance = np.linalg.inv(precision)
+        mean = covariance @ (white_j.T @ white_y)
+        quadratic = white_y @ white_y - mean @ precision @ mean
+        log_det = 2 * np.log(np.diag(root)).sum() + np.linalg.slogdet(precision)[1]
+        log_evidence = -0.5 * (quadratic + log_det + self.y.size * np.log(2 * np.pi))
+        return float(log_evidence), mean * self.sd, covariance * np.outer(self.sd, self.sd)
+
+    def inside(self, beta: np.ndarray) -> np.ndarray:
+        """Whether C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at every tested force."""
+        holds = np.ones(beta.shape[:-1], dtype=bool)
+        for j in (0, 2, 5):
+            for force in self.unique:
+                value = sum(beta[..., 6 * k + j] * (force - self.reference) ** k for k in range(self.degree + 1))
+                holds &= value >= 0
+        return holds
+
+    def posterior(self, *, points: int = 400, draws: int = 200, seed: int = 0) -> dict[str, np.ndarray]:
+        """Weighted draws of (β, ln φ): importance sampling of ln φ from a wide Student-t about the mode."""
+        rng = np.random.default_rng(seed)
+
+        def negative(log_phi: np.ndarray) -> float:
+            prior = self.log_prior_of_log(log_phi)
+            return 1e10 if not np.isfinite(prior) else -(prior + self.given(np.exp(log_phi))[0])
+
+        start = np.log(0.3 * self.scales)
+        found = optimize.minimize(negative, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-4, "maxiter": 2000})
+        mode = found.x
+        h = len(mode)
+        step = 0.15
+        hessian = np.zeros((h, h))
+        for i in range(h):
+            for j in range(i, h):
+                total = 0.0
+                for a in (1, -1):
+                    for b in (1, -1):
+                        point = mode.copy()
+                        point[i] += a * step
+                        point[j] += b * step
+                        total += a * b * min(negative(point), found.fun + 30.0)
+                hessian[i, j] = hessian[j, i] = total / (4 * step**2)
+        values, vectors = np.linalg.eigh(hessian)
+        spread = vectors / np.sqrt(np.maximum(values, 0.25))
+        log_phi = mode + 1.3 * stats.t.rvs(5, size=(points, h), random_state=rng) @ spread.T
+        t_density = stats.t.logpdf((np.linalg.solve(1.3 * spread, (log_phi - mode).T)).T, 5).sum(axis=1)
+        beta, weight, all_phi, log_z = [], [], [], []
+        for k in range(points):
+            prior = self.log_prior_of_log(log_phi[k])
+            if not np.isfinite(prior):
+                log_z.append(-np.inf)
+                continue
+            log_evidence, mean, covariance = self.given(np.exp(log_phi[k]))
+            log_z.append(log_evidence + prior - t_density[k])
+            root = np.linalg.cholesky(covariance / np.outer(self.sd, self.sd))
+            sample = mean + (rng.standard_normal((draws, self.sd.size)) @ root.T) * self.sd
+            beta.append(sample)
+            weight.append(np.where(self.inside(sample) if self.truncated else True, log_z[-1], -np.inf))
+            all_phi.append(np.broadcast_to(log_phi[k], (draws, h)))
+        stacked = np.concatenate(weight)
+        density = np.exp(stacked - stacked.max())
+        untruncated = np.exp(np.repeat([z for z in log_z if np.isfinite(z)], draws) - stacked.max())
+        log_det = np.log(np.abs(np.linalg.det(1.3 * spread)))
+        return {
+            "beta": np.concatenate(beta),
+            "log_phi": np.concatenate(all_phi),
+            "weight": density / density.sum(),
+            "log_prob_truncation": np.log(density.sum() / untruncated.sum()),
+            "log_evidence": np.log(np.mean(np.exp(np.array(log_z) - np.max(log_z)))) + np.max(log_z) + log_det,
+        }
