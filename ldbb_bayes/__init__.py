@@ -1,0 +1,66 @@
+"""Bayesian uncertainty quantification for the loaded double ball bar.
+
+    import ldbb_bayes as lb
+    campaign = lb.read_campaign("data/recovered_experiment")
+    posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
+    print(lb.summarize(posterior))
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Campaign": "ldbb_bayes.campaign.circular_test",
+    "CircularTest": "ldbb_bayes.campaign.circular_test",
+    "ForceLaw": "ldbb_bayes.campaign.circular_test",
+    "MountCompensation": "ldbb_bayes.campaign.circular_test",
+    "Plan": "ldbb_bayes.campaign.circular_test",
+    "read_campaign": "ldbb_bayes.campaign.folder",
+    "write_campaign": "ldbb_bayes.campaign.folder",
+    "compensate_mount": "ldbb_bayes.campaign.prepare",
+    "mask_angles": "ldbb_bayes.campaign.prepare",
+    "mask_reversals": "ldbb_bayes.campaign.prepare",
+    "trim_overshoot": "ldbb_bayes.campaign.prepare",
+    "InputError": "ldbb_bayes.errors",
+    "Circle": "ldbb_bayes.machine.chain",
+    "Machine": "ldbb_bayes.machine.chain",
+    "HybridModel": "ldbb_bayes.model.hybrid",
+    "Prior": "ldbb_bayes.model.prior",
+    "read_model": "ldbb_bayes.model.spec",
+    "StoppingRule": "ldbb_bayes.inference.ensemble",
+    "load": "ldbb_bayes.inference.posterior",
+    "sample": "ldbb_bayes.inference.sample",
+    "save": "ldbb_bayes.inference.posterior",
+    "summarize": "ldbb_bayes.inference.summary",
+}
+__all__ = ["__version__", *_HOMES]
+
+if TYPE_CHECKING:
+    from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation, Plan
+    from ldbb_bayes.campaign.folder import read_campaign, write_campaign
+    from ldbb_bayes.campaign.prepare import compensate_mount, mask_angles, mask_reversals, trim_overshoot
+    from ldbb_bayes.errors import InputError
+    from ldbb_bayes.inference.ensemble import StoppingRule
+    from ldbb_bayes.inference.posterior import load, save
+    from ldbb_bayes.inference.sample import sample
+    from ldbb_bayes.inference.summary import summarize
+    from ldbb_bayes.machine.chain import Circle, Machine
+    from ldbb_bayes.model.hybrid import HybridModel
+    from ldbb_bayes.model.prior import Prior
+    from ldbb_bayes.model.spec import read_model
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'ldbb_bayes' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 import tomllib
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation
 from ldbb_bayes.campaign.table import READING_COLUMNS, read_columns, read_tidy, readings_of
 from ldbb_bayes.errors import InputError, nearest
+from ldbb_bayes.files import staged_folder
 
 __all__ = ["read_campaign", "write_campaign"]
 
@@ -128,27 +127,8 @@ def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force:
         When the folder exists and ``force`` is false, or it cannot be written.
     """
     folder = Path(folder)
-    if folder.exists() and not force:
-        raise InputError(f"{folder} must not exist, got an existing folder. Choose another name or pass --force.")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise InputError(f"{folder} must be writable, got: {error.strerror}. Choose another place.") from None
-    try:
+    with staged_folder(folder, force=force) as staging:
         _write_files(campaign, staging)
-        staging.chmod(0o755)
-        if folder.exists():
-            retired = staging.with_name(staging.name + "-old")
-            folder.rename(retired)
-            staging.rename(folder)
-            shutil.rmtree(retired)
-        else:
-            staging.rename(folder)
-    except OSError as error:
-        raise InputError(f"{folder} must be writable, got: {error.strerror}. Free some space or choose another place.") from None
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
     return folder
 
 

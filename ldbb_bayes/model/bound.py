@@ -59,8 +59,6 @@ class BoundModel:
     campaign : Campaign
     keep : sequence of str, optional
         Names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay those of the whole campaign.
-    setting : Setting, optional
-        Freeze the campaign properties of another binding (a pilot's, for a plan).
 
     Attributes
     ----------
@@ -115,6 +113,11 @@ class BoundModel:
     def centre(self) -> Array:
         """Least-squares estimate about which densities are computed, shape (p,); zero for a plan."""
         return self._fit(self.interest, self.scale, self.setting, self.reduced)
+
+    @property
+    def known_offset(self) -> Array:
+        """Nominal mount deflection still in the readings (Eq. 32), shape (tests, 25) [mm]; zero when compensated."""
+        return _mount_mean(self.setting)
 
     @cached_property
     def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
@@ -179,7 +182,7 @@ class BoundModel:
 
     def _structured(self, extra: tuple[Columns, ...]) -> StructuredGaussian:
         columns = [term for term in self.nuisance_columns if isinstance(term, Columns)]
-        offset = self.interest @ self.centre + _mount_mean(self.setting)
+        offset = self.interest @ self.centre + self.known_offset
         shared = [replace(term, mean=None) for term in columns if not term.private]
         return StructuredGaussian(
             self.reduced,
@@ -326,7 +329,6 @@ def _select(setting: Setting, rows: Sequence[int]) -> Setting:
 
 
 def _mount_mean(setting: Setting) -> Array:
-    """Nominal mount deflection still in the readings (Eq. 32), shape (tests, 25) [mm]."""
     mean = np.zeros((setting.tests, SIZE))
     if not setting.compensated:
         mean[:, 0] = setting.pressure_bar * setting.deflection_um_per_bar * 1e-3

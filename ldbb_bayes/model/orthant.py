@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 from scipy.special import log_ndtr, ndtri_exp
 from scipy.stats import qmc
 
@@ -184,12 +185,19 @@ class Orthant:
 
 
 def _independent_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
-    """Rows that span all, chosen once for the batch: rows in order of binding, each kept if it adds a direction."""
+    """Rows that span all, chosen once for the batch: first those active at the most probable point inside, then the tightest.
+
+    The most probable point is a least-distance problem, solved by non-negative least squares (Lawson and Hanson, ch. 23).
+    """
     norms = np.linalg.norm(spread[0], axis=1)
     unit = spread[0] / norms[:, None]
+    distance = mean[0] / norms
+    stacked = np.vstack([unit.T, -distance / max(1.0, float(np.abs(distance).max()))])
+    target = np.append(np.zeros(unit.shape[1]), 1.0)
+    force, _ = nnls(stacked, target)
     keep: list[int] = []
     basis = np.zeros((0, unit.shape[1]))
-    for i in np.argsort(mean[0] / norms, kind="stable"):
+    for i in np.lexsort((distance, -force)):
         rest = unit[i] - basis.T @ (basis @ unit[i])
         size = np.linalg.norm(rest)
         if size > 1e-7:

@@ -1,0 +1,1 @@
+"""What follows: the posterior, its diagnostics and its predictions."""

@@ -1,0 +1,101 @@
+"""The posterior as an xarray DataTree in ArviZ's layout: build, assess, save, load. The only importer of ArviZ."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import arviz_base
+import arviz_stats.base
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.ensemble import Assessment
+
+__all__ = ["assess", "build_tree", "diagnose", "load", "save"]
+
+Array = NDArray[Any]
+_TAILS = (0.05, 0.95)
+_GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
+
+
+def diagnose(chain: Array) -> tuple[float, float, float]:
+    """Bulk ESS, tail ESS and rank-normalised split R-hat of one quantity, chain (chains, draws)."""
+    stats = arviz_stats.base.array_stats
+    ordered = np.ascontiguousarray(chain)
+    bulk = stats.ess(ordered, chain_axis=0, draw_axis=1, method="bulk")
+    tail = stats.ess(ordered, chain_axis=0, draw_axis=1, method="tail", prob=_TAILS)
+    return float(bulk), float(tail), float(stats.rhat(ordered, chain_axis=0, draw_axis=1))
+
+
+def assess(chain: Array) -> Assessment:
+    """The worst diagnostics over the last axis, chain (chains, draws, d)."""
+    every = np.array([diagnose(chain[..., i]) for i in range(chain.shape[-1])])
+    return Assessment(float(every[:, 0].min()), float(every[:, 1].min()), float(every[:, 2].max()))
+
+
+def build_tree(
+    groups: Mapping[str, Mapping[str, Array]],
+    *,
+    dims: Mapping[str, list[str]],
+    coords: Mapping[str, Any],
+    units: Mapping[str, str],
+    provenance: str,
+) -> xr.DataTree:
+    """A DataTree of the given groups; every variable with a known unit carries it as attribute ``unit``.
+
+    Parameters
+    ----------
+    groups : mapping of group to mapping of variable to array
+        Sampled groups have axes (chain, draw, …).
+    provenance : str
+        JSON, kept as the attribute ``json`` of the group ``provenance``.
+    """
+    tree = arviz_base.from_dict({name: dict(group) for name, group in groups.items()}, dims=dict(dims), coords=dict(coords))
+    for node in tree.children.values():
+        for name, variable in node.data_vars.items():
+            if str(name) in units:
+                variable.attrs["unit"] = units[str(name)]
+    tree["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": provenance}))
+    return tree
+
+
+def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
+    """Write the tree to one netCDF file (h5netcdf), whole or not at all."""
+    target = Path(path)
+    staging = target.with_name(f".{target.name}.part")
+    try:
+        tree.to_netcdf(staging, engine="h5netcdf")
+        os.replace(staging, target)
+    except OSError as error:
+        raise InputError(f"{target} must be writable, got: {error.strerror or error}. Choose another place.") from None
+    finally:
+        staging.unlink(missing_ok=True)
+    return target
+
+
+def load(path: str | os.PathLike[str]) -> xr.DataTree:
+    """Read a posterior written by `save`; a folder means its posterior.nc.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, damaged, or not one of ours.
+    """
+    source = Path(path)
+    source = source / "posterior.nc" if source.is_dir() else source
+    if not source.is_file():
+        raise InputError(f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out folder of a fit.")
+    try:
+        with xr.open_datatree(source, engine="h5netcdf") as opened:
+            tree = opened.load()
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({error}). Fit again.") from None
+    missing = [group for group in _GROUPS if group not in tree.children]
+    if missing or "json" not in tree["provenance"].attrs:
+        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again.")
+    return tree

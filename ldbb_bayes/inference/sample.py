@@ -1,0 +1,267 @@
+"""sample(): a model and a campaign into a posterior."""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.inference.ensemble import Progress, StoppingRule
+from ldbb_bayes.inference.joint import sample_joint
+from ldbb_bayes.inference.posterior import assess, build_tree
+from ldbb_bayes.inference.predictive import fit_quality
+from ldbb_bayes.inference.quadrature import HyperPosterior, TruncationProbability, log_prob_truncation
+from ldbb_bayes.model.aliases import exact_aliases
+from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.spec import model_sha256, model_to_toml
+
+__all__ = ["SAMPLERS", "sample"]
+
+Array = NDArray[Any]
+Sampler = Literal["joint"]
+SAMPLERS: tuple[Sampler, ...] = ("joint",)
+_PRIOR_DRAWS = 4000
+_CHUNK = 256
+_QUALITY_DRAWS = 1000
+_IMPROBABLE = 0.01
+
+
+def sample(
+    model: HybridModel,
+    campaign: Campaign,
+    *,
+    sampler: str = "joint",
+    seed: int = 1,
+    ensembles: int = 4,
+    walkers: int | None = None,
+    rule: StoppingRule | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> xr.DataTree:
+    """Sample the posterior of compliances, slopes, geometric errors and hyper-parameters.
+
+    Parameters
+    ----------
+    model : HybridModel
+    campaign : Campaign
+        With readings.
+    sampler : {"joint"}
+        ``joint``: emcee over everything but the nuisances, which are integrated out.
+    seed : int
+    ensembles, walkers : int
+        At least 4 independent ensembles; walkers each.
+    rule : StoppingRule
+        When to stop; by default every parameter has bulk and tail ESS ≥ 1000 and R-hat ≤ 1.01.
+    progress : callable, optional
+        Called with a `Progress` at every look.
+
+    Returns
+    -------
+    xarray.DataTree
+        ArviZ's layout: posterior, prior, sample_stats, log_prior, log_likelihood (per test, conditional on the other tests),
+        observed_data, constant_data, provenance. All numbers in mm, N, rad.
+
+    Raises
+    ------
+    InputError
+        For a plan, an unknown sampler, or a model that the campaign cannot carry.
+    """
+    check_known("sampler", [sampler], SAMPLERS)
+    if campaign.is_plan:
+        raise InputError("campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
+    rule = rule or StoppingRule()
+    started, clock = datetime.now(UTC), time.perf_counter()
+    bound = model.bind(campaign)
+    seeds = np.random.SeedSequence(seed).spawn(2)
+    start = HyperPosterior(bound, truncated=True, seed=seed)
+    run, beta, phi = sample_joint(
+        bound, start=start, assess=assess, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress
+    )
+    truncation = _truncation_probability(bound, start, seed)
+    quality = _fit(bound, beta, phi, truncation)
+    groups = _groups(bound, beta, phi, run.log_density, np.random.default_rng(seeds[1]))
+    record = {
+        "schema": 1,
+        "campaign": _campaign_record(campaign),
+        "model": _model_record(bound),
+        "sampler": {
+            "kind": sampler,
+            **asdict(run.assessment),
+            "converged": run.converged,
+            "draws": int(beta.shape[0] * beta.shape[1]),
+            "seconds": time.perf_counter() - clock,
+            "steps": run.steps,
+            "acceptance": run.acceptance,
+            "target_ess": rule.ess,
+            "target_rhat": rule.rhat,
+        },
+        "fit": quality,
+        "provenance": {
+            "versions": {name: version(name) for name in ("ldbb-bayes", "numpy", "scipy", "emcee", "arviz-stats")},
+            "seed": seed,
+            "started": started.isoformat(timespec="seconds"),
+            "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
+        },
+    }
+    if not run.converged:
+        target = f"ESS ≥ {rule.ess:g} and R-hat ≤ {rule.rhat:g}"
+        record["fit"]["warnings"].insert(0, f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers.")
+    return build_tree(
+        groups,
+        dims=_DIMS,
+        coords={"test": list(bound.test_names)},
+        units=_units(bound),
+        provenance=json.dumps(record, ensure_ascii=False),
+    )
+
+
+_DIMS = {
+    "per_test": ["test"],
+    "force_N": ["test"],
+    "pressure_bar": ["test"],
+    "work_ball_deg": ["test"],
+    "tool_ball_deg": ["test"],
+    "radius_mm": ["test"],
+    "angle_rad": ["reading"],
+    "test_index": ["reading"],
+    "reading_mm": ["reading"],
+    "reference_force_N": [],
+}
+
+
+def _truncation_probability(bound: BoundModel, truncated: HyperPosterior, seed: int) -> TruncationProbability:
+    if not bound.truncation.active:
+        return TruncationProbability(0.0, 0.0)
+    return log_prob_truncation(HyperPosterior(bound, truncated=False, seed=seed), truncated)
+
+
+def _fit(bound: BoundModel, beta: Array, phi: Array, truncation: TruncationProbability) -> dict[str, Any]:
+    flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
+    pick = np.linspace(0, len(flat_beta) - 1, min(_QUALITY_DRAWS, len(flat_beta))).astype(int)
+    quality = fit_quality(bound, flat_phi[pick], flat_beta[pick])
+    return {
+        "rmse_um": quality.rmse_um,
+        "fitness_percent": quality.fitness_percent,
+        "log_prob_truncation": truncation.log_value,
+        "log_prob_truncation_error": truncation.error,
+        "log_prob_truncation_prior": bound.log_prob_truncation_prior,
+        "warnings": list(_warnings(bound, flat_phi, truncation)),
+    }
+
+
+def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) -> Iterator[str]:
+    if truncation.log_value < np.log(_IMPROBABLE):
+        yield (
+            f"The readings contradict non-negative compliance: ln P(T | y) = {truncation.log_value:.1f}. "
+            "A nuisance is missing or a sign, force or compensation is wrong; the intervals are forced into the physical region."
+        )
+    if len(np.unique(bound.campaign.forces_N)) == 1:
+        yield "One force level: constant compliance and geometry are told apart by their priors alone."
+    limit = bound.hyper_prior.quantile(np.full(phi.shape[1], 0.999))
+    for name, median, top in zip(bound.hyper_prior.names, np.median(phi, axis=0), limit, strict=True):
+        if median > top:
+            yield (
+                f"Misfit: {name} = {median * 1e3:.3g} µm lies far above what its prior expects ({top * 1e3:.3g} µm at 99.9 %). "
+                "The model misses something in these readings."
+            )
+    by_term: dict[str, list[str]] = {}
+    for alias in exact_aliases(bound):
+        by_term.setdefault(alias.term, []).append(alias.statement)
+    for statements in by_term.values():
+        yield " ".join(dict.fromkeys(statements))
+
+
+def _groups(bound: BoundModel, beta: Array, phi: Array, log_density: Array, rng: np.random.Generator) -> dict[str, dict[str, Array]]:
+    flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
+    shape = beta.shape[:2]
+    per_test = [
+        bound.log_likelihood_per_test(flat_phi[i : i + _CHUNK], flat_beta[i : i + _CHUNK]) for i in range(0, len(flat_beta), _CHUNK)
+    ]
+    tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
+    log_prior = {"parameters": bound.log_prior(beta)}
+    log_prior["hyper"] = bound.hyper_prior.log_density_of_log(np.log(phi)) - np.log(phi).sum(axis=2)
+    groups: dict[str, dict[str, Array]] = {
+        "posterior": _named(bound, beta, phi),
+        "prior": _prior_draws(bound, rng),
+        "sample_stats": {"lp": log_density},
+        "log_prior": log_prior,
+        "log_likelihood": {"per_test": np.concatenate(per_test).reshape(*shape, -1)},
+        "observed_data": {"reading_mm": np.concatenate([test.readings_mm() for test in tests])},
+        "constant_data": {
+            "angle_rad": np.concatenate([test.angles_rad() for test in tests]),
+            "test_index": np.repeat(np.arange(len(tests)), [len(test.angle_deg) for test in tests]),
+            "force_N": bound.setting.force_N,
+            "pressure_bar": bound.setting.pressure_bar,
+            "work_ball_deg": np.array([test.work_ball_deg for test in tests]),
+            "tool_ball_deg": np.array([test.tool_ball_deg for test in tests]),
+            "radius_mm": np.array([test.radius_mm for test in tests], dtype=float),
+            "reference_force_N": np.array(bound.setting.reference_force_N),
+        },
+    }
+    return groups
+
+
+def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
+    named = {name: beta[..., j] for j, name in enumerate(bound.names)}
+    return named | {str(name): phi[..., j] for j, name in enumerate(bound.hyper_prior.names)}
+
+
+def _prior_draws(bound: BoundModel, rng: np.random.Generator) -> dict[str, Array]:
+    """Draws of the prior inside the truncation, one chain; a flat prior leaves the hyper-parameters only."""
+    phi = bound.hyper_prior.draw(_PRIOR_DRAWS, rng)[None]
+    hyper = {str(name): phi[..., j] for j, name in enumerate(bound.hyper_prior.names)}
+    if bound.model.prior.flat:
+        return hyper
+    p = len(bound.names)
+    if bound.truncation.active:
+        spread = np.broadcast_to(np.diag(bound.prior_sd), (_PRIOR_DRAWS, p, p))
+        white, _ = bound.truncation.orthants(np.zeros((_PRIOR_DRAWS, p)), spread).draw_spread(rng)
+    else:
+        white = rng.standard_normal((_PRIOR_DRAWS, p))
+    return _named(bound, (white * bound.prior_sd)[None], phi)
+
+
+def _units(bound: BoundModel) -> dict[str, str]:
+    units = {parameter.name: parameter.unit for parameter in bound.parameters}
+    units |= {str(name): "mm" for name in bound.hyper_prior.names}
+    return units | {"force_N": "N", "pressure_bar": "bar", "reading_mm": "mm", "angle_rad": "rad", "radius_mm": "mm"}
+
+
+def _campaign_record(campaign: Campaign) -> dict[str, Any]:
+    return {
+        "name": campaign.name,
+        "sha256": campaign.sha256,
+        "tests": len(campaign.tests),
+        "readings": campaign.readings,
+        "forces_N": campaign.forces_N.tolist(),
+        "topology": campaign.topology,
+        "plane": campaign.plane,
+    }
+
+
+def _model_record(bound: BoundModel) -> dict[str, Any]:
+    finite = {p.name: (p.prior_sd if np.isfinite(p.prior_sd) else None) for p in bound.parameters}
+    quantiles = bound.hyper_prior.quantile((np.arange(2000)[:, None] + 0.5) / 2000)
+    finite |= {str(name): float(sd) for name, sd in zip(bound.hyper_prior.names, quantiles.std(axis=0), strict=True)}
+    return {
+        "preset": bound.model.preset,
+        "degree": bound.model.degree,
+        "reference_force_N": bound.setting.reference_force_N,
+        "terms": list(bound.model.terms),
+        "sha256": model_sha256(bound.model),
+        "toml": model_to_toml(bound.model),
+        "prior_sd": finite,
+        "groups": {p.name: p.group for p in bound.parameters},
+    }
+

@@ -1,0 +1,121 @@
+"""The posterior in numbers: a table for reading and the JSON that other programs rely on."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.posterior import diagnose
+
+__all__ = ["record_of", "result_json", "summarize"]
+
+Array = NDArray[Any]
+_HYPERS = ("sigma", "delta", "kappa", "tau")
+
+
+def record_of(posterior: xr.DataTree) -> dict[str, Any]:
+    """What was fitted, how, and how well: the JSON kept in the group ``provenance``."""
+    record: dict[str, Any] = json.loads(posterior["provenance"].attrs["json"])
+    return record
+
+
+def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
+    """One row per parameter and hyper-parameter, in inside units (mm, N, rad).
+
+    Parameters
+    ----------
+    posterior : DataTree
+        From `sample` or `load`.
+    ci_prob : float
+        Probability of the equal-tailed credible interval.
+
+    Returns
+    -------
+    DataFrame
+        Columns unit, mean, sd, median, ci_low, ci_high, prior_sd, ess_bulk, ess_tail, rhat.
+
+    Raises
+    ------
+    InputError
+        When ci_prob is not between 0 and 1.
+    """
+    _check_probability(ci_prob)
+    prior_sd = record_of(posterior)["model"]["prior_sd"]
+    rows = {}
+    for name, variable in posterior["posterior"].data_vars.items():
+        draws = variable.transpose("chain", "draw").to_numpy()
+        bulk, tail, rhat = diagnose(draws)
+        numbers = _numbers(draws, ci_prob)
+        rows[str(name)] = {
+            "unit": variable.attrs.get("unit", ""),
+            "mean": numbers["mean"],
+            "sd": numbers["sd"],
+            "median": numbers["median"],
+            "ci_low": numbers["interval"][0],
+            "ci_high": numbers["interval"][1],
+            "prior_sd": prior_sd[str(name)],
+            "ess_bulk": bulk,
+            "ess_tail": tail,
+            "rhat": rhat,
+        }
+    return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:
+    """The result of a fit as documented for ``fit --json``; the key of the interval is named after its probability."""
+    _check_probability(ci_prob)
+    record = record_of(posterior)
+    key = f"ci{100 * ci_prob:g}"
+    prior_sd = record["model"]["prior_sd"]
+    parameters: dict[str, Any] = {}
+    hyper: dict[str, Any] = {}
+    for name, variable in posterior["posterior"].data_vars.items():
+        is_hyper = name in _HYPERS
+        factor = 1e3 if is_hyper else 1.0
+        numbers = _numbers(variable.to_numpy() * factor, ci_prob)
+        known = prior_sd[str(name)]
+        entry = {
+            "unit": "um" if is_hyper else variable.attrs.get("unit", ""),
+            "mean": numbers["mean"],
+            "sd": numbers["sd"],
+            "median": numbers["median"],
+            key: numbers["interval"],
+            "prior_sd": None if known is None else known * factor,
+        }
+        if is_hyper:
+            hyper[f"{name}_um"] = entry
+        else:
+            parameters[str(name)] = entry
+    model = {key: value for key, value in record["model"].items() if key not in ("toml", "prior_sd", "groups")}
+    return {
+        "schema": record["schema"],
+        "campaign": record["campaign"],
+        "model": model,
+        "parameters": parameters,
+        "hyper": hyper,
+        "sampler": record["sampler"],
+        "fit": record["fit"],
+        "provenance": record["provenance"],
+    }
+
+
+def _numbers(draws: Array, ci_prob: float) -> dict[str, Any]:
+    tail = 50.0 * (1.0 - ci_prob)
+    low, median, high = np.percentile(draws, [tail, 50.0, 100.0 - tail])
+    return {
+        "mean": float(draws.mean()),
+        "sd": float(draws.std(ddof=1)),
+        "median": float(median),
+        "interval": [float(low), float(high)],
+    }
+
+
+def _check_probability(ci_prob: float) -> None:
+    if not 0.0 < ci_prob < 1.0:
+        raise InputError(f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
