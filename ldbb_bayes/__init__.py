@@ -1,9 +1,9 @@
 """Bayesian uncertainty quantification for the loaded double ball bar.
 
-    import ldbb_bayes as lb
-    campaign = lb.read_campaign("data/recovered_experiment")
-    posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
-    print(lb.summarize(posterior))
+import ldbb_bayes as lb
+campaign = lb.read_campaign("data/recovered_experiment")
+posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
+print(lb.summarize(posterior))
 """
 
 from __future__ import annotations
@@ -37,7 +37,31 @@ _HOMES = {
     "save": "ldbb_bayes.inference.posterior",
     "summarize": "ldbb_bayes.inference.summary",
 }
-__all__ = ["__version__", *_HOMES]
+__all__ = [
+    "Campaign",
+    "Circle",
+    "CircularTest",
+    "ForceLaw",
+    "HybridModel",
+    "InputError",
+    "Machine",
+    "MountCompensation",
+    "Plan",
+    "Prior",
+    "StoppingRule",
+    "__version__",
+    "compensate_mount",
+    "load",
+    "mask_angles",
+    "mask_reversals",
+    "read_campaign",
+    "read_model",
+    "sample",
+    "save",
+    "summarize",
+    "trim_overshoot",
+    "write_campaign",
+]
 
 if TYPE_CHECKING:
     from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation, Plan

@@ -54,6 +54,8 @@ def staged_folder(target: Path, *, force: bool) -> Iterator[Path]:
         else:
             staging.rename(target)
     except OSError as error:
-        raise InputError(f"{target} must be writable, got: {error.strerror or error}. Free some space or choose another place.") from None
+        raise InputError(
+            f"{target} must be writable, got: {error.strerror or error}. Free some space or choose another place."
+        ) from None
     finally:
         shutil.rmtree(staging, ignore_errors=True)

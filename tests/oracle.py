@@ -7,6 +7,7 @@ Columns are typed in for the paper's machine: tool at x = R cos θ, y = R sin θ
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -81,7 +82,7 @@ class Oracle:
         self.fixed = np.zeros((n, n))
         self.form_part, self.setup_part, self.discrepancy_part = (np.zeros((n, n)) for _ in range(3))
         starts = np.cumsum([0, *[t.angle.size for t in self.tests]])
-        parts = [slice(a, b) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+        parts = [slice(a, b) for a, b in itertools.pairwise(starts)]
         if "length" in self.terms:
             self.fixed += 9.4e-3**2
         if "mount" in self.terms:

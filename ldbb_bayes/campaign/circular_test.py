@@ -115,7 +115,8 @@ class CircularTest:
             raise InputError(f"{self._label} must have angles, got none. Give angle_deg (or angle_rad).")
         if len(angle) < MINIMUM_READINGS:
             raise InputError(
-                f"{self._label} must have at least {MINIMUM_READINGS} readings, got {len(angle)}. Leave the test out or record more."
+                f"{self._label} must have at least {MINIMUM_READINGS} readings, got {len(angle)}. "
+                "Leave the test out or record more."
             )
         if reading is not None and len(reading) != len(angle):
             raise InputError(
@@ -178,7 +179,7 @@ class CircularTest:
 
     @property
     def arc_deg(self) -> float:
-        """Covered arc [deg]: 360° minus the largest gap between neighbouring angles, or 360° when that gap is an ordinary step."""
+        """Covered arc [deg]: 360° minus the largest gap between neighbouring angles, or 360° where it is an ordinary step."""
         return _arc_deg(self.angle_deg)
 
 
@@ -229,7 +230,8 @@ class Campaign:
         if any(with_readings) and not all(with_readings):
             missing = next(test.name for test in self.tests if test.reading_um is None)
             raise InputError(
-                f"campaign must have readings in all tests or in none, got test {missing!r} without. Add its file or plan it apart."
+                f"campaign must have readings in all tests or in none, got test {missing!r} without. "
+                "Add its file or plan it apart."
             )
         for plane in dict.fromkeys(test.plane for test in self.tests):
             self.machine(plane)

@@ -88,7 +88,10 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
     if path.is_dir():
         path = path / TOML_NAME
     if not path.is_file():
-        raise InputError(f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path}, which does not exist. Check the path.")
+        raise InputError(
+            f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path}, "
+            "which does not exist. Check the path."
+        )
     if path.suffix.lower() != ".toml":
         return read_tidy(path, **options)
     if options:
@@ -211,18 +214,20 @@ _KEYS: dict[str, type[BaseModel]] = {"mount": _MountFile, "force": _ForceFile, "
 
 
 def _first_error(error: ValidationError) -> str:
-    """One sentence for the first thing pydantic found."""
-    first = error.errors()[0]
+    """One sentence for the first thing pydantic found, a misspelt key before the gap it leaves."""
+    errors = error.errors()
+    first = next((entry for entry in errors if entry["type"] == "extra_forbidden"), errors[0])
     where = [str(part + 1) if isinstance(part, int) else part for part in first["loc"]]
-    place = " ".join(f"[{part}]" if part in _KEYS and len(where) > 1 else part for part in where)
+    table = f" in [{' '.join(where[:-1])}]" if len(where) > 1 else ""
     if first["type"] == "extra_forbidden":
         owner = _KEYS.get(where[0], _CampaignFile) if len(where) > 1 else _CampaignFile
         known = [field.alias or name for name, field in owner.model_fields.items()]
-        return f"keys must be among {', '.join(known)}, got {place!r}. Did you mean {nearest(where[-1], known)!r}?"
+        nearest_key = nearest(where[-1], known)
+        return f"keys{table} must be among {', '.join(known)}, got {where[-1]!r}. Did you mean {nearest_key!r}?"
     if first["type"] == "missing":
-        return f"{place!r} must be given, got nothing. Add it."
+        return f"{where[-1]!r}{table} must be given, got nothing. Add it."
     message = first["msg"][0].lower() + first["msg"][1:]
-    return f"{place!r} must be valid, got {first['input']!r}: {message}. Correct it."
+    return f"{where[-1]!r}{table} must be valid, got {first['input']!r}: {message}. Correct it."
 
 
 def _test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
@@ -232,7 +237,9 @@ def _test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
         return _guarded(f"{toml}, test {number}", name, {"angle_deg": _planned_angles(entry)}, fields)
     planned = [key for key in ("readings", "start_deg", "arc_deg") if getattr(entry, key) is not None]
     if planned:
-        raise InputError(f"{toml}, test {number}: {planned[0]} must stand in planned tests only, got it beside 'file'. Remove one of them.")
+        raise InputError(
+            f"{toml}, test {number}: {planned[0]} must stand in planned tests only, got it beside 'file'. Remove one of them."
+        )
     path = _inside(toml, number, entry.file)
     return _guarded(str(path), name, dict(readings_of(path, read_columns(path, READING_COLUMNS))), fields)
 
@@ -256,7 +263,9 @@ def _inside(toml: Path, number: int, file: str) -> Path:
     root = toml.parent.resolve()
     path = (root / file).resolve()
     if Path(file).is_absolute() or not path.is_relative_to(root):
-        raise InputError(f"{toml}, test {number}: file must lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name.")
+        raise InputError(
+            f"{toml}, test {number}: file must lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name."
+        )
     if not path.is_file():
         raise InputError(f"{toml}, test {number}: file must exist, got {file!r}, which is not in {toml.parent}. Check the name.")
     return toml.parent / file

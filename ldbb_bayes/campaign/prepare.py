@@ -39,7 +39,8 @@ def compensate_mount(campaign: Campaign) -> Campaign:
     """
     if campaign.mount.compensated:
         raise InputError(
-            "mount compensation must be applied once, got readings marked compensated. Set [mount] compensated = false if they are raw."
+            "mount compensation must be applied once, got readings marked compensated. "
+            "Set [mount] compensated = false if they are raw."
         )
     filled = fill_force_and_pressure(campaign)
     tests = tuple(

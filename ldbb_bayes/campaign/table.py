@@ -60,7 +60,9 @@ def read_columns(path: Path, known: Sequence[str], mapping: Mapping[str, str] | 
     header = text.split("\n", 1)[0]
     separator = max(";\t,", key=header.count)
     try:
-        frame = pd.read_csv(io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, index_col=False, skip_blank_lines=False)
+        frame = pd.read_csv(
+            io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, index_col=False, skip_blank_lines=False
+        )
     except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise InputError(f"{path} must be a table with one header line, got: {error}. Check the line it names.") from None
     names = [str(name).strip() for name in frame.columns]

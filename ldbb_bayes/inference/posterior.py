@@ -94,8 +94,12 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         with xr.open_datatree(source, engine="h5netcdf") as opened:
             tree = opened.load()
     except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({error}). Fit again.") from None
+        raise InputError(
+            f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({error}). Fit again."
+        ) from None
     missing = [group for group in _GROUPS if group not in tree.children]
     if missing or "json" not in tree["provenance"].attrs:
-        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again.")
+        raise InputError(
+            f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again."
+        )
     return tree

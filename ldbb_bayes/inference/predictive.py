@@ -31,8 +31,7 @@ class FitQuality:
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     """Basis coefficients of H β plus the nominal mount deflection, shape (draws, tests, 25) [mm]."""
-    coefficients: Array = np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
-    return coefficients
+    return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:

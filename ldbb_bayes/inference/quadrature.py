@@ -76,8 +76,7 @@ class HyperPosterior:
         log_proposal = scipy.stats.t.logpdf(standard, _TAIL).sum(axis=1)
         log_weight = self.log_density(log_phi) / temperature - log_proposal
         keys = log_weight + rng.gumbel(size=len(log_weight))
-        chosen: Array = log_phi[np.argsort(-keys)[:size]]
-        return chosen
+        return log_phi[np.argsort(-keys)[:size]]
 
     def integrate(self, size: int = 1024) -> HyperIntegral:
         """ln ∫ p(y, φ) dφ by importance sampling at scrambled Sobol points, two independent halves giving the error."""

@@ -25,6 +25,7 @@ from ldbb_bayes.inference.quadrature import HyperPosterior, TruncationProbabilit
 from ldbb_bayes.model.aliases import exact_aliases
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.simulate import draw_parameters
 from ldbb_bayes.model.spec import model_sha256, model_to_toml
 
 __all__ = ["SAMPLERS", "sample"]
@@ -91,7 +92,7 @@ def sample(
     truncation = _truncation_probability(bound, start, seed)
     quality = _fit(bound, beta, phi, truncation)
     groups = _groups(bound, beta, phi, run.log_density, np.random.default_rng(seeds[1]))
-    record = {
+    record: dict[str, Any] = {
         "schema": 1,
         "campaign": _campaign_record(campaign),
         "model": _model_record(bound),
@@ -116,7 +117,9 @@ def sample(
     }
     if not run.converged:
         target = f"ESS ≥ {rule.ess:g} and R-hat ≤ {rule.rhat:g}"
-        record["fit"]["warnings"].insert(0, f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers.")
+        record["fit"]["warnings"].insert(
+            0, f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers."
+        )
     return build_tree(
         groups,
         dims=_DIMS,
@@ -182,11 +185,14 @@ def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) 
         yield " ".join(dict.fromkeys(statements))
 
 
-def _groups(bound: BoundModel, beta: Array, phi: Array, log_density: Array, rng: np.random.Generator) -> dict[str, dict[str, Array]]:
+def _groups(
+    bound: BoundModel, beta: Array, phi: Array, log_density: Array, rng: np.random.Generator
+) -> dict[str, dict[str, Array]]:
     flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
     shape = beta.shape[:2]
     per_test = [
-        bound.log_likelihood_per_test(flat_phi[i : i + _CHUNK], flat_beta[i : i + _CHUNK]) for i in range(0, len(flat_beta), _CHUNK)
+        bound.log_likelihood_per_test(flat_phi[i : i + _CHUNK], flat_beta[i : i + _CHUNK])
+        for i in range(0, len(flat_beta), _CHUNK)
     ]
     tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
     log_prior = {"parameters": bound.log_prior(beta)}
@@ -223,13 +229,7 @@ def _prior_draws(bound: BoundModel, rng: np.random.Generator) -> dict[str, Array
     hyper = {str(name): phi[..., j] for j, name in enumerate(bound.hyper_prior.names)}
     if bound.model.prior.flat:
         return hyper
-    p = len(bound.names)
-    if bound.truncation.active:
-        spread = np.broadcast_to(np.diag(bound.prior_sd), (_PRIOR_DRAWS, p, p))
-        white, _ = bound.truncation.orthants(np.zeros((_PRIOR_DRAWS, p)), spread).draw_spread(rng)
-    else:
-        white = rng.standard_normal((_PRIOR_DRAWS, p))
-    return _named(bound, (white * bound.prior_sd)[None], phi)
+    return _named(bound, draw_parameters(bound, _PRIOR_DRAWS, rng)[None], phi)
 
 
 def _units(bound: BoundModel) -> dict[str, str]:
@@ -264,4 +264,3 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
         "prior_sd": finite,
         "groups": {p.name: p.group for p in bound.parameters},
     }
-

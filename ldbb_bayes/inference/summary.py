@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import diagnose
 
-__all__ = ["record_of", "result_json", "summarize"]
+__all__ = ["check_probability", "record_of", "result_json", "summarize"]
 
 Array = NDArray[Any]
 _HYPERS = ("sigma", "delta", "kappa", "tau")
@@ -45,7 +45,7 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     InputError
         When ci_prob is not between 0 and 1.
     """
-    _check_probability(ci_prob)
+    check_probability(ci_prob)
     prior_sd = record_of(posterior)["model"]["prior_sd"]
     rows = {}
     for name, variable in posterior["posterior"].data_vars.items():
@@ -69,7 +69,7 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
 
 def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:
     """The result of a fit as documented for ``fit --json``; the key of the interval is named after its probability."""
-    _check_probability(ci_prob)
+    check_probability(ci_prob)
     record = record_of(posterior)
     key = f"ci{100 * ci_prob:g}"
     prior_sd = record["model"]["prior_sd"]
@@ -116,6 +116,7 @@ def _numbers(draws: Array, ci_prob: float) -> dict[str, Any]:
     }
 
 
-def _check_probability(ci_prob: float) -> None:
+def check_probability(ci_prob: float) -> None:
+    """Refuse a probability that is not between 0 and 1."""
     if not 0.0 < ci_prob < 1.0:
         raise InputError(f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")

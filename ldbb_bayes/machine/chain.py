@@ -37,9 +37,7 @@ class Axes:
         return (self.first, self.second, self.rotation)
 
 
-PLANES: Mapping[str, Axes] = MappingProxyType(
-    {"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A"), "ZX": Axes("Z", "X", "B")}
-)
+PLANES: Mapping[str, Axes] = MappingProxyType({"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A"), "ZX": Axes("Z", "X", "B")})
 _LINEAR = "XYZ"
 _AXIS_LETTERS = "XYZABCUVWS"
 

@@ -160,8 +160,7 @@ def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Ar
     shift[:, 4] = _squareness_shift(machine, circle, position)
     shift[:, 5, 0] = 1.0
     shift[:, 6, 1] = 1.0
-    columns: Array = np.einsum("nd,npd->np", direction, shift)
-    return columns
+    return np.einsum("nd,npd->np", direction, shift)
 
 
 def _squareness_shift(machine: Machine, circle: Circle, position: Array) -> Array:

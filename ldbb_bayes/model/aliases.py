@@ -77,5 +77,7 @@ def _shared_columns(term: Nuisance, bound: BoundModel) -> list[tuple[str, Array]
     scale = dict(zip(bound.hyper_prior.names, bound.hyper_prior.scale_mm, strict=True))
     columns = [c for c in term.columns(bound.setting) if isinstance(c, Columns) and not c.private]
     return [
-        (name, c.values[:, :, j] * c.sd[j] * (scale[c.hyper] if c.hyper else 1.0)) for c in columns for j, name in enumerate(c.names)
+        (name, c.values[:, :, j] * c.sd[j] * (scale[c.hyper] if c.hyper else 1.0))
+        for c in columns
+        for j, name in enumerate(c.names)
     ]

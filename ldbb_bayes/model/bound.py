@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -273,8 +273,8 @@ def _check(model: HybridModel, campaign: Campaign) -> None:
         )
     if model.prior.flat and levels < model.degree + 2:
         raise InputError(
-            f"flat priors at degree {model.degree} must have at least {model.degree + 2} force levels, got {levels}: compliance and "
-            "geometry cannot be separated. Use the default preset, a lower degree, or add tests at another force."
+            f"flat priors at degree {model.degree} must have at least {model.degree + 2} force levels, got {levels}: "
+            "compliance and geometry cannot be separated. Use the default preset, a lower degree, or add tests at another force."
         )
 
 
@@ -296,8 +296,8 @@ def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[Complian
     index = [labels.index(name.label) for name in compliances]
     wrench, geometric = {}, {}
     for circle in {test.circle for test in campaign.tests}:
-        wrench[circle] = coefficients(lambda angle, c=circle: wrench_jacobian(machine, c, angle)[:, index])
-        geometric[circle] = coefficients(lambda angle, c=circle: geometric_jacobian(machine, c, angle))
+        wrench[circle] = coefficients(partial(wrench_jacobian, machine, circle))[:, index]
+        geometric[circle] = coefficients(partial(geometric_jacobian, machine, circle))
     forces = campaign.forces_N
     clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in campaign.tests])
     reference = model.reference_force_N

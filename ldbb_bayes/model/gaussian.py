@@ -37,14 +37,12 @@ class Gaussian:
     @property
     def covariance(self) -> Array:
         """Covariance, shape (p, p)."""
-        covariance: Array = self.root @ self.root.T
-        return covariance
+        return self.root @ self.root.T
 
     @property
     def sd(self) -> Array:
         """Marginal standard deviations, shape (p,)."""
-        deviation: Array = np.sqrt(np.einsum("ij,ij->i", self.root, self.root))
-        return deviation
+        return np.sqrt(np.einsum("ij,ij->i", self.root, self.root))
 
     def log_density(self, value: Array) -> float:
         """ln N(value; mean, covariance)."""
@@ -54,8 +52,7 @@ class Gaussian:
 
     def draw(self, size: int, rng: np.random.Generator) -> Array:
         """Independent draws, shape (size, p)."""
-        draws: Array = self.mean + rng.standard_normal((size, len(self.mean))) @ self.root.T
-        return draws
+        return self.mean + rng.standard_normal((size, len(self.mean))) @ self.root.T
 
     def kl_from(self, other: Gaussian) -> float:
         """Kullback-Leibler divergence of this distribution from ``other`` [nat]."""
@@ -112,7 +109,7 @@ class LinearGaussian:
         scaled = whiten(noise_root, self.jacobian @ prior_root, lower=True)
         residual = whiten(noise_root, y - self.jacobian @ self.prior_mean, lower=True)
         stack = np.vstack([np.column_stack([scaled, residual]), np.eye(p, p + 1)])
-        triangle = np.linalg.qr(stack, mode="r")
+        triangle = np.asarray(np.linalg.qr(stack, mode="r"))
         shift = whiten(triangle[:p, :p], triangle[:p, p])
         spread = prior_root @ whiten(triangle[:p, :p], np.eye(p))
         return Gaussian(self.prior_mean + prior_root @ shift, _lower(spread))
@@ -148,8 +145,7 @@ def least_squares(jacobian: Array, y: Array, scale: Array | None = None, *, rank
         norms = np.linalg.norm(jacobian, axis=0)
         scale = 1.0 / np.where(norms > 0, norms, 1.0)
     solution, *_ = np.linalg.lstsq(jacobian * scale, y, rcond=rank_tolerance)
-    estimate: Array = solution * scale
-    return estimate
+    return solution * scale
 
 
 def _root(covariance: Array, name: str) -> Array:
@@ -165,7 +161,6 @@ def _root(covariance: Array, name: str) -> Array:
 
 def _lower(root: Array) -> Array:
     """Lower triangular square root, positive diagonal, of root rootᵀ."""
-    triangle = np.linalg.qr(root.T, mode="r").T
+    triangle = np.asarray(np.linalg.qr(root.T, mode="r")).T
     signs = np.where(np.diag(triangle) < 0, -1.0, 1.0)
-    lower: Array = triangle * signs
-    return lower
+    return triangle * signs

@@ -28,6 +28,7 @@ from ldbb_bayes.model.terms import (
 
 if TYPE_CHECKING:
     from ldbb_bayes.model.bound import BoundModel
+    from ldbb_bayes.model.simulate import Simulation
 
 __all__ = ["NUISANCES", "HybridModel", "Preset"]
 
@@ -79,8 +80,8 @@ class HybridModel:
             raise InputError(f"nuisances must differ, got {repeated.__name__} twice. Remove one.")
         if self.prior.flat and self.nuisances:
             raise InputError(
-                f"a flat prior must stand without nuisances, got {kinds[0].__name__}: what they share with the parameters would be "
-                "undetermined. Use proper priors or remove the nuisances."
+                f"a flat prior must stand without nuisances, got {kinds[0].__name__}: what they share with the "
+                "parameters would be undetermined. Use proper priors or remove the nuisances."
             )
 
     @classmethod
@@ -139,3 +140,17 @@ class HybridModel:
         from ldbb_bayes.model.bound import BoundModel
 
         return BoundModel(self, campaign)
+
+    def simulate(
+        self,
+        plan: Campaign,
+        *,
+        seed: int,
+        parameters: Mapping[str, float] | None = None,
+        hyper_um: Mapping[str, float] | None = None,
+        exact: bool = False,
+    ) -> Simulation:
+        """Readings of a plan that this model believes; see `ldbb_bayes.model.simulate.simulate`."""
+        from ldbb_bayes.model.simulate import simulate
+
+        return simulate(self, plan, seed=seed, parameters=parameters, hyper_um=hyper_um, exact=exact)

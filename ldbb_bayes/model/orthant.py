@@ -41,8 +41,7 @@ class Truncation:
 
     def holds(self, beta: Array) -> Array:
         """Whether A β ≥ 0, shape (...)."""
-        inside: Array = np.all(beta @ self.rows.T >= 0.0, axis=-1)
-        return inside
+        return np.all(beta @ self.rows.T >= 0.0, axis=-1)
 
     def orthants(self, mean: Array, spread: Array) -> Orthant:
         """The orthant problem of N(mean, spread spreadᵀ), one per leading index.
@@ -180,8 +179,7 @@ class Orthant:
         value = np.einsum("wij,wsj->wsi", self._lower, x)
         every = self._mean[:, None, :] + np.einsum("wmi,wsi->wsm", mixing, value)
         scale = np.abs(core_mean).max(axis=1)[:, None, None] + np.abs(value).max(axis=2, keepdims=True)
-        holds: NDArray[np.bool_] = np.all(every >= -1e-9 * scale, axis=-1)
-        return holds
+        return np.all(every >= -1e-9 * scale, axis=-1)
 
 
 def _independent_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
@@ -218,8 +216,7 @@ def _split_tilt(joined: Array, d: int) -> tuple[Array, Array]:
 
 def _exponent(unit: Array, bound: Array, x: Array, tilt: Array) -> Array:
     edge = bound - np.einsum("wij,wj->wi", _strict(unit), x) - tilt
-    total: Array = (log_ndtr(-edge) + 0.5 * tilt**2 - x * tilt).sum(axis=1)
-    return total
+    return (log_ndtr(-edge) + 0.5 * tilt**2 - x * tilt).sum(axis=1)
 
 
 def _strict(unit: Array) -> Array:

@@ -169,8 +169,7 @@ class HyperPrior:
             quadratic = -0.5 * (phi / self.scale_mm) ** 2
         constant = 0.5 * np.log(2.0 / np.pi) - np.log(self.scale_mm) - np.log(self._mass)
         density = np.where(phi >= self.lower_mm, quadratic + constant + log_phi, -np.inf)
-        total: Array = density.sum(axis=-1)
-        return total
+        return density.sum(axis=-1)
 
     @property
     def _mass(self) -> Array:
@@ -182,5 +181,4 @@ class HyperPrior:
 
     def quantile(self, level: Array) -> Array:
         """Quantiles of φ, shape (..., h) [mm]."""
-        quantiles: Array = self.scale_mm * np.sqrt(2.0) * erfcinv((1.0 - level) * self._mass)
-        return quantiles
+        return self.scale_mm * np.sqrt(2.0) * erfcinv((1.0 - level) * self._mass)

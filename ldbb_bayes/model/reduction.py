@@ -67,7 +67,7 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
         part = slice(start, start + _CHUNK)
         reading = np.zeros(len(angle_rad[part])) if reading_mm is None else reading_mm[part]
         rows = np.column_stack([basis(angle_rad[part]), reading])
-        stack = np.linalg.qr(np.vstack([stack, rows]), mode="r")
+        stack = np.asarray(np.linalg.qr(np.vstack([stack, rows]), mode="r"))
     m = min(n, SIZE)
     residual = float(stack[SIZE, SIZE] ** 2) if n > SIZE else 0.0
     projection = None if reading_mm is None else stack[:m, SIZE]

@@ -66,8 +66,7 @@ class Conditional:
         """X with X Xᵀ = covariance of the selected coefficients, shape (w, len(rows), q)."""
         eye = np.broadcast_to(np.eye(self.mean.shape[1])[:, rows], (*self.mean.shape, len(rows)))
         white = np.linalg.solve(self.precision_root, eye)
-        spread: Array = np.swapaxes(white, 1, 2) * self.scale[:, rows, None]
-        return spread
+        return np.swapaxes(white, 1, 2) * self.scale[:, rows, None]
 
 
 class StructuredGaussian:
@@ -172,8 +171,7 @@ class StructuredGaussian:
             weighted = columns / _variance(block, phi)[..., None]
             gram += np.einsum("wbtmi,wbtmj->wtij", weighted, columns)
             right += np.einsum("wbtmi,wbtm->wti", weighted, residual)
-        mean: Array = np.linalg.solve(gram, right[..., None])[..., 0] * sd[:, None, :]
-        return mean
+        return np.linalg.solve(gram, right[..., None])[..., 0] * sd[:, None, :]
 
     def _outside(self, phi: Array) -> Array:
         """Per test: constants, and the readings' part outside the basis, shape (w, tests)."""
@@ -234,8 +232,7 @@ class _SpreadOf:
 
     def __call__(self, phi: Array) -> Array:
         factors = np.column_stack([phi, np.ones(len(phi))])
-        spread: Array = self._sd * factors[:, self._hyper]
-        return spread
+        return self._sd * factors[:, self._hyper]
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,14 +255,12 @@ def _variance(block: _Block, phi: Array) -> Array:
 
 
 def _apply(columns: Array, values: Array) -> Array:
-    product: Array = np.moveaxis(columns @ np.atleast_2d(values).T, -1, 0)
-    return product
+    return np.moveaxis(columns @ np.atleast_2d(values).T, -1, 0)
 
 
 def _contract(weight: Array, columns: Array) -> Array:
     """Sum over the rows of each test: (w, b, T, m) with (b, T, m, c) → (w, b, T, c)."""
-    contracted: Array = np.moveaxis(np.moveaxis(weight, 0, 2) @ columns, 2, 0)
-    return contracted
+    return np.moveaxis(np.moveaxis(weight, 0, 2) @ columns, 2, 0)
 
 
 def _turned_rows(

@@ -12,6 +12,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.basis import MAX_ORDER, ORDERS, SIZE, harmonic_index
 
 __all__ = [
@@ -179,6 +180,9 @@ class BarLength:
 
     sd_um: float = 9.4
 
+    def __post_init__(self) -> None:
+        _check_positive(self)
+
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column [1]."""
         values = np.zeros((setting.tests, SIZE, 1))
@@ -191,6 +195,9 @@ class Mount:
     """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value (Eq. 32)."""
 
     relative_sd: float = 0.10
+
+    def __post_init__(self) -> None:
+        _check_positive(self)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column [bar]; mean nominal when the readings are not compensated, 0 when they are."""
@@ -207,6 +214,9 @@ class ForceError:
 
     gain_sd: float = 0.01
     random_sd_N: float = 4.0
+
+    def __post_init__(self) -> None:
+        _check_positive(self)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column [mm] and one column per test [mm/N]."""
@@ -234,3 +244,9 @@ class Discrepancy:
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Coefficients of order 2 to 12, hyper-parameter κ [mm]."""
         return (BasisNoise("kappa", np.where(ORDERS >= 2, 1.0 / np.maximum(ORDERS, 1), 0.0)),)
+
+
+def _check_positive(term: Any) -> None:
+    for name, value in vars(term).items():
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{type(term).__name__} {name} must be a positive number, got {value}. To drop the term, leave it out.")

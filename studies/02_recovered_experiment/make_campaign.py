@@ -92,7 +92,7 @@ def estimation_map(forces_N: tuple[float, ...]) -> np.ndarray:
     pseudo_inverse = np.linalg.pinv(jacobian / scale, rcond=1e-12) / scale[:, None]
     mapping = np.zeros((13, FORCES_N.size, 8))
     for k, force in enumerate(forces_N):
-        mapping[:, int(np.flatnonzero(FORCES_N == force)[0])] = pseudo_inverse[:, k * READINGS : (k + 1) * READINGS] @ basis
+        mapping[:, int(np.flatnonzero(force == FORCES_N)[0])] = pseudo_inverse[:, k * READINGS : (k + 1) * READINGS] @ basis
     return mapping.reshape(13, -1)
 
 

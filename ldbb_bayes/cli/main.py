@@ -1,0 +1,47 @@
+"""The command line: ``ldbb-bayes COMMAND``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ldbb_bayes import __version__
+from ldbb_bayes.cli.fit import fit
+from ldbb_bayes.cli.summarize import summarize
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="ldbb-bayes",
+    help="Bayesian uncertainty quantification for the loaded double ball bar.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command()(fit)
+app.command()(summarize)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"ldbb-bayes {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Bayesian uncertainty quantification for the loaded double ball bar."""
+
+
+def main() -> None:
+    """Entry point."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""What a command prints: JSON on stdout, tables for reading, progress on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ldbb_bayes.inference.ensemble import Progress
+
+__all__ = ["print_fit", "print_json", "sampling_progress"]
+
+
+def print_json(result: Mapping[str, Any]) -> None:
+    """One JSON document on stdout; numbers that are not finite become null."""
+    sys.stdout.write(json.dumps(_plain(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float) and value - value != 0.0:
+        return None
+    return value
+
+
+def print_fit(result: Mapping[str, Any]) -> None:
+    """The table of a fit and its notes."""
+    from rich.console import Console
+
+    from ldbb_bayes.report.text import parameter_table, verdict_lines
+
+    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    console.print(parameter_table(result))
+    console.print()
+    for line in verdict_lines(result):
+        console.print(line, markup=False)
+
+
+@contextmanager
+def sampling_progress(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
+    """A progress bar on stderr while sampling; none when quiet or stderr is no terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("sampling"), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=1.0)
+
+        def show(state: Progress) -> None:
+            worst = state.assessment
+            ess = min(worst.ess_bulk_min, worst.ess_tail_min)
+            text = f"{state.steps} steps, ESS {ess:.0f} of {state.target_ess:.0f}, R-hat {worst.rhat_max:.3f}"
+            bar.update(task, completed=min(ess / state.target_ess, 1.0), description=text)
+
+        yield show

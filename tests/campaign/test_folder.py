@@ -1,0 +1,173 @@
+"""Campaign folders: round trip, plans, and one clear message for everything wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import plan, simulated
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import ldbb_bayes as lb
+from ldbb_bayes.errors import InputError
+
+TOML = """schema = 1
+topology = "wCAFYXZSt"
+plane = "XY"
+radius_mm = 150.0
+[[test]]
+file = "a.csv"
+force_N = 36.0
+[[test]]
+file = "b.csv"
+force_N = 742.0
+"""
+ROWS = "\n".join(f"{angle},{angle / 7}" for angle in range(0, 360, 20))
+CSV = f"angle_deg,reading_um\n{ROWS}\n"
+
+
+def write(folder: Path, toml: str = TOML, **files: str) -> Path:
+    (folder / "campaign.toml").write_text(toml, encoding="utf-8")
+    for name, text in ({"a": CSV, "b": CSV} | files).items():
+        (folder / f"{name}.csv").write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    campaign = simulated(plan(work_deg=30.0, compensated=False))
+    folder = lb.write_campaign(campaign, tmp_path / "c")
+    back = lb.read_campaign(folder)
+    assert back.sha256 == campaign.sha256
+    assert back.mount == campaign.mount
+    assert lb.read_campaign(folder / "campaign.toml").sha256 == campaign.sha256
+    with pytest.raises(InputError, match="must not exist"):
+        lb.write_campaign(campaign, folder)
+    lb.write_campaign(campaign.without("f036"), folder, force=True)
+    assert len(lb.read_campaign(folder).tests) == 3
+    assert [p.name for p in tmp_path.iterdir()] == ["c"]
+
+
+@given(
+    reading=hnp.arrays(float, 12, elements=st.floats(-1e6, 1e6)),
+    force=st.floats(1.0, 2000.0),
+)
+def test_numbers_read_back_to_the_same_doubles(tmp_path_factory, reading: np.ndarray, force: float) -> None:
+    test = lb.CircularTest(force_N=force, angle_deg=np.arange(12) * 30.0 + 1e-9, reading_um=reading)
+    campaign = lb.Campaign((test,))
+    folder = lb.write_campaign(campaign, tmp_path_factory.mktemp("c") / "c")
+    assert lb.read_campaign(folder).sha256 == campaign.sha256
+
+
+def test_plan(tmp_path: Path) -> None:
+    planned = plan((40, 40, 40, 40), arc_deg=220.0)
+    back = lb.read_campaign(lb.write_campaign(planned, tmp_path / "p"))
+    assert back.is_plan
+    np.testing.assert_allclose(back.tests[0].angle_deg, planned.tests[0].angle_deg, atol=1e-9)
+    bare = TOML.replace('file = "a.csv"\n', "").replace('file = "b.csv"\n', "")
+    (tmp_path / "campaign.toml").write_text(bare)
+    assert [len(t.angle_deg) for t in lb.read_campaign(tmp_path).tests] == [720, 720]
+
+
+def test_radians_millimetres_bom_and_crlf(tmp_path: Path) -> None:
+    rows = "\r\n".join(f"{float(np.deg2rad(a))!r},{a / 7e3!r}" for a in range(0, 360, 20))
+    (write(tmp_path) / "b.csv").write_bytes(b"\xef\xbb\xbfangle_rad,reading_mm\r\n" + rows.encode() + b"\r\n\r\n")
+    first, second = lb.read_campaign(tmp_path).tests
+    np.testing.assert_allclose(first.reading_um, second.reading_um)
+    np.testing.assert_allclose(first.angle_deg, second.angle_deg)
+
+
+def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
+    write(tmp_path, b=CSV.replace(",", ";").replace(".", ","))
+    first, second = lb.read_campaign(tmp_path).tests
+    np.testing.assert_array_equal(first.reading_um, second.reading_um)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("schema = 1", "schema = 2", "campaign.toml: schema must be 1, got 2, written by a newer version. Upgrade"),
+        ("schema = 1\n", "", "'schema' must be given"),
+        ("radius_mm", "radius_um", "got 'radius_um'. Did you mean 'radius_mm'"),
+        ("force_N = 36.0", "force = 36.0", r"keys in \[test 1\] must be among .*got 'force'. Did you mean 'force_N'"),
+        ("force_N = 36.0", "force_N = '36'", r"'force_N' in \[test 1\] must be valid, got '36'"),
+        ("force_N = 36.0", "force_N = -36.0", "a.csv: test 'a' must have force_N > 0"),
+        ("force_N = 36.0", "force_N = nan", "force_N > 0 N, got nan"),
+        ("force_N = 36.0\n", "", "force or a pressure, got neither"),
+        ('plane = "XY"', 'plane = "XZ"', "'plane' must be valid, got 'XZ'"),
+        ("wCAFYXZSt", "wCAFZSt", "topology must hold the axes"),
+        ('file = "b.csv"', 'file = "a.csv"', "test names must differ, got 'a' twice"),
+        ('file = "a.csv"', 'file = "../a.csv"', "test 1: file must lie inside"),
+        ('file = "a.csv"', 'file = "/etc/passwd"', "test 1: file must lie inside"),
+        ('file = "a.csv"', 'file = "c.csv"', "test 1: file must exist, got 'c.csv'"),
+        ("force_N = 36.0", 'force_N = 36.0\ndirection = "up"', "'direction' in .* must be valid, got 'up'"),
+        ("force_N = 36.0", "force_N = 36.0\nreadings = 99", "readings must stand in planned tests only"),
+        ('[[test]]\nfile = "a.csv"', "[[test\nfile", "must be valid TOML"),
+        ("force_N = 36.0", "force_N = 36.0\n[mount]\ndeflection = 1.0", r"Did you mean 'deflection_um_per_bar'"),
+    ],
+)
+def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in TOML
+    with pytest.raises(InputError, match=message):
+        lb.read_campaign(write(tmp_path, TOML.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize(
+    ("csv", "message"),
+    [
+        ("", "b.csv must hold a table, got an empty file"),
+        ("angle_deg,reading_um\n", "b.csv must hold readings below its header"),
+        (CSV.replace("reading_um", "reading_mum"), "b.csv, line 1: columns must be among .*'reading_mum'. Did you mean 'reading_"),
+        (CSV.replace("angle_deg", "angle"), "line 1: columns must be among"),
+        ("angle_deg\n1\n2\n", "reading_um or reading_mm, got neither"),
+        (CSV.replace("angle_deg,reading_um", "angle_deg,angle_deg"), "columns must"),
+        (CSV.replace("40,", "forty,"), "b.csv, line 4: angle_deg must be a finite number, got 'forty'"),
+        (CSV.replace("\n60,", "\n60,nan\n61,"), "b.csv, line 5: reading_um must be a finite number, got 'nan'"),
+        (CSV.replace("\n60,", "\n60,\n61,"), "b.csv, line 5: reading_um must be a finite number, got ''"),
+        (CSV.replace("\n60,", "\n60,1,2\n61,"), "b.csv must be a table"),
+        ("\n".join(CSV.splitlines()[:8]), "at least 9 readings, got 7"),
+        ("angle_deg,reading_um\n" + "\n".join(f"{a / 10},1" for a in range(20)), "angle_deg must span more than 7°"),
+        ("angle_rad,reading_um\n" + "\n".join(f"{a},1" for a in range(0, 360, 5)), "angle_rad must span at most 4 turns"),
+        ("angle_deg,reading_um\n" + "\n".join(f"{a},1" for a in range(100)), "arc of at least 180°"),
+    ],
+)
+def test_csv_refused(tmp_path: Path, csv: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lb.read_campaign(write(tmp_path, b=csv))
+
+
+def test_binary_and_missing(tmp_path: Path) -> None:
+    write(tmp_path)
+    (tmp_path / "b.csv").write_bytes(bytes(range(256)))
+    with pytest.raises(InputError, match="binary data"):
+        lb.read_campaign(tmp_path)
+    with pytest.raises(InputError, match="does not exist"):
+        lb.read_campaign(tmp_path / "nowhere")
+
+
+def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
+    outside = tmp_path / "outside.csv"
+    outside.write_text(CSV)
+    folder = tmp_path / "c"
+    folder.mkdir()
+    write(folder)
+    (folder / "a.csv").unlink()
+    (folder / "a.csv").symlink_to(outside)
+    with pytest.raises(InputError, match="must lie inside"):
+        lb.read_campaign(folder)
+
+
+def test_a_failed_write_leaves_the_old_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign = simulated(plan())
+    folder = lb.write_campaign(campaign, tmp_path / "c")
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pandas.DataFrame.to_csv", full)
+    with pytest.raises(InputError, match="No space left on device"):
+        lb.write_campaign(campaign.without("f036"), folder, force=True)
+    assert lb.read_campaign(folder).sha256 == campaign.sha256
+    assert [p.name for p in tmp_path.iterdir()] == ["c"]

@@ -1,0 +1,69 @@
+"""Small campaigns for tests, and the same campaigns for the oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from oracle import Oracle, OracleTest
+
+from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, MountCompensation
+from ldbb_bayes.model.hybrid import HybridModel
+
+TRUTH = {
+    "C_XXX": 5.5e-5,
+    "C_XYX": 5e-7,
+    "C_YYY": 4.2e-5,
+    "C_CXY": 1e-8,
+    "C_CYY": -1e-8,
+    "C_CCY": 4e-10,
+    "E_XX1": -1e-4,
+    "E_YX2": 4e-7,
+    "E_XY2": -6e-7,
+    "E_YY1": -8e-5,
+    "E_C0YX": 5e-6,
+    "E_Xt0": 4e-3,
+    "E_Yt0": -1e-3,
+}
+HYPER_UM = {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0}
+FORCES_N = (36.0, 300.0, 520.0, 742.0)
+
+
+def plan(
+    readings: Sequence[int] = (40, 40, 40, 40),
+    *,
+    arc_deg: float = 360.0,
+    work_deg: float = 0.0,
+    tool_deg: float = 0.0,
+    compensated: bool = True,
+    forces_N: Sequence[float] = FORCES_N,
+) -> Campaign:
+    """A plan; clockings grow by ``work_deg`` and ``tool_deg`` from test to test."""
+    tests = []
+    for i, (force, n) in enumerate(zip(forces_N, readings, strict=True)):
+        angle = np.arange(n) * 360.0 / n if arc_deg == 360.0 else np.linspace(-10.0, arc_deg - 10.0, n)
+        tests.append(CircularTest(force, angle, work_ball_deg=work_deg * i, tool_ball_deg=tool_deg * i))
+    return Campaign(tuple(tests), mount=MountCompensation(compensated=compensated))
+
+
+def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
+    """Readings of a plan under plain truths."""
+    model = HybridModel.default(0)
+    return model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+
+
+def oracle_of(campaign: Campaign, degree: int, **options: object) -> Oracle:
+    """The dense oracle of the same campaign."""
+    tests = [
+        OracleTest(
+            float(test.force_N or 0.0),
+            float(test.pressure_bar or 0.0),
+            np.deg2rad(test.angle_deg),
+            np.asarray(test.reading_um) * 1e-3,
+            np.deg2rad(test.work_ball_deg),
+            np.deg2rad(test.tool_ball_deg),
+            float(test.radius_mm or 0.0),
+        )
+        for test in campaign.tests
+    ]
+    return Oracle(tests, degree, compensated=campaign.mount.compensated, **options)  # type: ignore[arg-type]

@@ -1,0 +1,129 @@
+"""The command line: exit codes, JSON on stdout and nothing else, one message for bad input, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from campaigns import plan, simulated
+
+import ldbb_bayes as lb
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "error", "-m", "ldbb_bayes", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lb.write_campaign(simulated(plan()), tmp_path_factory.mktemp("campaign") / "c")
+
+
+@pytest.fixture(scope="module")
+def fitted(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    out = tmp_path_factory.mktemp("out") / "r"
+    return out, run("fit", folder, "--degree", 0, "--ess", 300, "--out", out, "--json", "--seed", 5)
+
+
+def test_fit_json(fitted: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    out, done = fitted
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    result = json.loads(done.stdout)
+    assert result["model"]["degree"] == 0
+    assert result["provenance"]["seed"] == 5
+    assert json.loads((out / "summary.json").read_text()) == result
+    assert sorted(p.name for p in out.iterdir()) == ["model.toml", "posterior.nc", "summary.json"]
+    assert lb.read_model(out / "model.toml") == lb.HybridModel.default(0)
+
+
+def test_summarize(fitted: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    out, done = fitted
+    assert json.loads(run("summarize", out, "--json").stdout) == json.loads(done.stdout)
+    narrow = json.loads(run("summarize", out / "posterior.nc", "--json", "--ci", 0.5).stdout)["parameters"]["C_XXX"]["ci50"]
+    wide = json.loads(done.stdout)["parameters"]["C_XXX"]["ci95"]
+    assert wide[0] < narrow[0] < narrow[1] < wide[1]
+    table = run("summarize", out)
+    assert "C_XXX" in table.stdout
+    assert "µm/N" in table.stdout
+    assert "E_C(0Y)X" in table.stdout
+    assert "looks exactly like" in table.stdout
+
+
+def test_without_out_nothing_is_written(folder: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--degree", "0", "--ess", "100"]
+    assert subprocess.run(command, capture_output=True, cwd=tmp_path, timeout=120, check=False).returncode == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missed_target_is_exit_code_1(folder: Path, tmp_path: Path) -> None:
+    done = run("fit", folder, "--ess", "1e6", "--max-steps", 200, "--degree", 0, "--out", tmp_path / "r")
+    assert done.returncode == 1
+    assert "NOT CONVERGED" in done.stdout
+    assert not json.loads((tmp_path / "r" / "summary.json").read_text())["sampler"]["converged"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["fit", "nowhere"], "does not exist"),
+        (["fit", "CAMPAIGN", "--without", "balls"], "Did you mean 'ball-form'"),
+        (["fit", "CAMPAIGN", "--preset", "papers"], "Did you mean 'paper'"),
+        (["fit", "CAMPAIGN", "--degree", "5"], "degree"),
+        (["fit", "CAMPAIGN", "--sampler", "nuts"], "sampler must be one of"),
+        (["fit", "CAMPAIGN", "--model", "none.toml"], "readable TOML file"),
+        (["fit", "CAMPAIGN", "--ci", "95"], "ci_prob must lie between 0 and 1"),
+        (["fit", "CAMPAIGN", "--radius-mm", "100"], "options must come with a tidy CSV"),
+        (["fit", "CAMPAIGN", "--nonsense"], "No such option"),
+        (["fit", "CAMPAIGN", "--out", "EXISTING"], "must not exist"),
+        (["fit", "CAMPAIGN", "--out", "/proc/nothing/r"], "must be writable"),
+        (["summarize", "nowhere"], "result must be a folder with posterior.nc"),
+        (["fit"], "Missing argument"),
+    ],
+)
+def test_bad_input(folder: Path, tmp_path: Path, arguments: list[str], message: str) -> None:
+    places = {"CAMPAIGN": str(folder), "EXISTING": str(tmp_path)}
+    done = run(*[places.get(argument, argument) for argument in arguments])
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert message in " ".join(done.stderr.replace("│", " ").split())
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_campaign_names_file_and_line(folder: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "c"
+    lb.write_campaign(lb.read_campaign(folder), broken)
+    lines = (broken / "f300.csv").read_text().splitlines()
+    lines[6] = "54,abc"
+    (broken / "f300.csv").write_text("\n".join(lines))
+    done = run("fit", broken, "--out", tmp_path / "r")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"{broken / 'f300.csv'}, line 7: reading_um must be a finite number, got 'abc'" in done.stderr
+    assert not (tmp_path / "r").exists()
+
+
+def test_interruption_is_130(folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from ldbb_bayes.cli.main import app
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ldbb_bayes.inference.sample.sample", interrupted)
+    with pytest.raises(SystemExit) as left:
+        app(["fit", str(folder), "--out", str(tmp_path / "r")])
+    assert left.value.code == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_and_version() -> None:
+    assert run("--version").stdout == f"ldbb-bayes {lb.__version__}\n"
+    for command in ([], ["fit"], ["summarize"]):
+        done = run(*command, "--help")
+        assert done.returncode == 0
+        assert "Usage" in done.stdout

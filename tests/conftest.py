@@ -1,0 +1,33 @@
+"""Shared fixtures. One seed for all tests, with an override: LDBB_TEST_SEED=7 make test."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+
+from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.campaign.folder import read_campaign
+
+ROOT = Path(__file__).resolve().parents[1]
+
+settings.register_profile("house", deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("house")
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def recovered() -> Campaign:
+    return read_campaign(ROOT / "data" / "recovered_experiment")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(int(os.environ.get("LDBB_TEST_SEED", "1")))

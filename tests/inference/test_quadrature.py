@@ -1,0 +1,95 @@
+"""Integrals over the hyper-parameters against brute force in small cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+from campaigns import oracle_of, plan, simulated
+from scipy.special import log_ndtr
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.quadrature import HyperPosterior, conditional_draws, log_prob_truncation
+from ldbb_bayes.model.bound import BoundModel
+
+
+@pytest.fixture(scope="module")
+def bound() -> BoundModel:
+    return lb.HybridModel.default(1).bind(simulated(plan()))
+
+
+def grid_integral(log_density: Callable[[np.ndarray], np.ndarray], axes: Sequence[np.ndarray]) -> float:
+    """ln ∫ over log hyper-parameters on an even grid."""
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    values = np.concatenate([log_density(part) for part in np.array_split(points, 50)])
+    return float(np.logaddexp.reduce(values) + sum(np.log(axis[1] - axis[0]) for axis in axes))
+
+
+@pytest.mark.parametrize("truncated", [False, True])
+def test_evidence_by_brute_force(truncated: bool) -> None:
+    """σ and κ only (κ may be almost zero: a long tail); with truncation the integrand carries the product of conditional probabilities."""
+    small = lb.HybridModel.default(0).without("ball-form", "setup-shift").bind(simulated(plan()))
+    posterior = HyperPosterior(small, truncated=truncated)
+    axes = np.linspace(np.log(2e-4), np.log(3e-3), 100), np.linspace(np.log(1e-7), np.log(1e-2), 300)
+    expected = grid_integral(lambda x: posterior.log_density(x, exact=True), axes)
+    found = posterior.integrate(2048)
+    assert found.log_value == pytest.approx(expected, abs=0.01)
+    assert found.error < 0.01
+
+
+def test_small_truncation_probability_by_brute_force(recovered: lb.Campaign) -> None:
+    """Without ball form C_CCY is forced against its sign: ln P(T | y) by one-dimensional normal probabilities and a grid."""
+    bound = lb.HybridModel.default(0).without("ball-form", "setup-shift").bind(recovered)
+    row = bound.names.index("C_CCY")
+
+    def both(log_phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        phi = np.exp(log_phi)
+        log_evidence, mean, spread = bound.log_evidence_given(phi)
+        plain = log_evidence + bound.hyper_prior.log_density_of_log(log_phi)
+        return plain, plain + log_ndtr(mean[:, row] / np.linalg.norm(spread[:, row], axis=1))
+
+    axis_sigma, axis_kappa = np.linspace(np.log(1.15e-4), np.log(1.25e-4), 41), np.linspace(np.log(8e-4), np.log(6e-3), 200)
+    points = np.stack(np.meshgrid(axis_sigma, axis_kappa, indexing="ij"), axis=-1).reshape(-1, 2)
+    plain, inside = both(points)
+    expected = np.logaddexp.reduce(inside) - np.logaddexp.reduce(plain)
+    found = log_prob_truncation(HyperPosterior(bound, truncated=False), HyperPosterior(bound, truncated=True))
+    assert expected < -10.0
+    assert found.log_value == pytest.approx(expected, abs=0.05)
+
+
+def test_hopeless_truncation_stays_finite(recovered: lb.Campaign) -> None:
+    for degree in (0, 1, 2):
+        bound = lb.HybridModel.default(degree).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
+        found = log_prob_truncation(HyperPosterior(bound, truncated=False), HyperPosterior(bound, truncated=True), size=256)
+        assert -3000.0 < found.log_value < -500.0
+        rng = np.random.default_rng(0)
+        beta, _ = conditional_draws(bound, HyperPosterior(bound, truncated=True).draw(64, rng), rng)
+        assert bound.truncation.holds(beta).mean() > 0.8
+
+
+def test_evidence_and_truncation_against_the_oracle() -> None:
+    campaign = simulated(plan((30, 26, 9), forces_N=(36.0, 400.0, 742.0)))
+    bound, oracle = lb.HybridModel.default(0).bind(campaign), oracle_of(campaign, 0)
+    reference = oracle.posterior(points=1500, draws=100, seed=3)
+    plain, truncated = HyperPosterior(bound, truncated=False), HyperPosterior(bound, truncated=True)
+    assert plain.integrate().log_value == pytest.approx(reference["log_evidence"], abs=0.1)
+    assert log_prob_truncation(plain, truncated).log_value == pytest.approx(reference["log_prob_truncation"], abs=0.1)
+
+
+def test_conditional_draws_have_the_conditional_moments(bound: BoundModel) -> None:
+    rng = np.random.default_rng(0)
+    plain = lb.HybridModel.default(1).without("truncation").bind(bound.campaign)
+    log_phi = np.tile(HyperPosterior(plain, truncated=False).mode, (20_000, 1))
+    beta, exact = conditional_draws(plain, log_phi, rng)
+    _, mean, spread = plain.log_evidence_given(np.exp(log_phi[:1]))
+    sd = np.linalg.norm(spread[0], axis=1)
+    assert exact.all()
+    np.testing.assert_allclose((beta.mean(axis=0) - mean[0]) / sd, 0.0, atol=0.04)
+    np.testing.assert_allclose(beta.std(axis=0) / sd, 1.0, atol=0.03)
+
+
+def test_mode_is_a_maximum(bound: BoundModel) -> None:
+    posterior = HyperPosterior(bound, truncated=True)
+    around = posterior.mode + 0.3 * np.random.default_rng(0).normal(size=(200, 4))
+    assert posterior.log_density(around).max() <= posterior.log_density(posterior.mode[None])[0] + 1e-4

@@ -1,0 +1,69 @@
+"""Topology strings, branches, lever arms, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.jacobian import geometric_names
+
+ANGLE = np.array([0.3, 2.0, 4.5])
+
+
+def test_the_papers_machine() -> None:
+    machine = Machine()
+    x, y = machine.joints
+    assert (x.axis, x.branch, y.axis, y.branch) == ("X", "tool", "Y", "tool")
+    assert (machine.primary, machine.secondary) == (y, x)
+    assert geometric_names(machine) == ("E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0")
+    position = Circle().position_mm(ANGLE)
+    np.testing.assert_array_equal(machine.lever_mm(x, position, Circle()), np.zeros((3, 2)))
+    np.testing.assert_array_equal(machine.lever_mm(y, position, Circle()), position * [1.0, 0.0])
+
+
+def test_lever_arm_in_the_workpiece_branch() -> None:
+    """wXYF…: the table X rides on Y. Seen from Y's frame the work ball stands where X has carried it: −x, plus its place."""
+    machine, circle = Machine("wXYFZt"), Circle(100.0, (10.0, 20.0))
+    x, y = machine.joints
+    position = circle.position_mm(ANGLE)
+    assert (x.branch, y.branch, machine.primary) == ("workpiece", "workpiece", y)
+    expected = np.column_stack([10.0 - position[:, 0], np.full(3, 20.0)])
+    np.testing.assert_allclose(machine.lever_mm(y, position, circle), expected)
+    np.testing.assert_allclose(machine.lever_mm(x, position, circle), [[10.0, 20.0]] * 3)
+
+
+def test_offset_frame_shifts_the_lever() -> None:
+    machine = Machine(frames_mm={"Y": (5.0, -7.0, 99.0)})
+    position = Circle().position_mm(ANGLE)
+    expected = position * [1.0, 0.0] - [5.0, -7.0]
+    np.testing.assert_allclose(machine.lever_mm(machine.joints[1], position, Circle()), expected)
+
+
+def test_planes_are_right_handed() -> None:
+    assert geometric_names(Machine("wFXYZt", "ZX"))[:4] == ("E_ZZ1", "E_XZ2", "E_ZX2", "E_XX1")
+    assert Machine("wFXYZt", "YZ").axes.rotation == "A"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("wCAFYXZSt", "XZ"), "plane must be one of XY, YZ, ZX, got 'XZ'. Did you mean 'ZX'"),
+        (("CAFYXZS", "XY"), "topology must read w…F…t"),
+        (("wYXZt", "XY"), "topology must read w…F…t"),
+        (("wFYXQt", "XY"), "got 'Q'"),
+        (("wFYXYt", "XY"), "got 'Y' twice"),
+        (("wFYXt", "YZ"), "got 'wFYXt' without Z"),
+    ],
+)
+def test_refused(arguments: tuple[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Machine(*arguments)
+
+
+def test_frames_of_axes_that_do_not_exist_are_refused() -> None:
+    with pytest.raises(InputError, match="must name linear axes"):
+        Machine("wFXYt", "XY", {"Z": (0.0, 0.0, 0.0)})
+    with pytest.raises(InputError, match="three finite numbers"):
+        Machine(frames_mm={"X": (0.0, float("nan"), 0.0)})

@@ -1,0 +1,235 @@
+"""The structured likelihood against the dense oracle, and the symmetries it must have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
+
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.gaussian import LinearGaussian
+
+SAMPLINGS = {
+    "uniform": plan((40, 40, 40, 40)),
+    "uneven counts": plan((60, 30, 26, 45)),
+    "few": plan((9, 30, 12, 25)),
+    "arc": plan((40, 50, 60, 45), arc_deg=220.0),
+    "few on arc": plan((9, 30, 12, 25), arc_deg=220.0),
+    "work ball": plan(work_deg=40.0),
+    "both balls": plan((9, 30, 40, 25), work_deg=40.0, tool_deg=-25.0),
+    "arc, work ball": plan((40, 50, 60, 45), arc_deg=220.0, work_deg=40.0),
+    "raw": plan(compensated=False),
+}
+
+
+def points(bound: BoundModel, size: int = 3, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    scale = [HYPER_UM[str(name)] * 1e-3 for name in bound.hyper_prior.names]
+    phi = np.exp(rng.normal(np.log(scale), 0.4, (size, len(scale))))
+    return phi, bound.centre + 0.1 * bound.scale * rng.normal(size=(size, len(bound.names)))
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+@pytest.mark.parametrize("sampling", SAMPLINGS)
+def test_against_the_dense_oracle(sampling: str, degree: int) -> None:
+    campaign = simulated(SAMPLINGS[sampling])
+    bound, oracle = lb.HybridModel.default(degree).bind(campaign), oracle_of(campaign, degree)
+    assert list(bound.names) == oracle.names
+    phi, beta = points(bound)
+    expected = [oracle.log_likelihood(p, b) for p, b in zip(phi, beta, strict=True)]
+    np.testing.assert_allclose(bound.log_likelihood(phi, beta), expected, atol=1e-5)
+    log_evidence, mean, spread = bound.log_evidence_given(phi)
+    for k, p in enumerate(phi):
+        value, oracle_mean, covariance = oracle.given(p)
+        assert log_evidence[k] == pytest.approx(value, abs=1e-5)
+        np.testing.assert_allclose((mean[k] - oracle_mean) / oracle.sd, 0.0, atol=1e-8)
+        np.testing.assert_allclose((spread[k] @ spread[k].T - covariance) / np.outer(oracle.sd, oracle.sd), 0.0, atol=1e-8)
+    prior = [oracle.log_prior_of_log(np.log(p)) for p in phi]
+    np.testing.assert_allclose(bound.hyper_prior.log_density_of_log(np.log(phi)), prior, atol=1e-9)
+    np.testing.assert_array_equal(bound.truncation.holds(beta), oracle.inside(beta))
+
+
+TERM_NAMES = {
+    "ball-form": "form",
+    "bar-length": "length",
+    "mount": "mount",
+    "force-error": "force",
+    "setup-shift": "setup",
+    "discrepancy": "discrepancy",
+}
+
+
+@pytest.mark.parametrize("sampling", ["uniform", "few on arc", "both balls"])
+@pytest.mark.parametrize("dropped", TERM_NAMES)
+def test_every_term_can_be_switched_off(sampling: str, dropped: str) -> None:
+    campaign = simulated(SAMPLINGS[sampling])
+    terms = tuple(name for name in TERM_NAMES.values() if name != TERM_NAMES[dropped])
+    bound, oracle = lb.HybridModel.default(1).without(dropped).bind(campaign), oracle_of(campaign, 1, terms=terms)
+    phi, beta = points(bound)
+    expected = [oracle.log_likelihood(p, b) for p, b in zip(phi, beta, strict=True)]
+    np.testing.assert_allclose(bound.log_likelihood(phi, beta), expected, atol=1e-5)
+
+
+def test_one_test_alone(rng: np.random.Generator) -> None:
+    campaign = simulated(plan((40,), forces_N=(300.0,)))
+    bound = lb.HybridModel.default(0).bind(campaign)
+    oracle = oracle_of(campaign, 0)
+    phi, beta = points(bound)
+    np.testing.assert_allclose(
+        bound.log_likelihood(phi, beta), [oracle.log_likelihood(p, b) for p, b in zip(phi, beta, strict=True)], atol=1e-5
+    )
+
+
+def test_bayes_identity_at_any_beta() -> None:
+    """ln p(y | β, φ) + ln p(β) = ln p(y | φ) + ln p(β | y, φ)."""
+    bound = lb.HybridModel.default(1).without("truncation").bind(simulated(plan()))
+    phi, beta = points(bound)
+    log_evidence, mean, spread = bound.log_evidence_given(phi)
+    for k in range(len(phi)):
+        scaled = spread[k] / bound.prior_sd[:, None]
+        posterior = LinearGaussian(np.eye(len(bound.names)), np.ones(len(bound.names)), np.zeros(len(bound.names)), scaled @ scaled.T)
+        density = posterior.prior.log_density((beta[k] - mean[k]) / bound.prior_sd) - np.log(bound.prior_sd).sum()
+        left = bound.log_likelihood(phi[k : k + 1], beta[k : k + 1])[0] + bound.log_prior(beta[k])
+        assert left == pytest.approx(log_evidence[k] + density, abs=1e-5)
+
+
+@pytest.mark.parametrize("sampling", ["uniform", "arc", "both balls"])
+def test_conditional_log_likelihood_per_test(sampling: str) -> None:
+    """ln p(y_r | y_−r, β, φ) from the oracle's dense covariance, test by test."""
+    campaign = simulated(SAMPLINGS[sampling])
+    bound, oracle = lb.HybridModel.default(1).bind(campaign), oracle_of(campaign, 1)
+    phi, beta = points(bound, 1)
+    covariance, residual = oracle.covariance(phi[0]), oracle.y - oracle.J @ beta[0]
+    edges = np.cumsum([0, *[t.angle.size for t in oracle.tests]])
+    found = bound.log_likelihood_per_test(phi, beta)[0]
+    for r in range(len(oracle.tests)):
+        own = np.arange(edges[r], edges[r + 1])
+        rest = np.setdiff1d(np.arange(residual.size), own)
+        gain = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[np.ix_(rest, own)]).T
+        schur = covariance[np.ix_(own, own)] - gain @ covariance[np.ix_(rest, own)]
+        shift = residual[own] - gain @ residual[rest]
+        value = -0.5 * (shift @ np.linalg.solve(schur, shift) + np.linalg.slogdet(schur)[1] + own.size * np.log(2 * np.pi))
+        assert found[r] == pytest.approx(value, abs=1e-5)
+
+
+def test_leaving_tests_out_keeps_the_campaigns_properties() -> None:
+    campaign = simulated(plan(work_deg=40.0))
+    bound = lb.HybridModel.default(1).bind(campaign)
+    rest = bound.keeping(["f036", "f300"])
+    assert rest.test_names == ("f036", "f300")
+    for name in ("reference_force_N", "force_range_N", "two_balls"):
+        assert getattr(rest.setting, name) == getattr(bound.setting, name)
+    np.testing.assert_array_equal(rest.setting.compliance_estimate, bound.setting.compliance_estimate)
+    np.testing.assert_array_equal(rest.truncation.rows, bound.truncation.rows)
+    phi, beta = points(bound)
+    chain = rest.log_likelihood(phi, beta)
+    for name in ("f520", "f742"):
+        grown = bound.keeping([*rest.test_names, name])
+        chain = chain + grown.log_likelihood_per_test(phi, beta)[:, grown.test_names.index(name)]
+        rest = grown
+    np.testing.assert_allclose(chain, bound.log_likelihood(phi, beta), atol=1e-6)
+
+
+def everything(campaign: Campaign, degree: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    bound = lb.HybridModel.default(degree).bind(campaign)
+    phi = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
+    log_evidence, mean, _ = bound.log_evidence_given(phi)
+    return log_evidence, mean[0] / bound.prior_sd
+
+
+def assert_same(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], atol: float = 1e-6) -> None:
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_allclose(a, b, atol=atol)
+
+
+@pytest.mark.parametrize("sampling", ["uniform", "few on arc", "both balls"])
+def test_order_of_tests_and_readings_does_not_matter(sampling: str, rng: np.random.Generator) -> None:
+    campaign = simulated(SAMPLINGS[sampling])
+    shuffled = []
+    for i in rng.permutation(len(campaign.tests)):
+        test = campaign.tests[i]
+        order = rng.permutation(len(test.angle_deg))
+        shuffled.append(replace(test, angle_deg=test.angle_deg[order], reading_um=test.reading_um[order]))
+    assert_same(everything(campaign), everything(replace(campaign, tests=tuple(shuffled))))
+
+
+@pytest.mark.parametrize("sampling", ["uniform", "few on arc"])
+def test_units_do_not_matter(sampling: str) -> None:
+    campaign = simulated(SAMPLINGS[sampling])
+    other = tuple(
+        CircularTest(
+            force_N=test.force_N, angle_rad=np.deg2rad(test.angle_deg), reading_mm=test.reading_um * 1e-3, name=test.name
+        )
+        for test in campaign.tests
+    )
+    assert_same(everything(campaign), everything(Campaign(other)))
+
+
+@pytest.mark.parametrize("sampling", ["uniform", "arc", "both balls"])
+def test_start_angle_and_whole_turns_do_not_matter(sampling: str) -> None:
+    campaign = simulated(SAMPLINGS[sampling])
+    turned = tuple(
+        replace(
+            test,
+            angle_deg=np.roll(test.angle_deg, 7) + 360.0 * (i - 1),
+            reading_um=np.roll(test.reading_um, 7),
+            work_ball_deg=test.work_ball_deg + 360.0,
+        )
+        for i, test in enumerate(campaign.tests)
+    )
+    assert_same(everything(campaign), everything(replace(campaign, tests=turned)), atol=1e-5)
+
+
+def test_direction_of_travel_does_not_matter() -> None:
+    campaign = simulated(plan())
+    reverse = tuple(
+        replace(test, angle_deg=test.angle_deg[::-1], reading_um=test.reading_um[::-1], direction="CW") for test in campaign.tests
+    )
+    assert_same(everything(campaign), everything(replace(campaign, tests=reverse)))
+
+
+def test_reduced_and_unreduced_cost_the_same_numbers() -> None:
+    """The same circles sampled 40 and 4000 times without noise differ only through n and σ: means agree."""
+    model = lb.HybridModel.default(1)
+    truth = {"C_XXX": 5e-5, "C_YYY": 4e-5, "E_XX1": -1e-4, "E_Xt0": 3e-3}
+    silent = {"sigma": 1e-7, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
+    few = model.simulate(plan((40,) * 4), seed=1, parameters=truth, hyper_um=silent).campaign
+    many = model.simulate(plan((4000,) * 4), seed=1, parameters=truth, hyper_um=silent).campaign
+    bounds = [model.without("setup-shift", "bar-length", "mount", "force-error").bind(c) for c in (few, many)]
+    phi = np.array([[1e-4, 1e-4, 1e-9]])
+    phi_many = phi * [[10.0, 1.0, 1.0]]
+    first, second = bounds[0].log_evidence_given(phi)[1], bounds[1].log_evidence_given(phi_many)[1]
+    np.testing.assert_allclose(first / bounds[0].prior_sd, second / bounds[0].prior_sd, atol=1e-6)
+
+
+@pytest.mark.parametrize("forces", [FORCES_N, (300.0, 300.0, 742.0, 742.0)])
+def test_compliance_estimate_is_least_squares(forces: tuple[float, ...]) -> None:
+    """Ĉ against a pseudoinverse on the readings themselves."""
+    campaign = simulated(plan(forces_N=forces, compensated=False))
+    bound, oracle = lb.HybridModel.default(2).bind(campaign), oracle_of(campaign, 0)
+    scale = oracle.sd
+    expected = np.linalg.pinv(oracle.J * scale) @ oracle.y * scale
+    np.testing.assert_allclose(bound.setting.compliance_estimate / scale[:6], expected[:6] / scale[:6], atol=1e-9)
+
+
+def test_one_force_gives_the_minimum_norm_estimate() -> None:
+    campaign = simulated(plan((40, 40), forces_N=(300.0, 300.0)))
+    bound, oracle = lb.HybridModel.default(0).bind(campaign), oracle_of(campaign, 0)
+    expected = np.linalg.pinv(oracle.J * oracle.sd, rcond=1e-10) @ oracle.y
+    np.testing.assert_allclose(bound.setting.compliance_estimate / oracle.sd[:6], expected[:6], atol=1e-8)
+
+
+def test_planned_compliance() -> None:
+    bound = lb.HybridModel.default(1).bind(plan())
+    np.testing.assert_array_equal(bound.setting.compliance_estimate, [5e-5, 0.0, 5e-5, 0.0, 0.0, 0.0])
+
+
+def test_the_force_error_is_that_of_the_estimate() -> None:
+    bound = lb.HybridModel.default(0).bind(simulated(plan()))
+    gain, random = (c for c in bound.nuisance_columns if getattr(c, "names", ("",))[0].startswith("force"))
+    np.testing.assert_allclose(gain.values, bound.setting.force_N[:, None, None] * random.values)
+    assert (gain.sd[0], random.sd[0], random.private) == (0.01, 4.0, True)

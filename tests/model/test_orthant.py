@@ -1,0 +1,103 @@
+"""Orthant probabilities and truncated draws against SciPy, closed forms and plain rejection."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.special import log_ndtr
+
+from ldbb_bayes.model.orthant import Orthant, Truncation
+
+
+def test_one_constraint_is_exact_however_far() -> None:
+    mean = np.array([[1.0], [-3.0], [-60.0], [-2000.0]])
+    orthant = Orthant(mean, np.full((4, 1, 1), 2.0))
+    np.testing.assert_allclose(orthant.log_probability()[0], log_ndtr(mean[:, 0] / 2.0), rtol=1e-12)
+    np.testing.assert_allclose(orthant.log_bound, log_ndtr(mean[:, 0] / 2.0), rtol=1e-12)
+
+
+def test_two_constraints_in_closed_form() -> None:
+    """P(both ≥ 0) = 1/4 + asin(ρ) / 2π at zero mean."""
+    for rho in (-0.99, -0.5, 0.0, 0.9):
+        spread = np.linalg.cholesky(np.array([[1.0, rho], [rho, 1.0]]))
+        value, error = Orthant(np.zeros((1, 2)), spread[None]).log_probability(4096)
+        assert value[0] == pytest.approx(np.log(0.25 + np.arcsin(rho) / (2 * np.pi)), abs=2e-3)
+        assert error[0] < 5e-3
+
+
+@pytest.mark.parametrize(("d", "shift"), [(3, 0.5), (6, 0.0), (6, -2.0)])
+def test_against_scipy(d: int, shift: float) -> None:
+    rng = np.random.default_rng(d)
+    mean, spread = shift + 0.3 * rng.normal(size=(4, d)), rng.normal(size=(4, d, d + 3))
+    values, _ = Orthant(mean, spread).log_probability(4096)
+    for k in range(4):
+        cov = spread[k] @ spread[k].T
+        expected = np.log(stats.multivariate_normal.cdf(np.zeros(d), mean=-mean[k], cov=cov, maxpts=2_000_000, abseps=1e-10))
+        assert values[k] == pytest.approx(expected, abs=5e-3)
+
+
+def test_far_tails_are_finite_and_bounded() -> None:
+    rng = np.random.default_rng(2)
+    mean, spread = -40.0 + rng.normal(size=(5, 6)), rng.normal(size=(5, 6, 9))
+    orthant = Orthant(mean, spread)
+    values, error = orthant.log_probability(512)
+    assert np.all(values < -400.0)
+    assert np.all(np.isfinite(values))
+    assert np.all(values <= orthant.log_bound + 1e-6)
+    assert np.all(error < 0.05)
+
+
+def test_independent_constraints_multiply_in_the_tail() -> None:
+    mean = np.array([[-10.0, -20.0, -30.0]])
+    expected = log_ndtr(mean[0]).sum()
+    assert Orthant(mean, np.eye(3)[None]).log_probability()[0][0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("start", [0.5, -6.0])
+def test_a_parabola_kept_positive_at_six_places(start: float) -> None:
+    """More rows than rank: plain Monte Carlo near the mode, importance from a shifted Gaussian in the tail."""
+    x = np.linspace(-1.0, 1.0, 6)
+    rows = np.vander(x, 3, increasing=True)
+    mean, sd = np.array([start, 0.0, 0.3]), np.array([1.0, 1.0, 1.0])
+    truncation = Truncation(rows)
+    value = truncation.orthants(mean[None], np.diag(sd)[None]).log_probability(1 << 14)[0][0]
+    rng = np.random.default_rng(0)
+    proposal = np.array([max(start, 0.4), 0.0, 0.3])
+    draws = proposal + rng.normal(size=(4_000_000, 3))
+    log_weight = -0.5 * ((draws - mean) ** 2).sum(axis=1) + 0.5 * ((draws - proposal) ** 2).sum(axis=1)
+    expected = np.log(np.mean(np.where(truncation.holds(draws), np.exp(log_weight), 0.0)))
+    assert value == pytest.approx(expected, abs=0.03)
+
+
+def test_truncated_draws_have_the_right_moments() -> None:
+    rng = np.random.default_rng(4)
+    rows = np.array([[1.0, 0.5, 0.0], [1.0, -0.5, 0.2]])
+    mean, spread = np.array([-0.8, 0.3, 0.1]), np.tril(rng.normal(size=(3, 3)))
+    n = 20_000
+    orthant = Truncation(rows).orthants(np.tile(mean, (n, 1)), np.tile(spread, (n, 1, 1)))
+    white, exact = orthant.draw_spread(rng)
+    draws = mean + white @ spread.T
+    plain = mean + rng.normal(size=(1_000_000, 3)) @ spread.T
+    plain = plain[Truncation(rows).holds(plain)]
+    assert exact.all()
+    assert Truncation(rows).holds(draws).all()
+    sd = plain.std(axis=0)
+    np.testing.assert_allclose((draws.mean(axis=0) - plain.mean(axis=0)) / sd, 0.0, atol=0.04)
+    np.testing.assert_allclose(draws.std(axis=0) / sd, 1.0, atol=0.03)
+
+
+def test_draws_do_not_hang_in_the_tail() -> None:
+    rng = np.random.default_rng(5)
+    n = 200
+    mean = np.tile([-50.0, -45.0], (n, 1))
+    spread = np.tile(np.array([[1.0, 0.0], [0.95, 0.3]]), (n, 1, 1))
+    white, exact = Orthant(mean, spread).draw_spread(rng)
+    value = mean + np.einsum("wij,wj->wi", spread, white)
+    assert exact.mean() > 0.99
+    assert np.all(value >= -1e-9)
+
+
+def test_no_constraint_is_inactive() -> None:
+    assert not Truncation(np.zeros((0, 3))).active
+    assert Truncation(np.zeros((0, 3))).holds(np.ones((4, 3))).all()

@@ -1,0 +1,187 @@
+"""Priors and nuisance columns, number by number."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import plan
+from scipy import integrate, stats
+
+import ldbb_bayes as lb
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.basis import SIZE, basis, harmonic_index
+from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, ForceError, Mount, SetupShift
+
+
+def test_default_prior_of_the_papers_machine() -> None:
+    bound = lb.HybridModel.default(2).bind(plan())
+    span = 742.0 - 36.0
+    expected = {"C_XXX": 1e-4, "C_YYY": 1e-4, "C_XYX": 1e-5, "C_CXY": 1e-7, "C_CYY": 1e-7, "C_CCY": 1e-9}
+    expected |= {f"{name}_{k}": 0.3 * sd / span**k for name, sd in list(expected.items()) for k in (1, 2)}
+    expected |= {"E_XX1": 2e-4, "E_YY1": 2e-4, "E_C0YX": 5e-5, "E_YX2": 1e-6, "E_XY2": 1e-6, "E_Xt0": 0.02, "E_Yt0": 0.02}
+    assert {p.name: p.prior_sd for p in bound.parameters} == pytest.approx(expected)
+    units = {p.name: p.unit for p in bound.parameters}
+    assert units["C_XXX"] == "mm/N"
+    assert units["C_CXY_1"] == "rad/N/N"
+    assert units["C_CCY"] == "rad/(N mm)"
+    assert (units["E_XX1"], units["E_YX2"], units["E_C0YX"], units["E_Xt0"]) == ("1", "1/mm", "rad", "mm")
+
+
+def test_hyper_priors_are_normalised_half_normals_above_the_resolution() -> None:
+    prior = lb.Prior.default().hyper(("sigma", "delta", "kappa", "tau"), 0.24)
+    np.testing.assert_allclose(prior.scale_mm, [1e-3, 1e-3, 1e-3, 5e-3])
+    floor = 0.24e-3 / np.sqrt(12.0)
+    np.testing.assert_allclose(prior.lower_mm, [floor, 0.0, 0.0, 0.0])
+    single = lb.Prior.default().hyper(("sigma",), 0.24)
+    mass, _ = integrate.quad(lambda u: float(np.exp(single.log_density_of_log(np.array([u])))), np.log(floor), np.log(2e-2))
+    assert mass == pytest.approx(1.0, abs=1e-6)
+    assert single.log_density_of_log(np.array([np.log(floor * 0.999)])) == -np.inf
+
+
+def test_hyper_draws_follow_their_density(rng: np.random.Generator) -> None:
+    prior = lb.Prior.default().hyper(("sigma", "tau"), 2.0)
+    draws = prior.draw(20_000, rng)
+    floor = 2.0e-3 / np.sqrt(12.0)
+    assert draws[:, 0].min() >= floor
+    survival = stats.halfnorm.sf(floor, scale=1e-3)
+    assert stats.kstest(draws[:, 0], lambda x: 1.0 - stats.halfnorm.sf(x, scale=1e-3) / survival).pvalue > 1e-3
+    assert stats.kstest(draws[:, 1], stats.halfnorm(scale=5e-3).cdf).pvalue > 1e-3
+
+
+def test_prior_probability_of_the_truncation() -> None:
+    """Constant compliance: three signs, 1/8. Linear: per compliance the wedge of C ± 0.15 C_1 in prior sds, cubed."""
+    assert lb.HybridModel.default(0).bind(plan()).log_prob_truncation_prior == pytest.approx(np.log(1 / 8), abs=1e-9)
+    rho = (1.0 - 0.15**2) / (1.0 + 0.15**2)
+    wedge = 0.25 + np.arcsin(rho) / (2 * np.pi)
+    found = lb.HybridModel.default(1).bind(plan()).log_prob_truncation_prior
+    assert found == pytest.approx(3 * np.log(wedge), abs=2e-3)
+
+
+@pytest.mark.parametrize(("degree", "rows"), [(0, 3), (1, 6), (2, 12)])
+def test_truncation_is_at_every_force_that_can_bind(degree: int, rows: int) -> None:
+    bound = lb.HybridModel.default(degree).bind(plan())
+    assert len(bound.truncation.rows) == rows
+    beta = np.zeros(len(bound.names))
+    beta[[0, 2, 5]] = [1e-5, 1e-5, 1e-12]
+    assert bound.truncation.holds(beta)
+    if degree:
+        beta[bound.names.index("C_XXX_1")] = -1.01e-5 / 353.0
+        assert not bound.truncation.holds(beta)
+
+
+def test_log_prior_is_a_density_inside_the_truncation(rng: np.random.Generator) -> None:
+    bound = lb.HybridModel.default(0).bind(plan())
+    inside = np.abs(rng.normal(size=(5, 13))) * bound.prior_sd
+    expected = stats.norm.logpdf(inside, scale=bound.prior_sd).sum(axis=1) + np.log(8.0)
+    np.testing.assert_allclose(bound.log_prior(inside), expected)
+    assert np.all(bound.log_prior(-inside) == -np.inf)
+    flat = lb.HybridModel.paper(0).bind(plan())
+    assert np.all(flat.log_prior(inside) == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"direct_mm_per_N": 0.0}, "prior direct_mm_per_N must be a positive number, got 0.0"),
+        ({"tau_um": float("nan")}, "prior tau_um must be a positive number"),
+        ({"overrides": {"C_XXX": -1.0}}, "prior C_XXX must be"),
+        ({"flat": True}, "flat prior must not be truncated"),
+    ],
+)
+def test_prior_refused(changes: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        replace(lb.Prior.default(), **changes)
+
+
+def test_overrides() -> None:
+    model = replace(lb.HybridModel.default(1), prior=replace(lb.Prior.default(), overrides={"C_XXX": 2e-5, "E_Xt0": 1.0}))
+    sd = {p.name: p.prior_sd for p in model.bind(plan()).parameters}
+    assert (sd["C_XXX"], sd["E_Xt0"], sd["C_YYY"]) == (2e-5, 1.0, 1e-4)
+    assert sd["C_XXX_1"] == pytest.approx(0.3 * 2e-5 / 706.0)
+    wrong = replace(model, prior=replace(model.prior, overrides={"C_XXY": 1.0}))
+    with pytest.raises(InputError, match="prior override must be one of"):
+        wrong.bind(plan())
+
+
+def test_one_ball_term_until_a_ball_is_clocked() -> None:
+    angle = np.linspace(0.0, 6.0, 11)
+    setting = lb.HybridModel.default(0).bind(plan()).setting
+    (form,) = BallForm().columns(setting)
+    c, s = harmonic_index(3)
+    np.testing.assert_allclose(form.sd[[0, 1, 2, 20, 21]], [1 / 2, 1 / 2, 1 / 3, 1 / 12, 1 / 12])
+    np.testing.assert_allclose(basis(angle) @ form.values[2, :, 2], np.cos(3 * angle), atol=1e-12)
+    assert form.values[0, c, 2] == form.values[0, s, 3] == 1.0
+    clocked = lb.HybridModel.default(0).bind(plan(work_deg=30.0, tool_deg=-70.0)).setting
+    work, tool = BallForm().columns(clocked)
+    np.testing.assert_allclose(work.sd, form.sd / np.sqrt(2.0))
+    np.testing.assert_allclose(basis(angle) @ work.values[2, :, 2], np.cos(3 * (angle - np.deg2rad(60.0))), atol=1e-12)
+    shifted = angle + np.pi - np.deg2rad(-140.0)
+    np.testing.assert_allclose(basis(angle) @ tool.values[2, :, 3], np.sin(3 * shifted), atol=1e-12)
+
+
+def test_equal_clockings_are_no_clocking() -> None:
+    same = plan()
+    same = replace(same, tests=tuple(replace(test, work_ball_deg=45.0 + 360.0 * i) for i, test in enumerate(same.tests)))
+    assert not lb.HybridModel.default(0).bind(same).setting.two_balls
+
+
+def test_other_nuisances() -> None:
+    setting = lb.HybridModel.default(0).bind(plan()).setting
+    (length,) = BarLength().columns(setting)
+    (mount,) = Mount().columns(setting)
+    assert length.sd[0] == pytest.approx(9.4e-3)
+    assert mount.sd[0] == pytest.approx(0.233e-3)
+    assert mount.mean is not None
+    assert mount.mean[0] == 0.0
+    np.testing.assert_allclose(mount.values[:, 0, 0], setting.pressure_bar)
+    (raw,) = Mount().columns(replace(setting, compensated=False))
+    assert raw.mean is not None
+    assert raw.mean[0] == pytest.approx(2.33e-3)
+    (shift,) = SetupShift().columns(setting)
+    np.testing.assert_array_equal(np.flatnonzero(shift.sd), [0, 1, 2])
+    (discrepancy,) = Discrepancy().columns(setting)
+    np.testing.assert_allclose(discrepancy.sd, [0, 0, 0, *np.repeat(1 / np.arange(2.0, 13.0), 2)])
+    gain, random = ForceError().columns(setting)
+    assert gain.values.shape == random.values.shape == (4, SIZE, 1)
+    np.testing.assert_allclose(random.values[0, 0, 0], 5e-5)
+
+
+def test_models() -> None:
+    model = lb.HybridModel.default()
+    assert model.degree == 1
+    assert model.terms == (
+        "Compliance",
+        "GeometricErrors",
+        "BallForm",
+        "BarLength",
+        "Mount",
+        "ForceError",
+        "SetupShift",
+        "Discrepancy",
+    )
+    assert model.without("discrepancy", "ball-form").hypers == ("sigma", "delta")
+    assert not model.without("truncation").prior.truncated
+    assert lb.HybridModel.paper().terms == ("Compliance", "GeometricErrors")
+    with pytest.raises(InputError, match="Did you mean 'ball-form'"):
+        model.without("ballform")
+    with pytest.raises(InputError, match="degree must be 0, 1 or 2, got 3"):
+        lb.HybridModel.default(3)
+    with pytest.raises(InputError, match="flat prior must stand without nuisances, got BarLength"):
+        lb.HybridModel(0, (BarLength(),), lb.Prior.paper())
+    with pytest.raises(InputError, match="nuisances must differ"):
+        lb.HybridModel(0, (BarLength(), BarLength(1.0)))
+
+
+@pytest.mark.parametrize(
+    ("model", "forces", "message"),
+    [
+        (lb.HybridModel.default(1), (300.0,), r"at least two force levels, got one \(300 N\)"),
+        (lb.HybridModel.paper(0), (300.0, 300.0), "flat priors must have at least two force levels"),
+        (lb.HybridModel.paper(1), (300.0, 500.0), "at least 3 force levels, got 2"),
+    ],
+)
+def test_forces_a_model_needs(model: lb.HybridModel, forces: tuple, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        model.bind(plan([40] * len(forces), forces_N=forces))

@@ -1,0 +1,87 @@
+"""Simulated campaigns: reproducible, true to the model's covariance, exact where asked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from campaigns import HYPER_UM, TRUTH, oracle_of, plan
+
+import ldbb_bayes as lb
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.forward import exact_reading_mm
+
+SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
+
+
+def test_seeded() -> None:
+    model = lb.HybridModel.default(1)
+    first, same, other = (model.simulate(plan(), seed=s) for s in (1, 1, 2))
+    assert first.campaign.sha256 == same.campaign.sha256 != other.campaign.sha256
+    assert first.parameters == same.parameters
+    assert set(first.hyper_um) == {"sigma", "delta", "kappa", "tau"}
+
+
+def test_silent_readings_are_the_machine() -> None:
+    model = lb.HybridModel.default(0).without("bar-length", "mount", "force-error")
+    campaign = model.simulate(plan(compensated=False), seed=1, parameters=TRUTH, hyper_um=SILENT).campaign
+    oracle = oracle_of(campaign, 0)
+    np.testing.assert_allclose(oracle.y, oracle.J @ [TRUTH[name] for name in oracle.names], atol=1e-12)
+
+
+def test_exact_readings_come_from_the_forward_model() -> None:
+    model = lb.HybridModel.default(0).without("bar-length", "mount", "force-error")
+    campaign = model.simulate(plan(), seed=1, parameters=TRUTH, hyper_um=SILENT, exact=True).campaign
+    errors = {name: value for name, value in TRUTH.items() if name.startswith("E")}
+    compliances = {name: value for name, value in TRUTH.items() if name.startswith("C")}
+    for test in campaign.tests:
+        exact = exact_reading_mm(
+            campaign.machine(),
+            test.circle,
+            test.angles_rad(),
+            force_N=float(test.force_N or 0.0),
+            compliances=compliances,
+            geometric_errors=errors,
+        )
+        np.testing.assert_allclose(test.readings_mm(), exact, atol=1e-12)
+
+
+def test_covariance_of_the_readings_is_the_oracles() -> None:
+    """800 simulations of one small plan: whitened by the oracle's covariance they are standard normal."""
+    model, planned = lb.HybridModel.default(0), plan((12, 12), forces_N=(100.0, 700.0), work_deg=30.0)
+    readings = []
+    for seed in range(800):
+        campaign = model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+        readings.append(np.concatenate([test.readings_mm() for test in campaign.tests]))
+    oracle = oracle_of(campaign, 0)
+    truth = np.array([TRUTH[name] for name in oracle.names])
+    silent = oracle_of(model.simulate(planned, seed=0, parameters=TRUTH, hyper_um=HYPER_UM).campaign, 0)
+    phi = np.array([HYPER_UM[name] * 1e-3 for name in silent.hypers])
+    white = np.linalg.solve(np.linalg.cholesky(silent.covariance(phi)), (np.array(readings) - oracle.J @ truth).T)
+    assert np.mean(white**2) == pytest.approx(1.0, abs=0.05)
+    sample = np.cov(white)
+    assert np.abs(sample - np.eye(24)).max() < 0.25
+
+
+def test_prior_draws_respect_the_truncation() -> None:
+    for seed in range(20):
+        truth = lb.HybridModel.default(1).simulate(plan(), seed=seed).parameters
+        assert truth["C_CCY"] - abs(truth["C_CCY_1"]) * 353.0 >= 0.0
+        assert truth["C_XXX"] >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"parameters": {"C_XXZ": 1.0}}, "parameter must be one of"),
+        ({"hyper_um": {"sigma": -1.0}}, "hyper-parameter sigma must be"),
+        ({"hyper_um": {"rho": 1.0}}, "hyper-parameter must be one of"),
+    ],
+)
+def test_refused(arguments: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lb.HybridModel.default(0).simulate(plan(), seed=1, **arguments)
+
+
+def test_flat_priors_cannot_be_drawn_from() -> None:
+    with pytest.raises(InputError, match="must be given when the prior is flat"):
+        lb.HybridModel.paper(0).simulate(plan(), seed=1)

@@ -1,0 +1,67 @@
+"""The model as TOML, both ways."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.spec import model_from_toml, model_sha256, model_to_toml
+from ldbb_bayes.model.terms import BarLength, Mount
+
+MODELS = [
+    lb.HybridModel.default(1),
+    lb.HybridModel.paper(0),
+    lb.HybridModel.default(2).without("mount", "truncation"),
+    lb.HybridModel(0, (BarLength(3.0), Mount(0.2)), replace(lb.Prior.default(), tau_um=9.0, overrides={"C_XXX": 1e-5}), 0.0),
+]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_round_trip(model: lb.HybridModel) -> None:
+    back = model_from_toml(model_to_toml(model))
+    assert back == model
+    assert model_sha256(back) == model_sha256(model)
+
+
+def test_digests_differ() -> None:
+    assert len({model_sha256(model) for model in MODELS}) == len(MODELS)
+
+
+def test_what_is_left_out_is_the_presets() -> None:
+    assert model_from_toml("schema = 1") == lb.HybridModel.default(1)
+    assert model_from_toml("schema = 1", degree=2).degree == 2
+    model = model_from_toml("schema = 1\ndegree = 0\n[prior]\ntau_um = 15.0\n[terms.BarLength]\nsd_um = 2.0\n")
+    assert model.nuisances == (BarLength(2.0),)
+    assert model.prior.tau_um == 15.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("schema =", "model must be valid TOML"),
+        ("schema = 2", "model 'schema' must be valid, got 2"),
+        ("schema = 1\npresett = 'paper'", "Did you mean 'preset'"),
+        ("schema = 1\ndegree = 4", "model 'degree' must be valid"),
+        ("schema = 1\n[prior]\ntau = 1.0", "Did you mean 'tau_um'"),
+        ("schema = 1\n[prior]\ntruncated = 1.0", "prior truncated must be a bool"),
+        ("schema = 1\n[prior]\ntau_um = -1.0", "prior tau_um must be a positive"),
+        ("schema = 1\n[terms.BallForms]", "Did you mean 'BallForm'"),
+        ("schema = 1\n[terms.BarLength]\nsd = 1.0", "Did you mean 'sd_um'"),
+        ("schema = 1\n[terms.BarLength]\nsd_um = -1.0", "BarLength sd_um must be"),
+    ],
+)
+def test_refused(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "model.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        lb.read_model(file)
+    assert str(file) in str(caught.value)
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="readable TOML file"):
+        lb.read_model(tmp_path / "none.toml")
