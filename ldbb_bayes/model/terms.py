@@ -249,4 +249,6 @@ class Discrepancy:
 def _check_positive(term: Any) -> None:
     for name, value in vars(term).items():
         if not (np.isfinite(value) and value > 0):
-            raise InputError(f"{type(term).__name__} {name} must be a positive number, got {value}. To drop the term, leave it out.")
+            raise InputError(
+                f"{type(term).__name__} {name} must be a positive number, got {value}. To drop the term, leave it out."
+            )

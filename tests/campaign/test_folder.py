@@ -119,7 +119,10 @@ def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     [
         ("", "b.csv must hold a table, got an empty file"),
         ("angle_deg,reading_um\n", "b.csv must hold readings below its header"),
-        (CSV.replace("reading_um", "reading_mum"), "b.csv, line 1: columns must be among .*'reading_mum'. Did you mean 'reading_"),
+        (
+            CSV.replace("reading_um", "reading_mum"),
+            "b.csv, line 1: columns must be among .*'reading_mum'. Did you mean 'reading_",
+        ),
         (CSV.replace("angle_deg", "angle"), "line 1: columns must be among"),
         ("angle_deg\n1\n2\n", "reading_um or reading_mm, got neither"),
         (CSV.replace("angle_deg,reading_um", "angle_deg,angle_deg"), "columns must"),

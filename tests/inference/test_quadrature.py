@@ -28,7 +28,7 @@ def grid_integral(log_density: Callable[[np.ndarray], np.ndarray], axes: Sequenc
 
 @pytest.mark.parametrize("truncated", [False, True])
 def test_evidence_by_brute_force(truncated: bool) -> None:
-    """σ and κ only (κ may be almost zero: a long tail); with truncation the integrand carries the product of conditional probabilities."""
+    """σ and κ only; κ may be almost zero, a long tail. With truncation the integrand carries P(T | y, φ)."""
     small = lb.HybridModel.default(0).without("ball-form", "setup-shift").bind(simulated(plan()))
     posterior = HyperPosterior(small, truncated=truncated)
     axes = np.linspace(np.log(2e-4), np.log(3e-3), 100), np.linspace(np.log(1e-7), np.log(1e-2), 300)

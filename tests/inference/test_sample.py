@@ -154,7 +154,9 @@ def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
     assert result["fit"]["log_prob_truncation"] < -10.0
     assert any("contradict non-negative compliance" in warning for warning in result["fit"]["warnings"])
     loud = simulated(plan())
-    loud = lb.Campaign(tuple(t.with_reading_um(t.reading_um + 30.0 * np.sin(7 * t.angles_rad() + i)) for i, t in enumerate(loud.tests)))
+    loud = lb.Campaign(
+        tuple(t.with_reading_um(t.reading_um + 30.0 * np.sin(7 * t.angles_rad() + i)) for i, t in enumerate(loud.tests))
+    )
     result = result_json(lb.sample(lb.HybridModel.default(0), loud, seed=1, rule=QUICK))
     assert any(warning.startswith("Misfit: sigma = 13") for warning in result["fit"]["warnings"])
 

@@ -81,14 +81,14 @@ def rigid_body_reading(machine: Machine, circle: Circle, angle: np.ndarray, erro
                 xyz = machine.frames_mm.get(letter, (0.0, 0.0, 0.0))
                 frame = np.array([xyz["XYZ".index(a)], xyz["XYZ".index(b)]])
                 both = {c for c in letters if c in (a, b)} == {a, b}
-                inner = both and letter == [c for c in letters if c in (a, b)][0]
+                inner = both and letter == next(c for c in letters if c in (a, b))
                 if inner:
                     turn = np.array([[np.cos(square), -np.sin(square)], [np.sin(square), np.cos(square)]])
                     point = frame + turn @ (point - frame)
                 along = np.array([1.0, 0.0]) if letter == a else np.array([0.0, 1.0])
                 error = np.array([gain * q, straight_ba * q**2]) if letter == a else np.array([straight_ab * q**2, gain_b * q])
                 point = point + q * along + error
-                if not both and branch == "t" and {c for c in order[1 : order.index("F")]} & {a, b}:
+                if not both and branch == "t" and set(order[1 : order.index("F")]) & {a, b}:
                     turn = np.array([[np.cos(square), -np.sin(square)], [np.sin(square), np.cos(square)]])
                     point = frame + turn @ (point - frame)
             ends[branch] = point
@@ -120,5 +120,5 @@ def test_no_error_no_reading() -> None:
 
 
 def test_unknown_parameter_is_named() -> None:
-    with pytest.raises(InputError, match="got 'e_xx1'. Did you mean 'E_XX1'"):
+    with pytest.raises(InputError, match=r"got 'e_xx1'\. Did you mean 'E_XX1'"):
         exact_reading_mm(Machine(), Circle(), ANGLE, geometric_errors={"e_xx1": 1.0})

@@ -41,7 +41,9 @@ def test_against_scipy_and_textbook() -> None:
     gain = model.prior_covariance @ model.jacobian.T @ np.linalg.inv(covariance)
     posterior = model.posterior(y)
     np.testing.assert_allclose(posterior.mean, model.prior_mean + gain @ (y - model.jacobian @ model.prior_mean), atol=1e-9)
-    np.testing.assert_allclose(posterior.covariance, model.prior_covariance - gain @ model.jacobian @ model.prior_covariance, atol=1e-9)
+    np.testing.assert_allclose(
+        posterior.covariance, model.prior_covariance - gain @ model.jacobian @ model.prior_covariance, atol=1e-9
+    )
     np.testing.assert_allclose(posterior.sd**2, np.diag(posterior.covariance))
     assert posterior.log_density(beta) == pytest.approx(
         stats.multivariate_normal(posterior.mean, posterior.covariance).logpdf(beta), abs=1e-8

@@ -91,7 +91,9 @@ def test_bayes_identity_at_any_beta() -> None:
     log_evidence, mean, spread = bound.log_evidence_given(phi)
     for k in range(len(phi)):
         scaled = spread[k] / bound.prior_sd[:, None]
-        posterior = LinearGaussian(np.eye(len(bound.names)), np.ones(len(bound.names)), np.zeros(len(bound.names)), scaled @ scaled.T)
+        posterior = LinearGaussian(
+            np.eye(len(bound.names)), np.ones(len(bound.names)), np.zeros(len(bound.names)), scaled @ scaled.T
+        )
         density = posterior.prior.log_density((beta[k] - mean[k]) / bound.prior_sd) - np.log(bound.prior_sd).sum()
         left = bound.log_likelihood(phi[k : k + 1], beta[k : k + 1])[0] + bound.log_prior(beta[k])
         assert left == pytest.approx(log_evidence[k] + density, abs=1e-5)

@@ -54,7 +54,9 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     assert parts.residual_ss == pytest.approx(whole.residual_ss, rel=1e-12)
 
 
-@pytest.mark.parametrize(("n", "arc", "orthogonal"), [(25, 360.0, True), (720, 360.0, True), (24, 360.0, False), (720, 220.0, False)])
+@pytest.mark.parametrize(
+    ("n", "arc", "orthogonal"), [(25, 360.0, True), (720, 360.0, True), (24, 360.0, False), (720, 220.0, False)]
+)
 def test_uniform_circles_are_recognised(n: int, arc: float, orthogonal: bool) -> None:
     angle = np.deg2rad(33.0 + arc * np.arange(n) / n)
     assert reduce_readings(angle, None).is_orthogonal is orthogonal

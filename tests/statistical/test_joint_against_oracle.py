@@ -21,21 +21,17 @@ CASES = {
 
 
 def reference(campaign: Campaign, degree: int, **options: object) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and sd of (β, ln φ) from the oracle."""
-    weighted = oracle_of(campaign, degree, **options).posterior(points=2500, draws=60, seed=11)
-    x = np.hstack([weighted["beta"], weighted["log_phi"]])
+    """Mean and sd of (β, φ) from the oracle."""
+    weighted = oracle_of(campaign, degree, **options).posterior(points=15_000, draws=10, seed=11)
+    x = np.hstack([weighted["beta"], np.exp(weighted["log_phi"])])
     weight = weighted["weight"][:, None]
     mean = (weight * x).sum(axis=0)
     return mean, np.sqrt((weight * (x - mean) ** 2).sum(axis=0))
 
 
 def sampled(campaign: Campaign, model: lb.HybridModel) -> tuple[np.ndarray, np.ndarray]:
-    tree = lb.sample(model, campaign, seed=2, rule=StoppingRule(ess=6000.0, max_steps=60_000))
-    draws = []
-    for name, variable in tree["posterior"].data_vars.items():
-        values = variable.to_numpy().ravel()
-        draws.append(np.log(values) if name in ("sigma", "delta", "kappa", "tau") else values)
-    x = np.array(draws)
+    tree = lb.sample(model, campaign, seed=2, rule=StoppingRule(ess=3500.0, max_steps=60_000))
+    x = np.array([variable.to_numpy().ravel() for variable in tree["posterior"].data_vars.values()])
     return x.mean(axis=1), x.std(axis=1)
 
 
