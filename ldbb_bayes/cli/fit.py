@@ -52,9 +52,10 @@ def fit(
     from ldbb_bayes.cli.show import print_fit, print_json, sampling_progress
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.ensemble import StoppingRule
+    from ldbb_bayes.inference.origin import record_of
     from ldbb_bayes.inference.posterior import save
     from ldbb_bayes.inference.sample import sample
-    from ldbb_bayes.inference.summary import check_probability, record_of, result_json
+    from ldbb_bayes.inference.summary import check_probability, result_json
 
     check_probability(ci)
     chosen = model_from(degree, preset, without, model)

@@ -21,10 +21,12 @@ from ldbb_bayes.inference.ensemble import Progress, StoppingRule
 from ldbb_bayes.inference.joint import sample_joint
 from ldbb_bayes.inference.posterior import assess, build_tree
 from ldbb_bayes.inference.predictive import fit_quality
+from ldbb_bayes.inference.origin import campaign_record
 from ldbb_bayes.inference.quadrature import HyperPosterior, TruncationProbability, log_prob_truncation
 from ldbb_bayes.model.aliases import exact_aliases
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.linearisation import largest_linearisation_error_mm
 from ldbb_bayes.model.simulate import draw_parameters
 from ldbb_bayes.model.spec import model_sha256, model_to_toml
 
@@ -94,7 +96,7 @@ def sample(
     groups = _groups(bound, beta, phi, run.log_density, np.random.default_rng(seeds[1]))
     record: dict[str, Any] = {
         "schema": 1,
-        "campaign": _campaign_record(campaign),
+        "campaign": campaign_record(campaign),
         "model": _model_record(bound),
         "sampler": {
             "kind": sampler,
@@ -137,6 +139,8 @@ _DIMS = {
     "tool_ball_deg": ["test"],
     "radius_mm": ["test"],
     "angle_rad": ["reading"],
+    "angle_as_read_deg": ["reading"],
+    "reading_as_read_um": ["reading"],
     "test_index": ["reading"],
     "reading_mm": ["reading"],
     "reference_force_N": [],
@@ -159,6 +163,7 @@ def _fit(bound: BoundModel, beta: Array, phi: Array, truncation: TruncationProba
         "log_prob_truncation": truncation.log_value,
         "log_prob_truncation_error": truncation.error,
         "log_prob_truncation_prior": bound.log_prob_truncation_prior,
+        "linearisation_error_um": largest_linearisation_error_mm(bound, flat_beta.mean(axis=0)) * 1e3,
         "warnings": list(_warnings(bound, flat_phi, truncation)),
     }
 
@@ -206,6 +211,8 @@ def _groups(
         "observed_data": {"reading_mm": np.concatenate([test.readings_mm() for test in tests])},
         "constant_data": {
             "angle_rad": np.concatenate([test.angles_rad() for test in tests]),
+            "angle_as_read_deg": np.concatenate([test.angle_deg for test in tests]),
+            "reading_as_read_um": np.concatenate([test.reading_um for test in tests]),
             "test_index": np.repeat(np.arange(len(tests)), [len(test.angle_deg) for test in tests]),
             "force_N": bound.setting.force_N,
             "pressure_bar": bound.setting.pressure_bar,
@@ -236,18 +243,6 @@ def _units(bound: BoundModel) -> dict[str, str]:
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
     units |= {str(name): "mm" for name in bound.hyper_prior.names}
     return units | {"force_N": "N", "pressure_bar": "bar", "reading_mm": "mm", "angle_rad": "rad", "radius_mm": "mm"}
-
-
-def _campaign_record(campaign: Campaign) -> dict[str, Any]:
-    return {
-        "name": campaign.name,
-        "sha256": campaign.sha256,
-        "tests": len(campaign.tests),
-        "readings": campaign.readings,
-        "forces_N": campaign.forces_N.tolist(),
-        "topology": campaign.topology,
-        "plane": campaign.plane,
-    }
 
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -11,18 +10,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.origin import record_of
 from ldbb_bayes.inference.posterior import diagnose
 
-__all__ = ["check_probability", "record_of", "result_json", "summarize"]
+__all__ = ["check_probability", "result_json", "summarize"]
 
 Array = NDArray[Any]
 _HYPERS = ("sigma", "delta", "kappa", "tau")
-
-
-def record_of(posterior: xr.DataTree) -> dict[str, Any]:
-    """What was fitted, how, and how well: the JSON kept in the group ``provenance``."""
-    record: dict[str, Any] = json.loads(posterior["provenance"].attrs["json"])
-    return record
 
 
 def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
@@ -92,10 +86,11 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
             hyper[f"{name}_um"] = entry
         else:
             parameters[str(name)] = entry
-    model = {key: value for key, value in record["model"].items() if key not in ("toml", "prior_sd", "groups")}
+    model = {name: value for name, value in record["model"].items() if name not in ("toml", "prior_sd", "groups")}
+    campaign = {name: value for name, value in record["campaign"].items() if name not in ("fields", "test_fields")}
     return {
         "schema": record["schema"],
-        "campaign": record["campaign"],
+        "campaign": campaign,
         "model": model,
         "parameters": parameters,
         "hyper": hyper,

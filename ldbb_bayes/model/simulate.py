@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.campaign.circular_test import Campaign
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.machine.forward import geometric_reading_mm
 from ldbb_bayes.model.basis import SIZE, basis
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.linearisation import linearisation_error_mm
 from ldbb_bayes.model.terms import BasisNoise, Columns
 
 __all__ = ["Simulation", "draw_parameters", "simulate"]
@@ -82,7 +82,7 @@ def simulate(
     for test, own in zip(plan.tests, coefficients, strict=True):
         reading = basis(test.angles_rad()) @ own + rng.normal(0.0, by_name["sigma"], len(test.angle_deg))
         if exact:
-            reading = reading + _linearisation(bound, test, beta)
+            reading = reading + linearisation_error_mm(bound, test, beta)
         tests.append(test.with_reading_um(reading * 1e3))
     return Simulation(
         replace(plan, tests=tuple(tests)),
@@ -137,11 +137,3 @@ def _contribution(columns: Columns | BasisNoise, phi: Mapping[Any, float], tests
     drawn = np.broadcast_to(sd * rng.standard_normal(shape), (tests, len(sd)))
     return np.einsum("tkq,tq->tk", columns.values, drawn)
 
-
-def _linearisation(bound: BoundModel, test: CircularTest, beta: Array) -> Array:
-    """Exact minus linear geometric reading, shape (n,) [mm]."""
-    errors = dict(zip(bound.geometric_errors, beta[-len(bound.geometric_errors) :].tolist(), strict=True))
-    machine, circle, angle = bound.campaign.machine(), test.circle, test.angles_rad()
-    row = bound.test_names.index(test.name)
-    linear = basis(angle) @ (bound.setting.geometric[row] @ np.array(list(errors.values())))
-    return geometric_reading_mm(machine, circle, angle, errors) - linear

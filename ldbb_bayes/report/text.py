@@ -46,7 +46,8 @@ def verdict_lines(result: Mapping[str, Any]) -> list[str]:
     lines = [
         f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
         f"Compliance {degree}, preset {model['preset']}, reference force {model['reference_force_N']:g} N.",
-        f"RMSE {fit['rmse_um']:.2f} µm (machine and shared nuisances). ln P(T | y) = {fit['log_prob_truncation']:.2f}.",
+        f"RMSE {fit['rmse_um']:.2f} µm (machine and shared nuisances); linear for exact geometry costs at most "
+        f"{fit['linearisation_error_um']:.4f} µm. ln P(T | y) = {fit['log_prob_truncation']:.2f}.",
         f"{'Converged' if sampler['converged'] else 'NOT CONVERGED'}: ESS bulk {sampler['ess_bulk_min']:.0f}, "
         f"tail {sampler['ess_tail_min']:.0f}, R-hat {sampler['rhat_max']:.4f}, {sampler['seconds']:.1f} s.",
     ]

@@ -14,7 +14,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.ensemble import Assessment, Progress, StoppingRule, run_ensembles
 from ldbb_bayes.inference.posterior import assess
-from ldbb_bayes.inference.summary import record_of, result_json
+from ldbb_bayes.inference.origin import bound_of, campaign_of, record_of
+from ldbb_bayes.inference.summary import result_json
 
 QUICK = StoppingRule(ess=300.0, rhat=1.05, lengths=1.0)
 
@@ -80,6 +81,15 @@ def test_saved_and_read_back_identically(posterior: xr.DataTree, tmp_path: Path)
     assert lb.load(tmp_path / "posterior.nc").identical(posterior)
     assert lb.load(tmp_path).identical(posterior)
     assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
+
+
+def test_campaign_and_model_come_back_from_the_posterior(posterior: xr.DataTree, campaign: lb.Campaign) -> None:
+    back = campaign_of(posterior)
+    assert back.sha256 == campaign.sha256 == record_of(posterior)["campaign"]["sha256"]
+    assert (back.mount, back.force_law, back.name) == (campaign.mount, campaign.force_law, campaign.name)
+    bound, original = bound_of(posterior), lb.HybridModel.default(1).bind(campaign)
+    assert bound.model == original.model
+    np.testing.assert_array_equal(bound.interest, original.interest)
 
 
 def test_same_seed_same_draws(campaign: lb.Campaign, posterior: xr.DataTree) -> None:
