@@ -11,7 +11,7 @@ STAMP = $(VENV)/.installed
 .PHONY: demo test lint test-slow clean
 
 demo: $(STAMP)
-	$(BIN)/ldbb-bayes fit data/recovered_experiment
+	$(BIN)/ldbb-bayes demo --force
 
 test: $(STAMP)
 	$(BIN)/python -m pytest

@@ -26,6 +26,10 @@ _HOMES = {
     "mask_reversals": "ldbb_bayes.campaign.prepare",
     "trim_overshoot": "ldbb_bayes.campaign.prepare",
     "InputError": "ldbb_bayes.errors",
+    "preview": "ldbb_bayes.analysis.preview",
+    "verdicts": "ldbb_bayes.analysis.identifiability",
+    "save_figures": "ldbb_bayes.report.figures",
+    "embedded_campaign": "ldbb_bayes.campaign.embedded",
     "Circle": "ldbb_bayes.machine.chain",
     "Machine": "ldbb_bayes.machine.chain",
     "HybridModel": "ldbb_bayes.model.hybrid",
@@ -51,20 +55,27 @@ __all__ = [
     "StoppingRule",
     "__version__",
     "compensate_mount",
+    "embedded_campaign",
     "load",
     "mask_angles",
     "mask_reversals",
+    "preview",
     "read_campaign",
     "read_model",
     "sample",
     "save",
+    "save_figures",
     "summarize",
     "trim_overshoot",
+    "verdicts",
     "write_campaign",
 ]
 
 if TYPE_CHECKING:
+    from ldbb_bayes.analysis.identifiability import verdicts
+    from ldbb_bayes.analysis.preview import preview
     from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation, Plan
+    from ldbb_bayes.campaign.embedded import embedded_campaign
     from ldbb_bayes.campaign.folder import read_campaign, write_campaign
     from ldbb_bayes.campaign.prepare import compensate_mount, mask_angles, mask_reversals, trim_overshoot
     from ldbb_bayes.errors import InputError
@@ -76,6 +87,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.hybrid import HybridModel
     from ldbb_bayes.model.prior import Prior
     from ldbb_bayes.model.spec import read_model
+    from ldbb_bayes.report.figures import save_figures
 
 
 def __getattr__(name: str) -> Any:

@@ -174,30 +174,37 @@ class Oracle:
                         total += a * b * min(negative(point), found.fun + 30.0)
                 hessian[i, j] = hessian[j, i] = total / (4 * step**2)
         values, vectors = np.linalg.eigh(hessian)
-        spread = vectors / np.sqrt(np.maximum(values, 0.25))
-        log_phi = mode + 1.3 * stats.t.rvs(5, size=(points, h), random_state=rng) @ spread.T
-        t_density = stats.t.logpdf((np.linalg.solve(1.3 * spread, (log_phi - mode).T)).T, 5).sum(axis=1)
-        beta, weight, all_phi, log_z = [], [], [], []
-        for k in range(points):
-            prior = self.log_prior_of_log(log_phi[k])
-            if not np.isfinite(prior):
-                log_z.append(-np.inf)
-                continue
-            log_evidence, mean, covariance = self.given(np.exp(log_phi[k]))
-            log_z.append(log_evidence + prior - t_density[k])
+        spread = 1.3 * vectors / np.sqrt(np.maximum(values, 0.25))
+        first, weight = self._propose(mode, spread, 1500, rng)
+        share = np.exp(weight - weight.max())
+        share /= share.sum()
+        centre = share @ first
+        wide = np.linalg.cholesky((share[:, None] * (first - centre)).T @ (first - centre)) * 1.1
+        log_phi, log_z = self._propose(centre, wide, points, rng)
+        log_phi, kept = log_phi[np.isfinite(log_z)], log_z[np.isfinite(log_z)]
+        beta, inside = [], []
+        for k in range(len(kept)):
+            _, mean, covariance = self.given(np.exp(log_phi[k]))
             root = np.linalg.cholesky(covariance / np.outer(self.sd, self.sd))
             sample = mean + (rng.standard_normal((draws, self.sd.size)) @ root.T) * self.sd
             beta.append(sample)
-            weight.append(np.where(self.inside(sample) if self.truncated else True, log_z[-1], -np.inf))
-            all_phi.append(np.broadcast_to(log_phi[k], (draws, h)))
-        stacked = np.concatenate(weight)
-        density = np.exp(stacked - stacked.max())
-        untruncated = np.exp(np.repeat([z for z in log_z if np.isfinite(z)], draws) - stacked.max())
-        log_det = np.log(np.abs(np.linalg.det(1.3 * spread)))
+            inside.append(self.inside(sample) if self.truncated else np.ones(draws, dtype=bool))
+        weight = np.repeat(np.exp(kept - kept.max()), draws)
+        density = weight * np.concatenate(inside)
         return {
             "beta": np.concatenate(beta),
-            "log_phi": np.concatenate(all_phi),
+            "log_phi": np.repeat(log_phi, draws, axis=0),
             "weight": density / density.sum(),
-            "log_prob_truncation": np.log(density.sum() / untruncated.sum()),
-            "log_evidence": np.log(np.mean(np.exp(np.array(log_z) - np.max(log_z)))) + np.max(log_z) + log_det,
+            "log_prob_truncation": np.log(density.sum() / weight.sum()),
+            "log_evidence": np.log(np.exp(kept - kept.max()).sum() / points) + kept.max(),
         }
+
+    def _propose(self, centre: np.ndarray, spread: np.ndarray, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Student-t points about a centre, and ln of p(y, φ) over their density; −inf outside the prior."""
+        standard = stats.t.rvs(5, size=(n, len(centre)), random_state=rng)
+        log_phi = centre + standard @ spread.T
+        log_proposal = stats.t.logpdf(standard, 5).sum(axis=1) - np.log(np.abs(np.linalg.det(spread)))
+        target = np.array([self.log_prior_of_log(point) for point in log_phi])
+        for k in np.flatnonzero(np.isfinite(target)):
+            target[k] += self.given(np.exp(log_phi[k]))[0]
+        return log_phi, target - log_proposal

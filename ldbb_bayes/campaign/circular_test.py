@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.notebook import table_html
 
 __all__ = ["Campaign", "CircularTest", "ForceLaw", "MountCompensation", "Plan"]
 
@@ -301,6 +302,23 @@ class Campaign:
     def plan(self) -> Campaign:
         """The same campaign without readings."""
         return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
+
+    def _repr_html_(self) -> str:
+        rows = [
+            {
+                "test": test.name,
+                "force (N)": test.force_N,
+                "pressure (bar)": test.pressure_bar,
+                "readings": len(test.angle_deg),
+                "arc (°)": test.arc_deg,
+                "direction": test.direction,
+                "work ball (°)": test.work_ball_deg,
+                "tool ball (°)": test.tool_ball_deg,
+            }
+            for test in self.tests
+        ]
+        kind = "Plan" if self.is_plan else "Campaign"
+        return table_html(f"{kind} {self.name}: {self.topology}, plane {self.machine().plane}, R = {self.radius_mm:g} mm", rows)
 
     @cached_property
     def sha256(self) -> str:

@@ -17,7 +17,7 @@ from ldbb_bayes.campaign.table import READING_COLUMNS, read_columns, read_tidy, 
 from ldbb_bayes.errors import InputError, nearest
 from ldbb_bayes.files import staged_folder
 
-__all__ = ["read_campaign", "write_campaign"]
+__all__ = ["read_campaign", "write_campaign", "write_campaign_into"]
 
 SCHEMA = 1
 TOML_NAME = "campaign.toml"
@@ -131,11 +131,12 @@ def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force:
     """
     folder = Path(folder)
     with staged_folder(folder, force=force) as staging:
-        _write_files(campaign, staging)
+        write_campaign_into(campaign, staging)
     return folder
 
 
-def _write_files(campaign: Campaign, folder: Path) -> None:
+def write_campaign_into(campaign: Campaign, folder: Path) -> None:
+    """Write campaign.toml and the CSVs into an existing folder."""
     head: dict[str, Any] = {
         "schema": SCHEMA,
         "topology": campaign.topology,
@@ -149,9 +150,9 @@ def _write_files(campaign: Campaign, folder: Path) -> None:
             "compensated": campaign.mount.compensated,
         },
         "force": {"slope_N_per_bar": campaign.force_law.slope_N_per_bar, "offset_N": campaign.force_law.offset_N},
-        "test": [_test_entry(campaign, test) for test in campaign.tests],
     }
-    (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)), encoding="utf-8")
+    entries = [f"\n[[test]]\n{tomli_w.dumps(_test_entry(campaign, test))}" for test in campaign.tests]
+    (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")
     for test in campaign.tests:
         if test.reading_um is not None:
             frame = pd.DataFrame({"angle_deg": test.angle_deg, "reading_um": test.reading_um})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -58,13 +59,8 @@ def read_columns(path: Path, known: Sequence[str], mapping: Mapping[str, str] | 
     """
     text = _text(path)
     header = text.split("\n", 1)[0]
-    separator = max(";\t,", key=header.count)
-    try:
-        frame = pd.read_csv(
-            io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, index_col=False, skip_blank_lines=False
-        )
-    except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise InputError(f"{path} must be a table with one header line, got: {error}. Check the line it names.") from None
+    separator = max(",;\t", key=header.count)
+    frame = _frame(path, text, separator)
     names = [str(name).strip() for name in frame.columns]
     names = [(mapping or {}).get(name, name) for name in names]
     for name in names:
@@ -160,6 +156,20 @@ def _text(path: Path) -> str:
     if "\0" in text:
         raise InputError(f"{path} must be UTF-8 text, got binary data. Export it as CSV.")
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _frame(path: Path, text: str, separator: str) -> pd.DataFrame:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            return pd.read_csv(
+                io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, index_col=False, skip_blank_lines=False
+            )
+    except pd.errors.ParserWarning:
+        raise InputError(f"{path}, line 1: the header must name every column, got fewer names than cells. Complete it.") from None
+    except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        said = " ".join(str(error).split()).rstrip(".")
+        raise InputError(f"{path} must be a table with one header line, got: {said}. Check the line it names.") from None
 
 
 def _column(path: Path, cells: pd.Series[str], name: str, separator: str) -> Any:

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-import json
-
 import typer
 
 from ldbb_bayes.cli.options import (
     CampaignArgument,
     CiOption,
     DegreeOption,
+    ForceOffsetOption,
     ForceOption,
+    ForceSlopeOption,
     JsonOption,
     ModelOption,
+    MountOption,
     OutOption,
+    PlaneOption,
     PresetOption,
     QuietOption,
     RadiusOption,
+    RawOption,
+    ResolutionOption,
     SeedOption,
+    TopologyOption,
     WithoutOption,
     campaign_from,
     guarded,
@@ -37,7 +42,14 @@ def fit(
     sampler: str = typer.Option("joint", help="joint: emcee over all parameters of interest and hyper-parameters."),
     ess: float = typer.Option(1000.0, help="Bulk and tail effective sample size every parameter must reach.", min=100.0),
     max_steps: int = typer.Option(20_000, help="Steps of each ensemble at which sampling gives up.", min=200),
+    topology: TopologyOption = None,
+    plane: PlaneOption = None,
     radius_mm: RadiusOption = None,
+    resolution_um: ResolutionOption = None,
+    raw: RawOption = False,
+    mount_um_per_bar: MountOption = None,
+    force_slope: ForceSlopeOption = None,
+    force_offset: ForceOffsetOption = None,
     out: OutOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
@@ -49,17 +61,25 @@ def fit(
 
     Exit code 1 when the sampler missed its target.
     """
-    from ldbb_bayes.cli.show import print_fit, print_json, sampling_progress
+    from ldbb_bayes.cli.show import print_fit, print_json, sampling_progress, write_result
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.ensemble import StoppingRule
-    from ldbb_bayes.inference.origin import record_of
-    from ldbb_bayes.inference.posterior import save
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.inference.summary import check_probability, result_json
 
     check_probability(ci)
     chosen = model_from(degree, preset, without, model)
-    readings = campaign_from(campaign, radius_mm)
+    readings = campaign_from(
+        campaign,
+        topology=topology,
+        plane=plane,
+        radius_mm=radius_mm,
+        resolution_um=resolution_um,
+        raw=raw,
+        mount_um_per_bar=mount_um_per_bar,
+        force_slope=force_slope,
+        force_offset=force_offset,
+    )
     if out is not None:
         check_target(out, force=force)
     with sampling_progress(quiet) as progress:
@@ -68,9 +88,7 @@ def fit(
     result = result_json(posterior, ci_prob=ci)
     if out is not None:
         with staged_folder(out, force=force) as staging:
-            save(posterior, staging / "posterior.nc")
-            (staging / "summary.json").write_text(json.dumps(result, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-            (staging / "model.toml").write_text(record_of(posterior)["model"]["toml"], encoding="utf-8")
+            write_result(posterior, result, staging)
     if as_json:
         print_json(result)
     else:

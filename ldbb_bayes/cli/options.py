@@ -20,14 +20,21 @@ __all__ = [
     "CampaignArgument",
     "CiOption",
     "DegreeOption",
+    "ForceOffsetOption",
     "ForceOption",
+    "ForceSlopeOption",
     "JsonOption",
     "ModelOption",
+    "MountOption",
     "OutOption",
+    "PlaneOption",
     "PresetOption",
     "QuietOption",
     "RadiusOption",
+    "RawOption",
+    "ResolutionOption",
     "SeedOption",
+    "TopologyOption",
     "WithoutOption",
     "campaign_from",
     "guarded",
@@ -56,7 +63,22 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JS
 SeedOption = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)]
 CiOption = Annotated[float, typer.Option(help="Probability of the credible intervals.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress.")]
-RadiusOption = Annotated[float | None, typer.Option(help="Nominal radius, for a tidy CSV [mm].")]
+_TABLE = "For a tidy CSV"
+RadiusOption = Annotated[float | None, typer.Option(help="Nominal radius (mm). Default 150.", rich_help_panel=_TABLE)]
+TopologyOption = Annotated[str | None, typer.Option(help="Joints from workpiece to tool.", rich_help_panel=_TABLE)]
+PlaneOption = Annotated[str | None, typer.Option(help="XY, YZ or ZX.", rich_help_panel=_TABLE)]
+ResolutionOption = Annotated[float | None, typer.Option(help="Step of the readout (µm). Default 0.24.", rich_help_panel=_TABLE)]
+RawOption = Annotated[bool, typer.Option("--raw", help="The readings are not compensated for the mount.", rich_help_panel=_TABLE)]
+MountOption = Annotated[
+    float | None, typer.Option("--mount-um-per-bar", help="Deflection of the mount. Default 2.33.", rich_help_panel=_TABLE)
+]
+ForceSlopeOption = Annotated[
+    float | None, typer.Option("--force-slope", help="Force law, N per bar. Default 126.04.", rich_help_panel=_TABLE)
+]
+ForceOffsetOption = Annotated[
+    float | None,
+    typer.Option("--force-offset", help="Force law, force at zero pressure (N). Default -14.2.", rich_help_panel=_TABLE),
+]
 
 
 def model_from(degree: int | None, preset: str | None, without: str, file: Path | None) -> HybridModel:
@@ -81,11 +103,27 @@ def model_from(degree: int | None, preset: str | None, without: str, file: Path 
     return model.without(*names)
 
 
-def campaign_from(path: Path, radius_mm: float | None = None) -> Campaign:
-    """The campaign the argument names; ``radius_mm`` belongs to a tidy CSV."""
+def campaign_from(
+    path: Path,
+    *,
+    raw: bool = False,
+    mount_um_per_bar: float | None = None,
+    force_slope: float | None = None,
+    force_offset: float | None = None,
+    **fields: Any,
+) -> Campaign:
+    """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say."""
+    from ldbb_bayes.campaign.circular_test import ForceLaw, MountCompensation
     from ldbb_bayes.campaign.folder import read_campaign
 
-    return read_campaign(path) if radius_mm is None else read_campaign(path, radius_mm=radius_mm)
+    given = {name: value for name, value in fields.items() if value is not None}
+    if raw or mount_um_per_bar is not None:
+        given["mount"] = MountCompensation(2.33 if mount_um_per_bar is None else mount_um_per_bar, compensated=not raw)
+    if force_slope is not None or force_offset is not None:
+        default = ForceLaw()
+        slope = default.slope_N_per_bar if force_slope is None else force_slope
+        given["force_law"] = ForceLaw(slope, default.offset_N if force_offset is None else force_offset)
+    return read_campaign(path, **given)
 
 
 def fail(message: str, code: int) -> NoReturn:

@@ -9,9 +9,14 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    import xarray as xr
+    from rich.console import Console
+
     from ldbb_bayes.inference.ensemble import Progress
 
-__all__ = ["print_fit", "print_json", "sampling_progress"]
+__all__ = ["print_fit", "print_json", "reading_console", "sampling_progress", "write_result"]
 
 
 def print_json(result: Mapping[str, Any]) -> None:
@@ -29,13 +34,29 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def print_fit(result: Mapping[str, Any]) -> None:
-    """The table of a fit and its notes."""
+def reading_console() -> Console:
+    """Where tables go: stdout, 120 columns when it is no terminal."""
     from rich.console import Console
 
+    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+
+
+def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:
+    """posterior.nc, summary.json and model.toml of a fit, into a folder that is made."""
+    from ldbb_bayes.inference.origin import record_of
+    from ldbb_bayes.inference.posterior import save
+
+    folder.mkdir(exist_ok=True)
+    save(posterior, folder / "posterior.nc")
+    (folder / "summary.json").write_text(json.dumps(result, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    (folder / "model.toml").write_text(record_of(posterior)["model"]["toml"], encoding="utf-8")
+
+
+def print_fit(result: Mapping[str, Any]) -> None:
+    """The table of a fit and its notes."""
     from ldbb_bayes.report.text import parameter_table, verdict_lines
 
-    console = Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    console = reading_console()
     console.print(parameter_table(result))
     console.print()
     for line in verdict_lines(result):
@@ -43,7 +64,7 @@ def print_fit(result: Mapping[str, Any]) -> None:
 
 
 @contextmanager
-def sampling_progress(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
+def sampling_progress(quiet: bool, what: str = "sampling") -> Iterator[Callable[[Progress], None] | None]:
     """A progress bar on stderr while sampling; none when quiet or stderr is no terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
@@ -52,7 +73,7 @@ def sampling_progress(quiet: bool) -> Iterator[Callable[[Progress], None] | None
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
 
-    columns = (TextColumn("sampling"), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    columns = (TextColumn(what), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
 

@@ -82,7 +82,7 @@ class EnsembleRun:
     log_density : ndarray, shape (ensembles, draws)
     assessment : Assessment
     converged : bool
-    steps : int
+    steps, walkers : int
         Of each ensemble.
     acceptance : float
         Mean acceptance fraction.
@@ -93,6 +93,7 @@ class EnsembleRun:
     assessment: Assessment
     converged: bool
     steps: int
+    walkers: int
     acceptance: float
 
 
@@ -138,7 +139,7 @@ def run_ensembles(
         if converged or steps >= rule.max_steps:
             density = np.stack([_walker_major(sampler.get_log_prob()[drop:, :, None])[:, 0] for sampler in samplers])
             acceptance = float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers]))
-            return EnsembleRun(chain, density, assessment, converged, steps, acceptance)
+            return EnsembleRun(chain, density, assessment, converged, steps, walkers, acceptance)
 
 
 def _walker_major(chain: Array) -> Array:

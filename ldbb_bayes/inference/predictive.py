@@ -12,10 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ldbb_bayes.model.basis import SIZE, basis
 from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.terms import Columns
+from ldbb_bayes.model.terms import BasisNoise, Columns
 
-__all__ = ["FitQuality", "fit_quality", "machine_coefficients", "shared_coefficients"]
+__all__ = [
+    "FitQuality",
+    "band_um",
+    "fit_quality",
+    "machine_coefficients",
+    "new_circle_coefficients",
+    "prior_circle_coefficients",
+    "residual_coefficients",
+    "residuals_mm",
+    "shared_coefficients",
+]
 
 Array = NDArray[Any]
 
@@ -50,6 +61,71 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
         own = structured.private_mean(phi, shifted, conditional.mean)[:, :, : values.shape[2]]
         total = total + np.einsum("tkv,wtv->wtk", values, own)
     return total
+
+
+def new_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
+    """A new circle at the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
+    set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
+    shifted = beta - bound.centre
+    _, conditional = bound.given_interest.conditional(phi, shifted)
+    shared = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
+    total = machine_coefficients(bound, beta) + _own_nuisances(bound, phi, rng)
+    if shared:
+        values = np.concatenate([term.values for term in shared], axis=2)
+        total = total + np.einsum("tkq,wq->wtk", values, conditional.draw(rng))
+    return total
+
+
+def prior_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
+    """The same from prior draws of β and φ: every nuisance drawn from its prior; (draws, tests, 25) [mm]."""
+    total = machine_coefficients(bound, beta) + _own_nuisances(bound, phi, rng)
+    for term in bound.nuisance_columns:
+        if isinstance(term, Columns) and not term.private:
+            sd = term.sd * _hyper(bound, phi, term.hyper)
+            total = total + np.einsum("tkq,wq->wtk", term.values, sd * rng.standard_normal((len(phi), len(term.sd))))
+    return total
+
+
+def band_um(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator, *, prob: float = 0.95) -> Array:
+    """Equal-tailed pointwise band of readings, white noise included: (2, angles) [µm] from (draws, 25) and (draws,)."""
+    readings = coefficients @ basis(angle_rad).T
+    readings = readings + sigma_mm[:, None] * rng.standard_normal(readings.shape)
+    return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3
+
+
+def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
+    """Reading minus prediction of every test, each of shape (n,) [mm]; predicted (tests, 25)."""
+    by_name = {test.name: test for test in bound.campaign.tests}
+    tests = [by_name[name] for name in bound.test_names]
+    return [test.readings_mm() - basis(test.angles_rad()) @ own for test, own in zip(tests, predicted, strict=True)]
+
+
+def residual_coefficients(bound: BoundModel, predicted: Array) -> Array:
+    """Least-squares harmonics of the residuals, shape (tests, 25) [mm]; minimum norm where a test has too few readings."""
+    rows = []
+    for test, own in zip(bound.reduced, predicted, strict=True):
+        misfit = np.asarray(test.projection) - test.factor @ own
+        rows.append(np.linalg.lstsq(test.factor, misfit, rcond=1e-6)[0])
+    return np.array(rows)
+
+
+def _own_nuisances(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
+    """Fresh draws of what every circle has for itself: random force error, set-up shift, discrepancy."""
+    shape = (len(phi), len(bound.test_names))
+    total = np.zeros((*shape, SIZE))
+    for term in bound.nuisance_columns:
+        scale = _hyper(bound, phi, term.hyper)[:, :, None]
+        if isinstance(term, BasisNoise):
+            total = total + scale * term.sd * rng.standard_normal((*shape, SIZE))
+        elif term.private:
+            drawn = scale * term.sd * rng.standard_normal((*shape, len(term.sd)))
+            total = total + np.einsum("tkv,wtv->wtk", term.values, drawn)
+    return total
+
+
+def _hyper(bound: BoundModel, phi: Array, name: str | None) -> Array:
+    """Values of one hyper-parameter, shape (draws, 1); ones for none."""
+    return np.ones((len(phi), 1)) if name is None else phi[:, [bound.hyper_prior.names.index(name)]]
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:

@@ -19,9 +19,9 @@ from ldbb_bayes.campaign.circular_test import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.inference.ensemble import Progress, StoppingRule
 from ldbb_bayes.inference.joint import sample_joint
+from ldbb_bayes.inference.origin import campaign_record
 from ldbb_bayes.inference.posterior import assess, build_tree
 from ldbb_bayes.inference.predictive import fit_quality
-from ldbb_bayes.inference.origin import campaign_record
 from ldbb_bayes.inference.quadrature import HyperPosterior, TruncationProbability, log_prob_truncation
 from ldbb_bayes.model.aliases import exact_aliases
 from ldbb_bayes.model.bound import BoundModel
@@ -105,6 +105,7 @@ def sample(
             "draws": int(beta.shape[0] * beta.shape[1]),
             "seconds": time.perf_counter() - clock,
             "steps": run.steps,
+            "walkers": run.walkers,
             "acceptance": run.acceptance,
             "target_ess": rule.ess,
             "target_rhat": rule.rhat,

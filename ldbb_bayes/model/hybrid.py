@@ -25,6 +25,7 @@ from ldbb_bayes.model.terms import (
     Nuisance,
     SetupShift,
 )
+from ldbb_bayes.notebook import table_html
 
 if TYPE_CHECKING:
     from ldbb_bayes.model.bound import BoundModel
@@ -128,6 +129,17 @@ class HybridModel:
         """Class names of all terms."""
         own = (type(Compliance()).__name__, type(GeometricErrors()).__name__)
         return (*own, *(type(term).__name__ for term in self.nuisances))
+
+    def _repr_html_(self) -> str:
+        compliance = ("constant", "linear in force", "quadratic in force")[self.degree]
+        rows = [
+            {"term": type(term).__name__, "settings": ", ".join(f"{k} = {v:g}" for k, v in vars(term).items())}
+            for term in self.nuisances
+        ]
+        prior = "flat" if self.prior.flat else "proper, truncated to physical compliances" if self.prior.truncated else "proper"
+        return table_html(
+            f"HybridModel: compliance {compliance}; priors {prior}; nuisances", rows or [{"term": "none", "settings": ""}]
+        )
 
     def bind(self, campaign: Campaign) -> BoundModel:
         """The model of this campaign (or plan): columns, reduced readings, likelihood.

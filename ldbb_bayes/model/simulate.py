@@ -19,6 +19,7 @@ from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.linearisation import linearisation_error_mm
 from ldbb_bayes.model.terms import BasisNoise, Columns
+from ldbb_bayes.notebook import table_html
 
 __all__ = ["Simulation", "draw_parameters", "simulate"]
 
@@ -40,6 +41,11 @@ class Simulation:
     campaign: Campaign
     parameters: dict[str, float]
     hyper_um: dict[str, float]
+
+    def _repr_html_(self) -> str:
+        rows = [{"true parameter": name, "value (mm, N, rad)": value} for name, value in self.parameters.items()]
+        rows += [{"true parameter": name, "value (mm, N, rad)": value * 1e-3} for name, value in self.hyper_um.items()]
+        return table_html(f"Simulation of {self.campaign.name}, {len(self.campaign.tests)} tests", rows)
 
 
 def simulate(
@@ -136,4 +142,3 @@ def _contribution(columns: Columns | BasisNoise, phi: Mapping[Any, float], tests
     shape = (tests, len(sd)) if columns.private else (1, len(sd))
     drawn = np.broadcast_to(sd * rng.standard_normal(shape), (tests, len(sd)))
     return np.einsum("tkq,tq->tk", columns.values, drawn)
-

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,16 @@ class _Block:
     interest: Array
     residual: Array
 
+    @cached_property
+    def columns(self) -> Array:
+        """Private and shared columns side by side, shape (b, tests, m, v + q)."""
+        return np.concatenate([self.private, self.shared], axis=3)
+
+    @cached_property
+    def pairs(self) -> Array:
+        """Products of all pairs of columns, shape (b, tests, m, (v + q)²)."""
+        return np.einsum("btmi,btmj->btmij", self.columns, self.columns).reshape(*self.columns.shape[:3], -1)
+
 
 @dataclass(frozen=True, eq=False)
 class Conditional:
@@ -61,6 +72,11 @@ class Conditional:
     mean: Array
     precision_root: Array
     scale: Array
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """One draw of all coefficients per φ, shape (w, q)."""
+        white = rng.standard_normal(self.mean.shape)[..., None]
+        return self.mean + np.linalg.solve(np.swapaxes(self.precision_root, 1, 2), white)[..., 0] * self.scale
 
     def spread(self, rows: Array) -> Array:
         """X with X Xᵀ = covariance of the selected coefficients, shape (w, len(rows), q)."""
@@ -186,16 +202,14 @@ class StructuredGaussian:
         weighted = residual * weight
         density = -0.5 * (np.where(block.present, np.log(variance), 0.0) + weighted * residual).sum(axis=3)
         v, q = block.private.shape[3], block.shared.shape[3]
-        columns = np.concatenate([block.private, block.shared], axis=3)
-        pairs = np.einsum("btmi,btmj->btmij", columns, columns).reshape(*columns.shape[:3], -1)
-        gram = _contract(weight, pairs).reshape(*weight.shape[:3], v + q, v + q)
-        projected = _contract(weighted, columns)
+        gram = _contract(weight, block.pairs).reshape(*weight.shape[:3], v + q, v + q)
+        projected = _contract(weighted, block.columns)
         if v:
             sd = self._private_sd(phi)[:, None, None, :]
             inner = gram[..., :v, :v] * (sd[..., :, None] * sd[..., None, :]) + np.eye(v)
             cross = np.concatenate([gram[..., :v, v:], projected[..., :v, None]], axis=-1) * sd[..., :, None]
-            root = np.linalg.cholesky(inner)
-            white = np.linalg.solve(root, cross)
+            root = _cholesky(inner)
+            white = _solve_lower(root, cross)
             density = density - np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
             density = density + 0.5 * (white[..., -1] ** 2).sum(axis=-1)
             links = np.swapaxes(white[..., :-1], -1, -2)
@@ -213,9 +227,9 @@ class StructuredGaussian:
         precision = gram * (scale[..., :, None] * scale[..., None, :])
         span = np.arange(sd.shape[2])
         precision[..., span, span] += np.where(flat, 0.0, 1.0)
-        lower = np.linalg.cholesky(precision)
+        lower = _cholesky(precision)
         standard = np.where(flat, 0.0, mean / np.where(sd > 0, scale, 1.0))
-        white = np.linalg.solve(lower, (projected * scale + standard)[..., None])[..., 0]
+        white = _solve_lower(lower, (projected * scale + standard)[..., None])[..., 0]
         log_root = np.log(lower[..., span, span]).sum(axis=-1)
         flat_volume = np.where(flat, np.log(scale) + 0.5 * _LOG_2PI, 0.0).sum(axis=-1)
         gained = flat_volume - log_root + 0.5 * ((white**2).sum(axis=-1) - (standard**2).sum(axis=-1))
@@ -250,8 +264,17 @@ class _Rows:
 
 
 def _variance(block: _Block, phi: Array) -> Array:
-    variance: Array = np.einsum("btmh,wh->wbtm", block.weights, phi**2)
-    return np.where(block.present, variance, 1.0)
+    variance = np.moveaxis(block.weights @ (phi**2).T, -1, 0)
+    return variance if block.present.all() else np.where(block.present, variance, 1.0)
+
+
+def _cholesky(matrix: Array) -> Array:
+    """Cholesky factors of stacked matrices; one by one they need no LAPACK."""
+    return np.sqrt(matrix) if matrix.shape[-1] == 1 else np.linalg.cholesky(matrix)
+
+
+def _solve_lower(lower: Array, right: Array) -> Array:
+    return right / lower if lower.shape[-1] == 1 else np.linalg.solve(lower, right)
 
 
 def _apply(columns: Array, values: Array) -> Array:

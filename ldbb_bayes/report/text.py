@@ -1,4 +1,4 @@
-"""The result of a fit as a table an engineer reads in a terminal."""
+"""Results and campaigns as tables and sentences for a terminal."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import Any
 
 from rich.table import Table
 
-from ldbb_bayes.report.rounding import display_name, display_unit, round_like, round_uncertainty
+from ldbb_bayes.analysis.identifiability import Verdict
+from ldbb_bayes.analysis.preview import CampaignPreview
+from ldbb_bayes.report.rounding import display_name, display_unit, round_like, round_uncertainty, value_and_uncertainty
 
-__all__ = ["parameter_table", "verdict_lines"]
+__all__ = ["engineer_table", "meaning", "parameter_table", "preview_lines", "preview_table", "verdict_lines"]
 
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
@@ -52,3 +54,107 @@ def verdict_lines(result: Mapping[str, Any]) -> list[str]:
         f"tail {sampler['ess_tail_min']:.0f}, R-hat {sampler['rhat_max']:.4f}, {sampler['seconds']:.1f} s.",
     ]
     return lines + [f"Note: {warning}" for warning in fit["warnings"]]
+
+
+def engineer_table(result: Mapping[str, Any], verdicts: Mapping[str, Verdict]) -> Table:
+    """Value ± expanded uncertainty U (k = 2), unit, stiffness for the direct compliances, and the verdict in words."""
+    table = Table(box=None, pad_edge=False)
+    for name, right in (("parameter", False), ("value", True), ("± U (k = 2)", True), ("unit", False), ("stiffness", False)):
+        table.add_column(name, justify="right" if right else "left", no_wrap=True)
+    table.add_column("verdict")
+    for name, entry in result["parameters"].items():
+        factor, unit = display_unit(entry["unit"])
+        value, expanded = value_and_uncertainty(entry["mean"] * factor, 2.0 * entry["sd"] * factor)
+        stiffness = _stiffness(name, entry)
+        table.add_row(display_name(name), value, expanded, unit, stiffness, verdicts[name].text)
+    return table
+
+
+def _stiffness(name: str, entry: Mapping[str, Any]) -> str:
+    """Interval of 1/C in N/µm for a compliance along the force that is surely positive."""
+    key = next(key for key in entry if key.startswith("ci"))
+    low, high = entry[key]
+    if entry["unit"] != "mm/N" or name[2] != name[3] or low <= 0.0:
+        return ""
+    return f"{1e-3 / entry['median']:.1f} [{1e-3 / high:.1f}, {1e-3 / low:.1f}] N/µm".replace("[", r"\[")
+
+
+def meaning(constant: Mapping[str, Any], linear: Mapping[str, Any]) -> list[str]:
+    """What the two fits say, in three sentences."""
+    direct = [
+        name
+        for name in constant["parameters"]
+        if name.startswith("C_") and len(name) == 5 and name[2] == name[3] and name[2] in "XYZ"
+    ]
+    known = []
+    for name in direct:
+        entry = constant["parameters"][name]
+        value, expanded = value_and_uncertainty(entry["mean"] * 1e3, 2e3 * entry["sd"])
+        known.append(f"{name} = {value} ± {expanded} µm/N")
+    slopes = [name for name in linear["parameters"] if name.endswith("_1")]
+    away = [name for name in slopes if linear["parameters"][name]["ci95"][0] > 0 or linear["parameters"][name]["ci95"][1] < 0]
+    says = (
+        f"the 95 % interval of {', '.join(away)} excludes zero"
+        if away
+        else "the 95 % interval of every force slope contains zero"
+    )
+    gain = 100.0 * (1.0 - linear["fit"]["rmse_um"] / constant["fit"]["rmse_um"])
+    rough = [
+        display_name(name)
+        for name, entry in constant["parameters"].items()
+        if name.startswith("E_") and abs(entry["mean"]) < 2.0 * entry["sd"]
+    ]
+    return [
+        f"With constant compliance {', '.join(known)}: these intervals include what the mount, the force and the balls may hide.",
+        f"Linear compliance lowers the RMSE by {gain:.0f} %, but {says}: a lower RMSE alone does not show a slope.",
+        f"Geometric errors not told from zero (k = 2): {', '.join(rough) or 'none'}; most of their uncertainty is "
+        "the form of the balls and the length of the bar, which more readings do not reduce.",
+    ]
+
+
+def preview_table(seen: CampaignPreview) -> Table:
+    """One line per test of a campaign."""
+    table = Table(box=None, pad_edge=False)
+    for name in (
+        "test",
+        "force N",
+        "bar",
+        "readings",
+        "arc °",
+        "gap °",
+        "direction",
+        "balls °",
+        "noise µm",
+        "end − start µm",
+        "p-p µm",
+    ):
+        table.add_column(name, justify="left" if name in ("test", "direction") else "right", no_wrap=True)
+    for test in seen.tests:
+        travel = test.direction or (f"({test.travel})" if test.travel else "–")
+        table.add_row(
+            test.name,
+            f"{test.force_N:.4g}",
+            f"{test.pressure_bar:.3g}",
+            str(test.readings),
+            f"{test.arc_deg:.0f}",
+            f"{test.largest_gap_deg:.2g}",
+            travel,
+            f"{test.work_ball_deg:g}/{test.tool_ball_deg:g}",
+            *("–" if value is None else f"{value:.3g}" for value in (test.noise_um, test.start_end_um, test.peak_to_peak_um)),
+        )
+    return table
+
+
+def preview_lines(seen: CampaignPreview) -> list[str]:
+    """Remarks on the tests, and what a fit will assume."""
+    lines = [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
+    lines += [f"Note: {remark}" for remark in seen.remarks]
+    kind = "Plan" if seen.is_plan else "Campaign"
+    return [
+        "",
+        f"{kind} {seen.name}, SHA-256 {seen.sha256[:16]}…",
+        *lines,
+        "",
+        "A fit will assume:",
+        *(f"- {a}" for a in seen.assumptions),
+    ]

@@ -1,0 +1,1 @@
+"""What it means: verdicts on parameters, previews of campaigns."""

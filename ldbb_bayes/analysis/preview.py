@@ -1,0 +1,180 @@
+"""A campaign before any model is fitted: what is in it, what looks odd, and what a fit will assume."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.model.basis import SIZE
+from ldbb_bayes.model.reduction import reduce_readings
+from ldbb_bayes.notebook import table_html
+
+__all__ = ["CampaignPreview", "TestPreview", "preview"]
+
+_FULL = 359.0
+
+
+@dataclass(frozen=True)
+class TestPreview:
+    """One test at a glance; None where it cannot be told.
+
+    Attributes
+    ----------
+    arc_deg, largest_gap_deg : float
+        Covered arc; widest distance between neighbouring angles.
+    direction, travel : str or None
+        As stated; as the order of the angles shows it.
+    noise_um : float or None
+        Scatter left by a Fourier fit to order 12 [µm], where there are at least 35 readings.
+    start_end_um : float or None
+        Last reading minus first, where the circle closes [µm].
+    peak_to_peak_um : float or None
+    remarks : tuple of str
+    """
+
+    __test__ = False
+
+    name: str
+    force_N: float
+    pressure_bar: float
+    readings: int
+    arc_deg: float
+    largest_gap_deg: float
+    direction: str | None
+    travel: str | None
+    work_ball_deg: float
+    tool_ball_deg: float
+    noise_um: float | None
+    start_end_um: float | None
+    peak_to_peak_um: float | None
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CampaignPreview:
+    """The tests of a campaign and the assumptions a fit would make."""
+
+    name: str
+    sha256: str
+    topology: str
+    plane: str
+    is_plan: bool
+    tests: tuple[TestPreview, ...]
+    assumptions: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    def _repr_html_(self) -> str:
+        rows = [{key: value for key, value in asdict(test).items() if key != "remarks"} for test in self.tests]
+        return table_html(f"{self.name}: {' '.join(self.remarks)}", rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"schema": 1, **asdict(self)}
+
+
+def preview(campaign: Campaign) -> CampaignPreview:
+    """Look at a campaign or plan without fitting anything."""
+    machine = campaign.machine()
+    return CampaignPreview(
+        name=campaign.name,
+        sha256=campaign.sha256,
+        topology=campaign.topology,
+        plane=machine.plane,
+        is_plan=campaign.is_plan,
+        tests=tuple(_preview(test, campaign) for test in campaign.tests),
+        assumptions=_assumptions(campaign),
+        remarks=_remarks(campaign),
+    )
+
+
+def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
+    angle = np.asarray(test.angle_deg)
+    wrapped = np.sort(np.mod(angle, 360.0))
+    gap = float(np.diff(np.append(wrapped, wrapped[0] + 360.0)).max())
+    steps = np.diff(angle)
+    travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
+    reading = None if test.reading_um is None else np.asarray(test.reading_um)
+    noise = _noise_um(test) if reading is not None else None
+    closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * float(np.median(np.abs(steps)))
+    start_end = float(reading[-1] - reading[0]) if reading is not None and closes else None
+    return TestPreview(
+        name=test.name,
+        force_N=float(test.force_N or 0.0),
+        pressure_bar=float(test.pressure_bar or 0.0),
+        readings=len(angle),
+        arc_deg=test.arc_deg,
+        largest_gap_deg=gap,
+        direction=test.direction,
+        travel=travel,
+        work_ball_deg=test.work_ball_deg,
+        tool_ball_deg=test.tool_ball_deg,
+        noise_um=noise,
+        start_end_um=start_end,
+        peak_to_peak_um=None if reading is None else float(np.ptp(reading)),
+        remarks=tuple(_test_remarks(test, campaign, travel, gap, noise, start_end)),
+    )
+
+
+def _test_remarks(
+    test: CircularTest, campaign: Campaign, travel: str | None, gap: float, noise: float | None, start_end: float | None
+) -> list[str]:
+    found = []
+    if test.direction and travel and test.direction != travel:
+        found.append(f"stated {test.direction}, but the angles run {travel}")
+    if test.arc_deg < _FULL:
+        found.append(f"arc of {test.arc_deg:.0f}° only: harmonics mix")
+    elif gap > 10.0 * float(np.median(np.abs(np.diff(np.sort(np.mod(test.angle_deg, 360.0)))))):
+        found.append(f"gap of {gap:.1f}°")
+    if noise is not None and start_end is not None and abs(start_end) > 10.0 * max(noise, campaign.resolution_um):
+        found.append(f"start and end differ by {start_end:+.1f} µm: drift, or a trace that does not close")
+    if test.reading_um is not None and float(np.ptp(test.reading_um)) == 0.0:
+        found.append("all readings equal")
+    law = campaign.force_law.force_N(float(test.pressure_bar or 0.0))
+    if abs(law - float(test.force_N or 0.0)) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
+        found.append(f"force {test.force_N:g} N, but the force law gives {law:.0f} N at {test.pressure_bar:g} bar")
+    return found
+
+
+def _noise_um(test: CircularTest) -> float | None:
+    """Root mean square outside orders 0-12 [µm]."""
+    if len(test.angle_deg) < SIZE + 10:
+        return None
+    reduced = reduce_readings(test.angles_rad(), test.readings_mm())
+    return float(np.sqrt(reduced.residual_ss / (reduced.readings - SIZE)) * 1e3)
+
+
+def _assumptions(campaign: Campaign) -> tuple[str, ...]:
+    mount, law = campaign.mount, campaign.force_law
+    state = "already compensated" if mount.compensated else "not compensated: the nominal deflection will be subtracted"
+    clocked = len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in campaign.tests}) > 1
+    forces = campaign.forces_N
+    radii = sorted({float(test.radius_mm or 0.0) for test in campaign.tests})
+    return (
+        f"Machine {campaign.topology}, plane {campaign.machine().plane}, R = {', '.join(f'{r:g}' for r in radii)} mm.",
+        f"Readings are actual ball distance − R; readout resolution {campaign.resolution_um:g} µm.",
+        f"Mount (Eq. 32) {mount.deflection_um_per_bar:g} µm/bar, {state}.",
+        f"Force law F = {law.slope_N_per_bar:g} N/bar · P {law.offset_N:+g} N, where a test gives only one of the two.",
+        f"Reference force F0 = {(forces.min() + forces.max()) / 2:g} N, the middle of the tested range.",
+        "Balls clocked between tests: two forms."
+        if clocked
+        else "No ball clocked between tests: one form, the sum of both balls.",
+    )
+
+
+def _remarks(campaign: Campaign) -> tuple[str, ...]:
+    found = []
+    levels = np.unique(campaign.forces_N)
+    if len(levels) == 1:
+        found.append(
+            "One force level: constant compliance and geometry are told apart by their priors alone; "
+            "degree 0 only. Test a second force."
+        )
+    elif len(levels) == 2:
+        found.append("Two force levels: constant compliance only is checked by the readings; a slope needs a third.")
+    directions = {test.direction for test in campaign.tests} - {None}
+    if len(directions) == 1:
+        found.append("One direction of travel: friction in the bar cannot be told from C_XYX.")
+    return tuple(found)

@@ -1,0 +1,53 @@
+"""Every figure is a function of a posterior that returns a matplotlib Figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import matplotlib as mpl
+import xarray as xr
+from matplotlib.figure import Figure
+
+from ldbb_bayes.report.figures.chains import chains
+from ldbb_bayes.report.figures.circles import predictive, residuals, traces
+from ldbb_bayes.report.figures.parameters import compliance_against_force, corner, forest
+
+__all__ = [
+    "FIGURES",
+    "chains",
+    "compliance_against_force",
+    "corner",
+    "forest",
+    "predictive",
+    "residuals",
+    "save_figures",
+    "traces",
+]
+
+FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
+    {
+        "traces": traces,
+        "residuals": residuals,
+        "forest": forest,
+        "compliance_against_force": compliance_against_force,
+        "corner": corner,
+        "chains": chains,
+        "predictive": predictive,
+    }
+)
+
+
+def save_figures(posterior: xr.DataTree, folder: Path, *, formats: tuple[str, ...] = ("png", "svg")) -> list[Path]:
+    """Draw every figure into a folder; returns the files written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, draw in FIGURES.items():
+        figure = draw(posterior)
+        for kind in formats:
+            path = folder / f"{name}.{kind}"
+            with mpl.rc_context({"svg.hashsalt": "ldbb"}):
+                figure.savefig(path, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else None)
+            written.append(path)
+    return written
