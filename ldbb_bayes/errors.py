@@ -30,6 +30,8 @@ def check_known(what: str, names: Iterable[str], known: Iterable[str]) -> None:
     """
     candidates = list(known)
     for name in names:
+        if not candidates:
+            raise InputError(f"{what} must not be given here, got {name!r}. Remove it.")
         if name not in candidates:
             raise InputError(
                 f"{what} must be one of {', '.join(candidates)}, got {name!r}. Did you mean {nearest(str(name), candidates)!r}?"

@@ -84,7 +84,8 @@ class Oracle:
         starts = np.cumsum([0, *[t.angle.size for t in self.tests]])
         parts = [slice(a, b) for a, b in itertools.pairwise(starts)]
         if "length" in self.terms:
-            self.fixed += 9.4e-3**2
+            radius = np.concatenate([np.full(t.angle.size, t.radius) for t in self.tests])
+            self.fixed += 9.4e-3**2 * (radius[:, None] == radius)
         if "mount" in self.terms:
             p = np.concatenate([np.full(t.angle.size, t.pressure) for t in self.tests])
             self.fixed += (0.1 * 2.33e-3) ** 2 * np.outer(p, p)

@@ -132,6 +132,10 @@ def _test_remarks(
         found.append(f"start and end differ by {start_end:+.1f} µm: drift, or a trace that does not close")
     if test.reading_um is not None and float(np.ptp(test.reading_um)) == 0.0:
         found.append("all readings equal")
+    if test.reading_um is not None and 0.0 < float(np.ptp(test.reading_um)) < 3.0 * campaign.resolution_um:
+        found.append("readings hardly exceed the resolution: check their unit")
+    if test.reading_um is not None and float(np.ptp(test.reading_um)) > 1000.0:
+        found.append("readings span more than 1 mm: check their unit")
     law = campaign.force_law.force_N(float(test.pressure_bar or 0.0))
     if abs(law - float(test.force_N or 0.0)) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
         found.append(f"force {test.force_N:g} N, but the force law gives {law:.0f} N at {test.pressure_bar:g} bar")

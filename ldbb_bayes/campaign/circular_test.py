@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,6 +23,10 @@ Array = NDArray[np.float64]
 Direction = Literal["CW", "CCW"]
 MINIMUM_READINGS = 9
 MINIMUM_ARC_DEG = 180.0
+LARGEST_READING_UM = 1e5
+LARGEST_FORCE_N = 1e6
+LARGEST_LENGTH_MM = 1e5
+SAFE_NAME = re.compile(r"[\w+\-][\w+\-. ]{0,99}")
 
 
 @dataclass(frozen=True)
@@ -131,11 +136,25 @@ class CircularTest:
                 f"{self._label} must cover an arc of at least {MINIMUM_ARC_DEG:g}°, got {_arc_deg(angle):.3g}°. "
                 "Check the unit of the angle (degrees or radians) or leave the test out."
             )
-        _check_positive(self, "force_N", self.force_N, "N")
-        _check_positive(self, "radius_mm", self.radius_mm, "mm")
+        _check_positive(self, "force_N", self.force_N, "N", LARGEST_FORCE_N)
+        _check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
+        if self.pressure_bar is not None and self.pressure_bar < 0:
+            raise InputError(f"{self._label} must have pressure_bar ≥ 0, got {self.pressure_bar}. Correct it.")
+        if reading is not None and np.abs(reading).max() > LARGEST_READING_UM:
+            raise InputError(
+                f"{self._label} must have readings below {LARGEST_READING_UM * 1e-3:g} mm, "
+                f"got {np.abs(reading).max() * 1e-3:.4g} mm. Check the unit of the readings."
+            )
+        if self.name and not SAFE_NAME.fullmatch(self.name):
+            raise InputError(
+                f"a test's name must be letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot, "
+                f"got {self.name!r}. Rename it: the name becomes a file's."
+            )
         for field in ("pressure_bar", "work_ball_deg", "tool_ball_deg", "centre_x_mm", "centre_y_mm", "temperature_C", "time_s"):
             value = getattr(self, field)
-            if value is not None and not np.isfinite(value):
+            if value is not None and not (
+                np.isfinite(value) and (not field.startswith("centre") or abs(value) <= LARGEST_LENGTH_MM)
+            ):
                 raise InputError(f"{self._label} must have a finite {field}, got {value}. Correct or remove it.")
         if self.direction not in (None, "CW", "CCW"):
             raise InputError(f"{self._label} must have direction CW or CCW, got {self.direction!r}. Correct or remove it.")
@@ -225,7 +244,7 @@ class Campaign:
             raise InputError("campaign must have at least one test, got none. Add a circular test.")
         if not (np.isfinite(self.resolution_um) and self.resolution_um > 0):
             raise InputError(f"resolution_um must be a positive number, got {self.resolution_um}. Give the readout's step in µm.")
-        _check_positive(self, "radius_mm", self.radius_mm, "mm")
+        _check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
         object.__setattr__(self, "tests", _named(self._resolved(test) for test in tests))
         with_readings = [test.reading_um is not None for test in self.tests]
         if any(with_readings) and not all(with_readings):
@@ -274,6 +293,12 @@ class Campaign:
         return np.array([test.force_N for test in self.tests], dtype=float)
 
     @property
+    def force_levels(self) -> int:
+        """Number of forces that differ by more than a millionth of the largest."""
+        ordered = np.sort(self.forces_N)
+        return 1 + int(np.sum(np.diff(ordered) > 1e-6 * ordered[-1]))
+
+    @property
     def pressures_bar(self) -> Array:
         """Pressure of each test, shape (tests,) [bar]."""
         return np.array([test.pressure_bar for test in self.tests], dtype=float)
@@ -291,12 +316,12 @@ class Campaign:
         ValueError
             For a name the campaign does not have.
         """
-        known = [test.name for test in self.tests]
-        check_known("test", names, known)
+        check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
 
     def select(self, names: Sequence[str]) -> Campaign:
         """The campaign with only the named tests."""
+        check_known("test", names, [test.name for test in self.tests])
         return self.without(*(test.name for test in self.tests if test.name not in names))
 
     def plan(self) -> Campaign:
@@ -366,7 +391,9 @@ def _one_of(test: CircularTest, plain: str, value: Any, other: str, other_value:
     return array
 
 
-def _check_positive(owner: Any, field: str, value: float | None, unit: str) -> None:
+def _check_positive(owner: Any, field: str, value: float | None, unit: str, largest: float) -> None:
+    if value is not None and value > largest:
+        raise InputError(f"{owner._label} must have {field} ≤ {largest:g} {unit}, got {value}. Check the unit.")
     if value is not None and not (np.isfinite(value) and value > 0):
         raise InputError(f"{owner._label} must have {field} > 0 {unit}, got {value}. Correct it.")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation
 from ldbb_bayes.campaign.table import READING_COLUMNS, read_columns, read_tidy, readings_of
-from ldbb_bayes.errors import InputError, nearest
+from ldbb_bayes.errors import InputError, check_known, nearest
 from ldbb_bayes.files import staged_folder
 
 __all__ = ["read_campaign", "write_campaign", "write_campaign_into"]
@@ -53,7 +54,7 @@ class _TestFile(_Strict):
     time_s: float | None = None
     readings: int | None = Field(default=None, ge=9)
     start_deg: float | None = None
-    arc_deg: float | None = Field(default=None, ge=180.0, le=360.0)
+    arc_deg: float | None = Field(default=None, ge=-360.0, le=360.0)
 
 
 class _CampaignFile(_Strict):
@@ -92,6 +93,7 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
             f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path}, "
             "which does not exist. Check the path."
         )
+    check_known("option", options, [field.name for field in fields(Campaign) if field.name != "tests"])
     if path.suffix.lower() != ".toml":
         return read_tidy(path, **options)
     if options:
@@ -186,9 +188,13 @@ def _uniform(test: CircularTest) -> dict[str, Any]:
     step = float(test.angle_deg[1] - test.angle_deg[0])
     if not np.allclose(np.diff(test.angle_deg), step, rtol=1e-6):
         raise InputError(f"a plan's angles must be evenly spaced to be written, got test {test.name!r}. Plan even angles.")
-    full = abs(n * step - 360.0) < 1e-6 * 360.0
-    arc = 360.0 if full else (n - 1) * step
-    return {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": arc}
+    full = abs(abs(n * step) - 360.0) < 1e-6 * 360.0
+    arc = np.copysign(360.0, step) if full else (n - 1) * step
+    if abs(arc) > 360.0:
+        raise InputError(
+            f"a plan's angles must span one turn to be written, got {arc:g}° in test {test.name!r}. Plan one turn a test."
+        )
+    return {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": float(arc)}
 
 
 def _given(entry: dict[str, Any]) -> dict[str, Any]:
@@ -248,7 +254,7 @@ def _test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
 def _planned_angles(entry: _TestFile) -> Any:
     n = entry.readings or 720
     arc = entry.arc_deg or 360.0
-    steps = np.arange(n) / (n if arc == 360.0 else n - 1)
+    steps = np.arange(n) / (n if abs(arc) == 360.0 else n - 1)
     return (entry.start_deg or 0.0) + arc * steps
 
 

@@ -37,6 +37,8 @@ def compensate_mount(campaign: Campaign) -> Campaign:
     InputError
         When the readings are compensated already.
     """
+    if campaign.is_plan:
+        raise InputError("mount compensation must have readings to correct, got a plan. Measure or simulate it first.")
     if campaign.mount.compensated:
         raise InputError(
             "mount compensation must be applied once, got readings marked compensated. "
@@ -116,7 +118,10 @@ def trim_overshoot(test: CircularTest, *, start_deg: float | None = None, arc_de
         raise InputError(f"recording must span {arc_deg:g}°, got {span:g}° in test {test.name!r}. Give a shorter arc_deg.")
     start = along[0] + max(span - arc_deg, 0.0) / 2 if start_deg is None else travel * start_deg
     tolerance = 1e-6 * arc_deg
+    if start < along[0] - tolerance or start + arc_deg > along[-1] + abs(np.median(steps)) + tolerance:
+        raise InputError(
+            f"start_deg must leave {arc_deg:g}° of recording, got {start_deg} in test {test.name!r}, which runs from "
+            f"{angle[0]:g}° to {angle[-1]:g}°. Start elsewhere or give a shorter arc_deg."
+        )
     keep = (along >= start - tolerance) & (along < start + arc_deg - tolerance)
-    if not keep.any():
-        raise InputError(f"start_deg must lie in the recording, got {start_deg} in test {test.name!r}. Check the angle.")
     return test.select(keep)

@@ -39,7 +39,8 @@ _TEXT_COLUMNS = ("test", "direction")
 def read_columns(path: Path, known: Sequence[str], mapping: Mapping[str, str] | None = None) -> dict[str, Any]:
     """Read a CSV with one header line into columns.
 
-    Comma, semicolon or tab separate; with the latter two a decimal comma is understood. A byte-order mark is dropped.
+    Comma, semicolon or tab separate; with the latter two, and no decimal point anywhere, decimal commas are understood. A
+    byte-order mark is dropped.
 
     Parameters
     ----------
@@ -76,7 +77,9 @@ def read_columns(path: Path, known: Sequence[str], mapping: Mapping[str, str] | 
     frame = frame[~(frame == "").all(axis=1)]
     if frame.empty:
         raise InputError(f"{path} must hold readings below its header, got none. Fill the file or remove the test.")
-    return {name: _column(path, frame[name], name, separator) for name in names}
+    numeric = frame[[name for name in names if name not in _TEXT_COLUMNS]].fillna("")
+    decimal_comma = separator != "," and not numeric.apply(lambda cells: cells.str.contains(".", regex=False)).to_numpy().any()
+    return {name: _column(path, frame[name], name, decimal_comma) for name in names}
 
 
 def readings_of(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
@@ -166,17 +169,20 @@ def _frame(path: Path, text: str, separator: str) -> pd.DataFrame:
                 io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, index_col=False, skip_blank_lines=False
             )
     except pd.errors.ParserWarning:
-        raise InputError(f"{path}, line 1: the header must name every column, got fewer names than cells. Complete it.") from None
+        raise InputError(
+            f"{path}, line 1: the header must name every column, got fewer names than cells. "
+            "Complete it; with decimal commas separate the cells by semicolons."
+        ) from None
     except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         said = " ".join(str(error).split()).rstrip(".")
         raise InputError(f"{path} must be a table with one header line, got: {said}. Check the line it names.") from None
 
 
-def _column(path: Path, cells: pd.Series[str], name: str, separator: str) -> Any:
+def _column(path: Path, cells: pd.Series[str], name: str, decimal_comma: bool) -> Any:
     cells = cells.fillna("").str.strip()
     if name in _TEXT_COLUMNS:
         return cells.to_numpy(dtype=object)
-    if separator != ",":
+    if decimal_comma:
         cells = cells.str.replace(",", ".", regex=False)
     try:
         values = cells.to_numpy(dtype=object).astype(float)

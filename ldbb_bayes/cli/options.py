@@ -143,6 +143,18 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
             fail(str(error), EXIT_BAD_INPUT)
         except OSError as error:
             fail(f"{error.filename or 'a file'} must be usable, got: {error.strerror}. Check it.", EXIT_BAD_INPUT)
+        except ArithmeticError as error:
+            fail(
+                f"the numbers must be within reach of double precision, got: {error}. Check units and magnitudes.", EXIT_BAD_INPUT
+            )
+        except ValueError as error:
+            if type(error).__name__ != "LinAlgError":
+                raise
+            fail(
+                f"the campaign must determine the model, got a numerical breakdown ({error}). "
+                "Look for forces or angles that hardly differ, or readings of an impossible size (ldbb-bayes check).",
+                EXIT_BAD_INPUT,
+            )
         except KeyboardInterrupt:
             fail("interrupted; nothing was written.", EXIT_INTERRUPTED)
 

@@ -16,12 +16,17 @@ if TYPE_CHECKING:
 
     from ldbb_bayes.inference.ensemble import Progress
 
-__all__ = ["print_fit", "print_json", "reading_console", "sampling_progress", "write_result"]
+__all__ = ["json_text", "print_fit", "print_json", "reading_console", "sampling_progress", "write_result"]
 
 
 def print_json(result: Mapping[str, Any]) -> None:
-    """One JSON document on stdout; numbers that are not finite become null."""
-    sys.stdout.write(json.dumps(_plain(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    """One JSON document on stdout."""
+    sys.stdout.write(json_text(result))
+
+
+def json_text(result: Mapping[str, Any]) -> str:
+    """A result as JSON; numbers that are not finite become null."""
+    return json.dumps(_plain(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _plain(value: Any) -> Any:
@@ -48,7 +53,7 @@ def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path
 
     folder.mkdir(exist_ok=True)
     save(posterior, folder / "posterior.nc")
-    (folder / "summary.json").write_text(json.dumps(result, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    (folder / "summary.json").write_text(json_text(result), encoding="utf-8")
     (folder / "model.toml").write_text(record_of(posterior)["model"]["toml"], encoding="utf-8")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -42,7 +41,7 @@ def simulate(
     What the truths leave out is drawn from the priors.
     """
     from ldbb_bayes.campaign.folder import write_campaign_into
-    from ldbb_bayes.cli.show import print_json
+    from ldbb_bayes.cli.show import json_text, print_json
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.model.truths import Truths, is_truths, read_truths
@@ -66,7 +65,7 @@ def simulate(
     record = {"schema": 1, "seed": seed, "sha256": made.campaign.sha256, "parameters": made.parameters, "hyper_um": made.hyper_um}
     with staged_folder(out, force=force) as staging:
         write_campaign_into(made.campaign, staging)
-        (staging / "truth.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        (staging / "truth.json").write_text(json_text(record), encoding="utf-8")
     if as_json:
         print_json(record)
     else:

@@ -5,7 +5,10 @@ Walkers of one ensemble are not independent chains: each ensemble counts as one 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,10 +128,9 @@ def run_ensembles(
     ]
     steps = 0
     while True:
-        states = [
-            sampler.run_mcmc(state, rule.block // rule.thin, thin_by=rule.thin, skip_initial_state_check=True)
-            for sampler, state in zip(samplers, states, strict=True)
-        ]
+        for k, sampler in enumerate(samplers):
+            with _interrupt_afterwards():
+                states[k] = sampler.run_mcmc(states[k], rule.block // rule.thin, thin_by=rule.thin, skip_initial_state_check=True)
         steps += rule.block
         drop = int(rule.discard * (steps // rule.thin))
         chain = np.stack([_walker_major(sampler.get_chain()[drop:]) for sampler in samplers])
@@ -140,6 +142,22 @@ def run_ensembles(
             density = np.stack([_walker_major(sampler.get_log_prob()[drop:, :, None])[:, 0] for sampler in samplers])
             acceptance = float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers]))
             return EnsembleRun(chain, density, assessment, converged, steps, walkers, acceptance)
+
+
+@contextmanager
+def _interrupt_afterwards() -> Iterator[None]:
+    """Let a block of steps end before an interruption is raised; emcee would print the walkers' coordinates instead."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    seen: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: seen.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if seen:
+        raise KeyboardInterrupt
 
 
 def _walker_major(chain: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Joint sampling: emcee over compliances, slopes, geometric errors and log hyper-parameters, nuisances integrated out."""
+"""Joint sampling: emcee over all parameters of interest and hyper-parameters, nuisances integrated out."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ _START_TEMPERATURE = 1.5
 
 @dataclass(frozen=True, eq=False)
 class JointDensity:
-    """ln p(β, ln φ | y) up to a constant, at points x = ((β − centre) / scale, ln φ)."""
+    """ln p(x | y) up to a constant, x = ((β − centre) / scale, ln(φ − lower))."""
 
     bound: BoundModel
 
     def __call__(self, x: Array) -> Array:
         """Log density of (n, p + h) points, shape (n,)."""
-        beta, log_phi = self.split(x)
-        total = self.bound.log_prior(beta) + self.bound.hyper_prior.log_density_of_log(log_phi)
+        beta, free = self.split(x)
+        total = self.bound.log_prior(beta) + self.bound.hyper_prior.log_density_of_free(free)
         inside = np.isfinite(total)
         if inside.any():
-            total[inside] += self.bound.log_likelihood(np.exp(log_phi[inside]), beta[inside])
+            total[inside] += self.bound.log_likelihood(self.bound.hyper_prior.phi(free[inside]), beta[inside])
         return np.asarray(total)
 
     def split(self, x: Array) -> tuple[Array, Array]:
-        """x (..., p + h) → β (..., p), ln φ (..., h)."""
+        """x (..., p + h) → β (..., p), the free coordinates of φ (..., h)."""
         p = len(self.bound.names)
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
 
-    def join(self, beta: Array, log_phi: Array) -> Array:
+    def join(self, beta: Array, free: Array) -> Array:
         """The reverse of `split`."""
-        return np.concatenate([(beta - self.bound.centre) / self.bound.scale, log_phi], axis=-1)
+        return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
 
 
 def sample_joint(
@@ -82,17 +82,17 @@ def sample_joint(
     starting, sampling = seed.spawn(2)
     starts = np.stack([_start(density, start, count, np.random.default_rng(child)) for child in starting.spawn(ensembles)])
     run = run_ensembles(density, starts, assess, rule=rule or StoppingRule(), seed=sampling, progress=progress)
-    beta, log_phi = density.split(run.chain)
-    return run, beta, np.exp(log_phi)
+    beta, free = density.split(run.chain)
+    return run, beta, bound.hyper_prior.phi(free)
 
 
 def _start(density: JointDensity, start: HyperPosterior, count: int, rng: np.random.Generator) -> Array:
     """Starting points with finite density, shape (count, d)."""
     found: list[Array] = []
     for _ in range(50):
-        log_phi = start.draw(count, rng, temperature=_START_TEMPERATURE)
-        beta, _ = conditional_draws(density.bound, log_phi, rng)
-        x = density.join(beta, log_phi)
+        free = start.draw(count, rng, temperature=_START_TEMPERATURE)
+        beta, _ = conditional_draws(density.bound, free, rng)
+        x = density.join(beta, free)
         found.append(x[np.isfinite(density(x))])
         if sum(map(len, found)) >= count:
             return np.concatenate(found)[:count]

@@ -23,60 +23,65 @@ Array = NDArray[Any]
 _STEP = 0.05
 _TAIL = 5.0
 _WIDEN = 1.2
-_PROPOSALS = 8
+_PROPOSALS = 5
+_STARTS = 256
+_BASINS = 3
 
 
 class HyperPosterior:
-    """p(φ | y), with or without the truncation, and a Student-t proposal about its mode in ln φ.
+    """p(φ | y), with or without the truncation, and a Student-t proposal about its mode in free coordinates.
 
     Parameters
     ----------
     bound : BoundModel
     truncated : bool
-        Include P(T | y, φ).
+        Include P(T | y, φ), the probability of physical compliances (whether or not the model imposes them).
     seed : int
         Of the quasi-random points.
 
     Attributes
     ----------
+    truncated : bool
     mode : ndarray, shape (h,)
-        Of the density in ln φ.
+        Of the density in free coordinates.
     spread : ndarray, shape (h, h)
         Root of the inverse curvature.
     """
 
     def __init__(self, bound: BoundModel, *, truncated: bool, seed: int = 0) -> None:
-        self._bound, self._truncated, self._seed = bound, truncated and bound.truncation.active, seed
+        self._bound, self.truncated, self._seed = bound, truncated, seed
         self.mode, self.spread = self._locate()
 
-    def log_density(self, log_phi: Array, *, exact: bool = False) -> Array:
-        """ln p(y, ln φ), shape (w,). P(T | y, φ) by its bound, which is smooth, or (``exact``) by its estimate."""
-        prior = self._bound.hyper_prior.log_density_of_log(log_phi)
-        total = np.full(len(log_phi), -np.inf)
+    def log_density(self, free: Array, *, exact: bool = False, seed: int | None = None) -> Array:
+        """ln p(y, free coordinates), shape (w,). P(T | y, φ) by its bound, which is smooth, or (``exact``) by its estimate."""
+        prior = self._bound.hyper_prior.log_density_of_free(free)
+        total = np.full(len(free), -np.inf)
         inside = np.isfinite(prior)
         if not inside.any():
             return total
-        phi = np.exp(log_phi[inside])
-        if not self._truncated:
+        phi = self._bound.hyper_prior.phi(free[inside])
+        if not self.truncated:
             total[inside] = prior[inside] + self._bound.log_evidence_given(phi)[0]
             return total
         log_evidence, mean, spread = self._bound.log_evidence_given(phi)
-        orthant = self._bound.truncation.orthants(mean, spread)
-        log_truncation = orthant.log_probability(256, seed=self._seed)[0] if exact else orthant.log_bound
+        orthant = self._bound.physical.orthants(mean, spread)
+        log_truncation = (
+            orthant.log_probability(256, seed=self._seed if seed is None else seed)[0] if exact else orthant.log_bound
+        )
         total[inside] = prior[inside] + log_evidence + log_truncation
         return total
 
     def draw(self, size: int, rng: np.random.Generator, *, temperature: float = 1.0) -> Array:
-        """Draws of ln φ, shape (size, h), by weighted resampling without repeats from the proposal.
+        """Draws of free coordinates, shape (size, h), by weighted resampling without repeats from the proposal.
 
         Approximate (exact in the limit of many proposals); ``temperature`` > 1 spreads them wider than the posterior.
         """
         standard = rng.standard_t(_TAIL, (_PROPOSALS * size, len(self.mode)))
-        log_phi = self.mode + np.sqrt(temperature) * standard @ self.spread.T
+        free = self.mode + np.sqrt(temperature) * standard @ self.spread.T
         log_proposal = scipy.stats.t.logpdf(standard, _TAIL).sum(axis=1)
-        log_weight = self.log_density(log_phi) / temperature - log_proposal
+        log_weight = self.log_density(free) / temperature - log_proposal
         keys = log_weight + rng.gumbel(size=len(log_weight))
-        return log_phi[np.argsort(-keys)[:size]]
+        return free[np.argsort(-keys)[:size]]
 
     def integrate(self, size: int = 1024) -> HyperIntegral:
         """ln ∫ p(y, φ) dφ by importance sampling at scrambled Sobol points, two independent halves giving the error."""
@@ -86,55 +91,62 @@ class HyperPosterior:
             standard = scipy.stats.t.ppf(points, _TAIL) * _WIDEN
             log_proposal = (scipy.stats.t.logpdf(standard / _WIDEN, _TAIL) - np.log(_WIDEN)).sum(axis=1)
             log_proposal -= np.linalg.slogdet(self.spread)[1]
-            log_weight = self.log_density(self.mode + standard @ self.spread.T, exact=True) - log_proposal
+            log_weight = (
+                self.log_density(self.mode + standard @ self.spread.T, exact=True, seed=2 * self._seed + half) - log_proposal
+            )
             top = log_weight.max()
             estimates.append(top + np.log(np.mean(np.exp(log_weight - top))))
         mean = float(np.logaddexp(*estimates) - np.log(2.0))
         return HyperIntegral(mean, float(abs(estimates[0] - estimates[1]) / 2.0))
 
     def _locate(self) -> tuple[Array, Array]:
-        """Mode by damped Newton steps on central differences, all points of a stencil in one call."""
+        """Mode and curvature: Newton from the best of many starting points, several basins tried."""
         prior = self._bound.hyper_prior
-        rng = scipy.stats.qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed))
-        spread = np.exp(-_far_grid(rng.random(256)))
-        start = np.log(np.maximum(prior.scale_mm * spread * 2.0, prior.lower_mm * 1.05))
-        values = self.log_density(start)
-        point = start[int(np.argmax(values))]
-        radius = 1.0
+        points = scipy.stats.qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
+        starts = np.log(2.0 * prior.scale_mm) - points * np.where(prior.lower_mm > 0, 12.0, 6.0)
+        starts = starts[np.argsort(-self.log_density(starts))]
+        basins: list[Array] = []
+        for start in starts[: _STARTS // 4]:
+            if all(np.linalg.norm(start - other) > 1.5 for other in basins):
+                basins.append(start)
+            if len(basins) == _BASINS:
+                break
+        modes = np.array([self._climb(start) for start in basins])
+        mode = modes[int(np.argmax(self.log_density(modes)))]
+        _, _, hessian = self._stencil(mode)
+        curvature, vectors = np.linalg.eigh(-hessian)
+        return mode, vectors / np.sqrt(np.maximum(curvature, 0.3))
+
+    def _climb(self, point: Array) -> Array:
+        """Damped Newton steps on central differences, all points of a stencil in one call."""
+        sizes = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
         for _ in range(60):
             value, gradient, hessian = self._stencil(point)
             curvature, vectors = np.linalg.eigh(-hessian)
             step = vectors @ ((vectors.T @ gradient) / np.maximum(np.abs(curvature), 0.3))
-            step *= min(1.0, radius / max(float(np.linalg.norm(step)), 1e-12))
-            sizes = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
+            step *= min(1.0, 1.5 / max(float(np.linalg.norm(step)), 1e-12))
             trials = self.log_density(point + sizes[:, None] * step)
             best = int(np.argmax(trials))
             if not trials[best] > value + 1e-6:
                 break
             point = point + sizes[best] * step
-        _, _, hessian = self._stencil(point)
-        curvature, vectors = np.linalg.eigh(-hessian)
-        return point, vectors / np.sqrt(np.maximum(curvature, 0.3))
+        return point
 
     def _stencil(self, point: Array) -> tuple[float, Array, Array]:
-        """Value, gradient and Hessian by central differences, stepping inwards where the prior's support ends."""
+        """Value, gradient and Hessian by central differences."""
         h = len(point)
-        lower = self._bound.hyper_prior.lower_mm
-        with np.errstate(divide="ignore"):
-            inside = np.log(lower) + 1.01 * _STEP
-        centre = np.maximum(point, inside)
         unit = np.eye(h) * _STEP
         pairs = [(i, j) for i in range(h) for j in range(i)]
         offsets = [np.zeros(h), *unit, *-unit]
         offsets += [a * unit[i] + b * unit[j] for i, j in pairs for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
-        values = self.log_density(centre + np.array(offsets))
+        values = self.log_density(point + np.array(offsets))
         plus, minus = values[1 : h + 1], values[h + 1 : 2 * h + 1]
         gradient = (plus - minus) / (2 * _STEP)
         hessian = np.diag((plus + minus - 2 * values[0]) / _STEP**2)
         for k, (i, j) in enumerate(pairs):
             a, b, c, d = values[2 * h + 1 + 4 * k : 2 * h + 5 + 4 * k]
             hessian[i, j] = hessian[j, i] = (a - b - c + d) / (4 * _STEP**2)
-        return float(self.log_density(point[None])[0]), gradient, hessian
+        return float(values[0]), gradient, hessian
 
 
 @dataclass(frozen=True)
@@ -160,24 +172,20 @@ def log_prob_truncation(plain: HyperPosterior, truncated: HyperPosterior, *, siz
     return TruncationProbability(min(inside.log_value - every.log_value, 0.0), error)
 
 
-def conditional_draws(bound: BoundModel, log_phi: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-    """One draw of β for each ln φ from its exact conditional Gaussian inside the truncation.
+def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+    """One draw of β for each free coordinates from its exact conditional Gaussian inside the truncation.
 
     Returns
     -------
     beta : ndarray, shape (w, p)
     exact : ndarray of bool, shape (w,)
-        False where the rejection sampler gave up; β is then inside the truncation but not an exact draw.
+        False where the rejection sampler gave up, or rounding left β outside.
     """
-    _, mean, spread = bound.log_evidence_given(np.exp(log_phi))
+    _, mean, spread = bound.log_evidence_given(bound.hyper_prior.phi(free))
     if not bound.truncation.active:
-        white = rng.standard_normal((len(log_phi), spread.shape[2]))
-        return mean + np.einsum("wpq,wq->wp", spread, white), np.ones(len(log_phi), dtype=bool)
+        white = rng.standard_normal((len(free), spread.shape[2]))
+        return mean + np.einsum("wpq,wq->wp", spread, white), np.ones(len(free), dtype=bool)
     orthant: Orthant = bound.truncation.orthants(mean, spread)
     white, exact = orthant.draw_spread(rng)
-    return mean + np.einsum("wpq,wq->wp", spread, white), exact
-
-
-def _far_grid(uniform: Array) -> Array:
-    """Spread starting points over several e-foldings below the prior scale."""
-    return 5.0 * uniform
+    beta = mean + np.einsum("wpq,wq->wp", spread, white)
+    return beta, exact & bound.truncation.holds(beta)

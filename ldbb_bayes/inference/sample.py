@@ -87,7 +87,7 @@ def sample(
     started, clock = datetime.now(UTC), time.perf_counter()
     bound = model.bind(campaign)
     seeds = np.random.SeedSequence(seed).spawn(2)
-    start = HyperPosterior(bound, truncated=True, seed=seed)
+    start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
     run, beta, phi = sample_joint(
         bound, start=start, assess=assess, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress
     )
@@ -148,10 +148,9 @@ _DIMS = {
 }
 
 
-def _truncation_probability(bound: BoundModel, truncated: HyperPosterior, seed: int) -> TruncationProbability:
-    if not bound.truncation.active:
-        return TruncationProbability(0.0, 0.0)
-    return log_prob_truncation(HyperPosterior(bound, truncated=False, seed=seed), truncated)
+def _truncation_probability(bound: BoundModel, start: HyperPosterior, seed: int) -> TruncationProbability:
+    other = HyperPosterior(bound, truncated=not start.truncated, seed=seed)
+    return log_prob_truncation(other, start) if start.truncated else log_prob_truncation(start, other)
 
 
 def _fit(bound: BoundModel, beta: Array, phi: Array, truncation: TruncationProbability) -> dict[str, Any]:
@@ -173,7 +172,7 @@ def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) 
     if truncation.log_value < np.log(_IMPROBABLE):
         yield (
             f"The readings contradict non-negative compliance: ln P(T | y) = {truncation.log_value:.1f}. "
-            "A nuisance is missing or a sign, force or compensation is wrong; the intervals are forced into the physical region."
+            "A nuisance is missing, or a sign, a force or the mount compensation is wrong."
         )
     if len(np.unique(bound.campaign.forces_N)) == 1:
         yield "One force level: constant compliance and geometry are told apart by their priors alone."
@@ -202,7 +201,7 @@ def _groups(
     ]
     tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
     log_prior = {"parameters": bound.log_prior(beta)}
-    log_prior["hyper"] = bound.hyper_prior.log_density_of_log(np.log(phi)) - np.log(phi).sum(axis=2)
+    log_prior["hyper"] = bound.hyper_prior.log_density(phi)
     groups: dict[str, dict[str, Array]] = {
         "posterior": _named(bound, beta, phi),
         "prior": _prior_draws(bound, rng),

@@ -175,42 +175,41 @@ def _squareness_shift(machine: Machine, circle: Circle, position: Array) -> Arra
 
 
 @lru_cache(maxsize=64)
-def _kept(key: tuple[str, str, tuple[Any, ...]], circle: Circle) -> Kept:
+def _kept(key: tuple[str, str, tuple[Any, ...]], circles: tuple[Circle, ...]) -> Kept:
     topology, plane, frames = key
     machine = Machine(topology, plane, dict(frames))
     names = wrench_names(machine)
     angle = np.arange(64) * (2 * np.pi / 64)
-    jacobian = wrench_jacobian(machine, circle, angle)
-    unit = jacobian / [circle.radius_mm**name.rotations for name in names]
+    jacobian = np.concatenate([wrench_jacobian(machine, circle, angle) for circle in circles])
+    unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
     norms = np.linalg.norm(unit, axis=0)
-    null = tuple(name.label for name, norm in zip(names, norms, strict=True) if norm <= _TINY * norms.max())
     live = [i for i in range(len(names)) if norms[i] > _TINY * norms.max()]
-    sets = _proportional_sets(unit / np.where(norms > 0, norms, 1.0), live, names)
-    representatives = sorted((s[0] for s in sets), key=lambda i: _table_order(names[i], machine))
-    chosen, dropped = _independent(unit / np.where(norms > 0, norms, 1.0), representatives)
-    by_head = {s[0]: s for s in sets}
+    unit = unit / np.where(norms > 0, norms, 1.0)
+    by_head = {group[0]: group for group in _proportional_sets(unit, live, names)}
+    chosen, dropped = _independent(unit, sorted(by_head, key=lambda i: _table_order(names[i], machine)))
     singular = np.linalg.svd(jacobian[:, chosen], compute_uv=False)
     return Kept(
         names=tuple(names[i] for i in chosen),
         sets=tuple(tuple(names[j].label for j in by_head[i]) for i in chosen),
-        null=null,
+        null=tuple(name.label for i, name in enumerate(names) if i not in live),
         dependent=tuple(names[i].label for i in dropped),
-        rank=int(np.linalg.matrix_rank(unit, tol=_TINY * np.linalg.norm(unit))),
+        rank=int(np.linalg.matrix_rank(unit[:, live], tol=_TINY * np.sqrt(len(live)))),
         condition_number=float(singular[0] / singular[-1]),
     )
 
 
-def kept_compliances(machine: Machine, circle: Circle | None = None) -> Kept:
+def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Null columns, proportional sets and representatives of the wrench Jacobian (Table 2), found numerically.
 
     Parameters
     ----------
     machine : Machine
-    circle : Circle, optional
+    *circles : Circle
+        The circles of the campaign, taken together: another centre can tell compliances apart that one circle cannot.
         Default: R = 150 mm about the frames' origin.
     """
     frames = tuple(sorted((axis, tuple(frame)) for axis, frame in machine.frames_mm.items()))
-    return _kept((machine.topology, machine.plane, frames), circle or Circle())
+    return _kept((machine.topology, machine.plane, frames), circles or (Circle(),))
 
 
 def _proportional_sets(unit: Array, live: Sequence[int], names: Sequence[ComplianceName]) -> list[list[int]]:

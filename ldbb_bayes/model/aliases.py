@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.model.basis import basis
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.gaussian import least_squares
-from ldbb_bayes.model.terms import Columns, Nuisance
+from ldbb_bayes.model.terms import BarLength, Columns, Nuisance
 
 __all__ = ["Alias", "exact_aliases"]
 
@@ -76,6 +76,10 @@ def _shared_columns(term: Nuisance, bound: BoundModel) -> list[tuple[str, Array]
     """Shared columns of a term, each scaled to one prior sd (hyper-parameters at their prior scale) [mm]."""
     scale = dict(zip(bound.hyper_prior.names, bound.hyper_prior.scale_mm, strict=True))
     columns = [c for c in term.columns(bound.setting) if isinstance(c, Columns) and not c.private]
+    if isinstance(term, BarLength) and len(columns[0].names) > 1:
+        share = bound.setting.radius_mm / bound.setting.radius_mm.max()
+        together = columns[0].values.sum(axis=2) * share[:, None] * columns[0].sd[0]
+        return [("bar lengths in proportion to the radii", together)]
     return [
         (name, c.values[:, :, j] * c.sd[j] * (scale[c.hyper] if c.hyper else 1.0))
         for c in columns

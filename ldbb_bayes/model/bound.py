@@ -69,19 +69,25 @@ class BoundModel:
     reduced : tuple of Reduced
     interest : ndarray, shape (tests, 25, p)
         H: columns of the parameters of interest.
+    physical : Truncation
+        The region of physical compliances, C(F) ≥ 0.
     truncation : Truncation
+        The same where the prior imposes it, else the whole space.
     """
 
     def __init__(self, model: HybridModel, campaign: Campaign, *, keep: Sequence[str] | None = None) -> None:
         _check(model, campaign)
         self.model, self.campaign = model, campaign
         machine = campaign.machine()
-        self.compliances: tuple[ComplianceName, ...] = kept_compliances(machine).names
+        self.compliances: tuple[ComplianceName, ...] = kept_compliances(
+            machine, *dict.fromkeys(test.circle for test in campaign.tests)
+        ).names
         self.geometric_errors: tuple[str, ...] = geometric_names(machine)
         reduced = tuple(_reduced(test, plan=campaign.is_plan) for test in campaign.tests)
         whole = _setting(model, campaign, self.compliances)
         self.parameters = self._list_parameters(whole.force_range_N)
-        self.truncation = Truncation(self._truncation_rows(campaign, whole))
+        self.physical = Truncation(self._physical_rows(campaign, whole))
+        self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.parameters))))
         whole = replace(whole, compliance_estimate=self._estimate(whole, reduced))
         rows = _rows(campaign, keep)
         self.setting = _select(whole, rows)
@@ -158,7 +164,7 @@ class BoundModel:
         if not self.truncation.active:
             return 0.0
         orthant = self.truncation.orthants(np.zeros((1, len(self.names))), np.diag(self.prior_sd)[None])
-        return float(orthant.log_probability(4096)[0][0])
+        return float(orthant.log_probability(1 << 14)[0][0])
 
     def log_evidence_given(self, phi: Array) -> tuple[Array, Array, Array]:
         """β integrated out, truncation aside.
@@ -237,11 +243,9 @@ class BoundModel:
         compliance = [prior.compliance_sd(self.compliances, k, force_range_N) for k in degrees]
         return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors, geometric_kinds())])
 
-    def _truncation_rows(self, campaign: Campaign, setting: Setting) -> Array:
+    def _physical_rows(self, campaign: Campaign, setting: Setting) -> Array:
         """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind."""
         p = len(self.parameters)
-        if not self.model.prior.truncated:
-            return np.zeros((0, p))
         forces = np.unique(campaign.forces_N)
         if self.model.degree == 0:
             forces = forces[:1]
@@ -260,7 +264,7 @@ class BoundModel:
 
 
 def _check(model: HybridModel, campaign: Campaign) -> None:
-    levels = len(np.unique(campaign.forces_N))
+    levels = campaign.force_levels
     if levels == 1 and model.degree >= 1:
         raise InputError(
             f"degree ≥ 1 must have at least two force levels, got one ({campaign.forces_N[0]:g} N). "
@@ -304,6 +308,7 @@ def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[Complian
     return Setting(
         force_N=forces,
         pressure_bar=campaign.pressures_bar,
+        radius_mm=np.array([test.radius_mm for test in campaign.tests], dtype=float),
         work_ball_rad=clockings[:, 0],
         tool_ball_rad=clockings[:, 1],
         wrench=np.stack([wrench[test.circle] for test in campaign.tests]),
@@ -324,7 +329,7 @@ def _clocked(clockings: Array) -> bool:
 
 
 def _select(setting: Setting, rows: Sequence[int]) -> Setting:
-    per_test = ("force_N", "pressure_bar", "work_ball_rad", "tool_ball_rad", "wrench", "geometric")
+    per_test = ("force_N", "pressure_bar", "radius_mm", "work_ball_rad", "tool_ball_rad", "wrench", "geometric")
     return replace(setting, **{name: getattr(setting, name)[list(rows)] for name in per_test})
 
 

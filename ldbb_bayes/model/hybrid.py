@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from ldbb_bayes.campaign.circular_test import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.model.prior import Prior
@@ -75,6 +77,10 @@ class HybridModel:
     def __post_init__(self) -> None:
         if self.degree not in (0, 1, 2):
             raise InputError(f"degree must be 0, 1 or 2, got {self.degree}. Choose constant, linear or quadratic compliance.")
+        if self.reference_force_N is not None and not np.isfinite(self.reference_force_N):
+            raise InputError(
+                f"reference_force_N must be finite, got {self.reference_force_N}. Give a force in N or leave it out."
+            )
         kinds = [type(term) for term in self.nuisances]
         repeated = next((kind for kind in kinds if kinds.count(kind) > 1), None)
         if repeated is not None:

@@ -20,6 +20,7 @@ __all__ = ["Orthant", "Truncation"]
 
 Array = NDArray[Any]
 _LOG_2PI = float(np.log(2 * np.pi))
+_DEPENDENT = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +69,9 @@ class Orthant:
     def __init__(self, mean: Array, spread: Array) -> None:
         self._w, self._m = mean.shape
         self._mean, self._spread = mean, spread
-        self._core = _independent_rows(mean, spread)
-        core_mean, core_spread = mean[:, self._core], spread[:, self._core]
-        order = _tightest_first(core_mean, core_spread)
-        self._core = np.take_along_axis(np.broadcast_to(self._core, order.shape), order, axis=1)
-        core_mean = np.take_along_axis(core_mean, order, axis=1)
-        core_spread = np.take_along_axis(core_spread, order[:, :, None], axis=1)
+        self._core = _core_rows(mean, spread)
+        core_mean = np.take_along_axis(mean, self._core, axis=1)
+        core_spread = np.take_along_axis(spread, self._core[:, :, None], axis=1)
         lower = np.swapaxes(np.linalg.qr(np.swapaxes(core_spread, 1, 2), mode="r"), 1, 2)
         diagonal = np.diagonal(lower, axis1=1, axis2=2)
         lower = lower * np.where(diagonal < 0, -1.0, 1.0)[:, None, :]
@@ -93,7 +91,7 @@ class Orthant:
     def log_probability(self, size: int = 256, *, seed: int = 0) -> tuple[Array, Array]:
         """ln P and its standard error, each of shape (w,), from ``size`` quasi-random points in two halves.
 
-        Finite however small P is.
+        Finite however small P is. Where no point satisfies the rows beyond the rank, the upper bound with an infinite error.
         """
         half = size // 2
         rng = np.random.default_rng(seed)
@@ -105,9 +103,10 @@ class Orthant:
             log_weight = np.where(self._rest_holds(x), log_weight, -np.inf)
             halves.append(_log_mean(log_weight))
         both = np.stack(halves)
-        with np.errstate(invalid="ignore"):
-            error = np.abs(np.where(np.isfinite(both).all(axis=0), both[0] - both[1], 0.0)) / 2.0
-        return _log_mean(both.T), error
+        found = np.isfinite(both).all(axis=0)
+        error = np.full(self._w, np.inf)
+        error[found] = np.abs(both[0] - both[1])[found] / 2.0
+        return np.where(found, _log_mean(both.T), self.log_bound), error
 
     def draw(self, rng: np.random.Generator, *, tries: int = 64, rounds: int = 200) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw of the standard-normal x behind u = mean + L x for each of the batch, by tilted rejection.
@@ -182,31 +181,32 @@ class Orthant:
         return np.all(every >= -1e-9 * scale, axis=-1)
 
 
-def _independent_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
-    """Rows that span all, chosen once for the batch: first those active at the most probable point inside, then the tightest.
+def _core_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
+    """Independent rows for every member of the batch, tightest first, shape (w, rank)."""
+    norms = np.linalg.norm(spread, axis=2)
+    tightest = np.argsort(mean / norms, axis=1, kind="stable")
+    rank = np.linalg.matrix_rank(spread[0] / norms[0][:, None], tol=_DEPENDENT)
+    if rank == mean.shape[1]:
+        return tightest
+    return np.array([_binding_rows(mean[k] / norms[k], spread[k] / norms[k][:, None], rank) for k in range(len(mean))])
+
+
+def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
+    """Rows active at the most probable point inside, then the tightest that add a direction.
 
     The most probable point is a least-distance problem, solved by non-negative least squares (Lawson and Hanson, ch. 23).
     """
-    norms = np.linalg.norm(spread[0], axis=1)
-    unit = spread[0] / norms[:, None]
-    distance = mean[0] / norms
     stacked = np.vstack([unit.T, -distance / max(1.0, float(np.abs(distance).max()))])
-    target = np.append(np.zeros(unit.shape[1]), 1.0)
-    force, _ = nnls(stacked, target)
+    force, _ = nnls(stacked, np.append(np.zeros(unit.shape[1]), 1.0))
     keep: list[int] = []
     basis = np.zeros((0, unit.shape[1]))
     for i in np.lexsort((distance, -force)):
         rest = unit[i] - basis.T @ (basis @ unit[i])
         size = np.linalg.norm(rest)
-        if size > 1e-7:
+        if size > _DEPENDENT and len(keep) < rank:
             keep.append(int(i))
             basis = np.vstack([basis, rest / size])
-    return np.array(sorted(keep))
-
-
-def _tightest_first(mean: Array, spread: Array) -> Array:
-    ratio = mean / np.linalg.norm(spread, axis=2)
-    return np.argsort(ratio, axis=1, kind="stable")
+    return sorted(keep, key=lambda i: float(distance[i]))
 
 
 def _split_tilt(joined: Array, d: int) -> tuple[Array, Array]:

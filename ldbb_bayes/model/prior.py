@@ -85,6 +85,10 @@ class Prior:
     overrides: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                object.__setattr__(self, name, float(value))
+        object.__setattr__(self, "overrides", MappingProxyType({name: float(sd) for name, sd in self.overrides.items()}))
         scales = {name: value for name, value in vars(self).items() if isinstance(value, float)} | dict(self.overrides)
         for name, value in scales.items():
             if not (np.isfinite(value) and value > 0):
@@ -93,7 +97,6 @@ class Prior:
             raise InputError("a flat prior must not be truncated, got both. Set truncated = false or flat = false.")
         if self.flat and self.overrides:
             raise InputError("a flat prior must have no overrides, got some. Set flat = false or remove them.")
-        object.__setattr__(self, "overrides", MappingProxyType(dict(self.overrides)))
 
     @classmethod
     def default(cls) -> Prior:
@@ -162,14 +165,26 @@ class HyperPrior:
     scale_mm: Array
     lower_mm: Array
 
-    def log_density_of_log(self, log_phi: Array) -> Array:
-        """ln p(ln φ), the Jacobian φ included, shape (..., h) → (...). −inf below the restriction."""
-        phi = np.exp(log_phi)
+    def log_density(self, phi: Array) -> Array:
+        """ln p(φ), shape (..., h) → (...); −inf below the restriction."""
         with np.errstate(over="ignore"):
             quadratic = -0.5 * (phi / self.scale_mm) ** 2
         constant = 0.5 * np.log(2.0 / np.pi) - np.log(self.scale_mm) - np.log(self._mass)
-        density = np.where(phi >= self.lower_mm, quadratic + constant + log_phi, -np.inf)
-        return density.sum(axis=-1)
+        return np.where(phi >= self.lower_mm, quadratic + constant, -np.inf).sum(axis=-1)
+
+    def free(self, phi: Array) -> Array:
+        """Free coordinates ln(φ − lower): logarithms, and no edge for σ at the resolution's floor."""
+        with np.errstate(divide="ignore"):
+            return np.log(phi - self.lower_mm)
+
+    def phi(self, free: Array) -> Array:
+        """φ [mm] from free coordinates."""
+        with np.errstate(over="ignore"):
+            return self.lower_mm + np.exp(free)
+
+    def log_density_of_free(self, free: Array) -> Array:
+        """Density in the free coordinates, the Jacobian φ − lower included, shape (..., h) → (...)."""
+        return self.log_density(self.phi(free)) + free.sum(axis=-1)
 
     @property
     def _mass(self) -> Array:

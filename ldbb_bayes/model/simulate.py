@@ -108,12 +108,15 @@ def draw_parameters(bound: BoundModel, size: int, rng: np.random.Generator) -> A
     if bound.model.prior.flat:
         raise InputError("parameters must be given when the prior is flat, got none. Pass true values.")
     p = len(bound.names)
-    if bound.truncation.active:
+    if not bound.truncation.active:
+        return rng.standard_normal((size, p)) * bound.prior_sd
+    draws = np.zeros((0, p))
+    while len(draws) < size:
         spread = np.broadcast_to(np.diag(bound.prior_sd), (size, p, p))
-        white, _ = bound.truncation.orthants(np.zeros((size, p)), spread).draw_spread(rng)
-    else:
-        white = rng.standard_normal((size, p))
-    return white * bound.prior_sd
+        white, exact = bound.truncation.orthants(np.zeros((size, p)), spread).draw_spread(rng)
+        beta = white * bound.prior_sd
+        draws = np.concatenate([draws, beta[exact & bound.truncation.holds(beta)]])
+    return draws[:size]
 
 
 def _parameters(bound: BoundModel, given: Mapping[str, float] | None, rng: np.random.Generator) -> Array:

@@ -54,7 +54,9 @@ class _Block:
     @cached_property
     def pairs(self) -> Array:
         """Products of all pairs of columns, shape (b, tests, m, (v + q)²)."""
-        return np.einsum("btmi,btmj->btmij", self.columns, self.columns).reshape(*self.columns.shape[:3], -1)
+        return np.einsum("btmi,btmj->btmij", self.columns, self.columns).reshape(
+            *self.columns.shape[:3], self.columns.shape[3] ** 2
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +233,7 @@ class StructuredGaussian:
         standard = np.where(flat, 0.0, mean / np.where(sd > 0, scale, 1.0))
         white = _solve_lower(lower, (projected * scale + standard)[..., None])[..., 0]
         log_root = np.log(lower[..., span, span]).sum(axis=-1)
-        flat_volume = np.where(flat, np.log(scale) + 0.5 * _LOG_2PI, 0.0).sum(axis=-1)
+        flat_volume = (flat * (np.log(np.where(flat, scale, 1.0)) + 0.5 * _LOG_2PI)).sum(axis=-1)
         gained = flat_volume - log_root + 0.5 * ((white**2).sum(axis=-1) - (standard**2).sum(axis=-1))
         return gained, lower, white, scale
 

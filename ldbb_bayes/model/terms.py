@@ -44,7 +44,7 @@ class Setting:
 
     Attributes
     ----------
-    force_N, pressure_bar : ndarray, shape (tests,)
+    force_N, pressure_bar, radius_mm : ndarray, shape (tests,)
     work_ball_rad, tool_ball_rad : ndarray, shape (tests,)
     wrench : ndarray, shape (tests, 25, compliances)
         Basis coefficients of j_C.
@@ -62,6 +62,7 @@ class Setting:
 
     force_N: Array
     pressure_bar: Array
+    radius_mm: Array
     work_ball_rad: Array
     tool_ball_rad: Array
     wrench: Array
@@ -176,7 +177,7 @@ class BallForm:
 
 @dataclass(frozen=True)
 class BarLength:
-    """1: calibration of the bar's length: ball radii, zero setting, bar temperature."""
+    """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another radius is another length."""
 
     sd_um: float = 9.4
 
@@ -184,10 +185,12 @@ class BarLength:
         _check_positive(self)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """One shared column [1]."""
-        values = np.zeros((setting.tests, SIZE, 1))
-        values[:, 0, 0] = 1.0
-        return (Columns(("bar_length",), values, np.array([self.sd_um * 1e-3])),)
+        """One shared column per radius [1]."""
+        radii = np.unique(setting.radius_mm)
+        values = np.zeros((setting.tests, SIZE, len(radii)))
+        values[:, 0, :] = setting.radius_mm[:, None] == radii
+        names = ("bar_length",) if len(radii) == 1 else tuple(f"bar_length_{radius:g}" for radius in radii)
+        return (Columns(names, values, np.full(len(radii), self.sd_um * 1e-3)),)
 
 
 @dataclass(frozen=True)

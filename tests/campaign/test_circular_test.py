@@ -47,6 +47,13 @@ def test_arrays_are_copied_and_frozen() -> None:
         ({"direction": "cw"}, "direction CW or CCW, got 'cw'"),
         ({"work_ball_deg": float("inf")}, "finite work_ball_deg"),
         ({"radius_mm": -150.0}, "radius_mm > 0 mm"),
+        ({"name": "../escaped"}, "a test's name must be letters"),
+        ({"name": "a/b"}, "becomes a file's"),
+        ({"name": ".hidden"}, "not starting with a dot"),
+        ({"pressure_bar": -3.0}, "pressure_bar ≥ 0"),
+        ({"reading_um": READING * 1e6}, "readings below 100 mm, got 1000 mm. Check the unit"),
+        ({"force_N": 1e7}, "force_N ≤ 1e\\+06 N"),
+        ({"centre_x_mm": 1e9}, "finite centre_x_mm"),
         ({"angle_deg": ANGLE[:, None]}, r"shape \(n,\)"),
     ],
 )
@@ -113,6 +120,8 @@ def test_selection() -> None:
     assert [t.name for t in campaign.select(["f742", "f036"]).tests] == ["f036", "f742"]
     with pytest.raises(InputError, match="Did you mean 'f300'"):
         campaign.without("f301")
+    with pytest.raises(InputError, match="Did you mean 'f300'"):
+        campaign.select(["f301"])
     assert campaign.plan().is_plan
     with pytest.raises(InputError, match="planned test"):
         campaign.plan().tests[0].readings_mm()

@@ -67,3 +67,15 @@ def test_overshoot_is_trimmed_to_one_pass(sign: float) -> None:
     assert started.angle_deg[0] == 0.0
     with pytest.raises(InputError, match="recording must span"):
         lb.trim_overshoot(test, arc_deg=800.0)
+
+
+@pytest.mark.parametrize("start", [150.0, -100.0])
+def test_a_pass_must_lie_in_the_recording(start: float) -> None:
+    with pytest.raises(InputError, match="start_deg must leave 360° of recording"):
+        lb.trim_overshoot(recording(), start_deg=start)
+
+
+def test_a_plan_cannot_be_compensated() -> None:
+    planned = lb.Campaign((recording(),), mount=lb.MountCompensation(compensated=False)).plan()
+    with pytest.raises(InputError, match="got a plan"):
+        lb.compensate_mount(planned)

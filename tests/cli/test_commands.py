@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
+import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
+from ldbb_bayes.cli.main import app
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -55,8 +60,8 @@ def test_summarize(fitted: tuple[Path, subprocess.CompletedProcess[str]]) -> Non
 
 
 def test_without_out_nothing_is_written(folder: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--degree", "0", "--ess", "100"]
-    assert subprocess.run(command, capture_output=True, cwd=tmp_path, timeout=120, check=False).returncode == 0
+    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--degree", "0", "--max-steps", "200"]
+    assert subprocess.run(command, capture_output=True, cwd=tmp_path, timeout=120, check=False).returncode == 1
     assert list(tmp_path.iterdir()) == []
 
 
@@ -85,13 +90,14 @@ def test_a_missed_target_is_exit_code_1(folder: Path, tmp_path: Path) -> None:
         (["fit"], "Missing argument"),
     ],
 )
-def test_bad_input(folder: Path, tmp_path: Path, arguments: list[str], message: str) -> None:
+def test_bad_input(folder: Path, tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     places = {"CAMPAIGN": str(folder), "EXISTING": str(tmp_path)}
-    done = run(*[places.get(argument, argument) for argument in arguments])
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert message in " ".join(done.stderr.replace("│", " ").split())
-    assert "Traceback" not in done.stderr
+    with pytest.raises(SystemExit) as left:
+        app([places.get(argument, argument) for argument in arguments])
+    shown = capsys.readouterr()
+    assert left.value.code == 2
+    assert shown.out == ""
+    assert message in " ".join(shown.err.replace("│", " ").split())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -108,17 +114,43 @@ def test_bad_campaign_names_file_and_line(folder: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "r").exists()
 
 
-def test_interruption_is_130(folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from ldbb_bayes.cli.main import app
-
-    def interrupted(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("ldbb_bayes.inference.sample.sample", interrupted)
-    with pytest.raises(SystemExit) as left:
-        app(["fit", str(folder), "--out", str(tmp_path / "r")])
-    assert left.value.code == 130
+def test_interruption_while_sampling_is_130(folder: Path, tmp_path: Path) -> None:
+    """A real Ctrl-C: nothing on stdout, one line on stderr, nothing written."""
+    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--json", "--ess", "1e7", "--max-steps", "1000000"]
+    process = subprocess.Popen(
+        [*command, "--out", str(tmp_path / "r")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(6.0)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert err == "ldbb-bayes: interrupted; nothing was written.\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_nearly_equal_forces_with_flat_priors(tmp_path: Path) -> None:
+    campaign = simulated(plan((40, 40), forces_N=(100.0, 100.001)))
+    done = run("fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", "--degree", 0)
+    assert done.returncode in (0, 2)
+    assert "Traceback" not in done.stderr
+    close = lb.Campaign(tuple(replace(t, force_N=100.0 + 1e-7 * i) for i, t in enumerate(campaign.tests)))
+    done = run("fit", lb.write_campaign(close, tmp_path / "d"), "--preset", "paper", "--degree", 0)
+    assert done.returncode == 2
+    assert "flat priors must have at least two force levels" in done.stderr
+
+
+def test_dead_circles_give_valid_json(tmp_path: Path) -> None:
+    campaign = simulated(plan())
+    dead = lb.Campaign((campaign.tests[0].with_reading_um(np.zeros(40)), *campaign.tests[1:]))
+    done = run("fit", lb.write_campaign(dead, tmp_path / "c"), "--degree", 0, "--max-steps", 200, "--out", tmp_path / "r")
+    assert done.returncode == 1, done.stderr
+
+    def refuse(name: str) -> None:
+        raise AssertionError(name)
+
+    result = json.loads((tmp_path / "r" / "summary.json").read_text(), parse_constant=refuse)
+    assert result["fit"]["fitness_percent"]["f036"] is None
 
 
 def test_help_and_version() -> None:

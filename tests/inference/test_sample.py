@@ -54,14 +54,19 @@ def test_layout(posterior: xr.DataTree, campaign: lb.Campaign) -> None:
 
 
 def test_stored_densities_are_consistent(posterior: xr.DataTree, campaign: lb.Campaign) -> None:
-    """lp = ln likelihood + ln prior(β) + ln prior(ln φ), up to nothing at all."""
+    """lp = ln likelihood + ln prior(β) + ln prior(φ) + Jacobian of the free coordinates, up to nothing at all."""
     bound = lb.HybridModel.default(1).bind(campaign)
     pick = {"chain": 2, "draw": 17}
     draws = posterior["posterior"].isel(pick)
     beta = np.array([[float(draws[name]) for name in bound.names]])
     phi = np.array([[float(draws[name]) for name in bound.hyper_prior.names]])
     log_prior = posterior["log_prior"].isel(pick)
-    expected = bound.log_likelihood(phi, beta)[0] + float(log_prior["parameters"]) + float(log_prior["hyper"]) + np.log(phi).sum()
+    expected = (
+        bound.log_likelihood(phi, beta)[0]
+        + float(log_prior["parameters"])
+        + float(log_prior["hyper"])
+        + bound.hyper_prior.free(phi).sum()
+    )
     assert float(posterior["sample_stats"]["lp"].isel(pick)) == pytest.approx(expected, abs=1e-6)
     per_test = posterior["log_likelihood"]["per_test"].isel(pick).to_numpy()
     np.testing.assert_allclose(per_test, bound.log_likelihood_per_test(phi, beta)[0], atol=1e-7)
@@ -169,6 +174,27 @@ def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
     )
     result = result_json(lb.sample(lb.HybridModel.default(0), loud, seed=1, rule=QUICK))
     assert any(warning.startswith("Misfit: sigma = 13") for warning in result["fit"]["warnings"])
+
+
+def test_truncation_probability_is_reported_though_not_imposed() -> None:
+    """Readings that shrink under tension: negative compliance, whether or not the model forbids it."""
+    planned = plan((40,) * 3, forces_N=(100.0, 300.0, 500.0))
+    tests = [t.with_reading_um(-0.03 * float(t.force_N or 0) * np.cos(t.angles_rad()) ** 2) for t in planned.tests]
+    for model in (lb.HybridModel.default(0).without("truncation"), lb.HybridModel.paper(0)):
+        result = result_json(lb.sample(model, lb.Campaign(tuple(tests)), seed=1, rule=QUICK))
+        assert result["fit"]["log_prob_truncation"] < -20.0
+        assert any("contradict non-negative compliance" in warning for warning in result["fit"]["warnings"])
+        assert result["parameters"]["C_XXX"]["mean"] < 0.0
+
+
+def test_noise_at_the_floor_is_sampled_without_strays() -> None:
+    hyper = {"sigma": 0.03, "delta": 0.5, "kappa": 0.5, "tau": 3.0}
+    campaign = lb.HybridModel.default(0).simulate(plan((720,) * 4), seed=1, hyper_um=hyper).campaign
+    tree = lb.sample(lb.HybridModel.default(0), campaign, seed=1, rule=QUICK)
+    sigma = tree["posterior"]["sigma"].to_numpy().ravel() * 1e3
+    assert record_of(tree)["sampler"]["converged"]
+    assert sigma.min() >= 0.24 / np.sqrt(12.0)
+    assert np.quantile(sigma, 0.999) < 0.24 / np.sqrt(12.0) + 0.01
 
 
 def test_progress_is_reported(campaign: lb.Campaign) -> None:

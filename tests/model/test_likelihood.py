@@ -10,6 +10,7 @@ from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.machine.jacobian import wrench_jacobian
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.gaussian import LinearGaussian
 
@@ -23,6 +24,9 @@ SAMPLINGS = {
     "both balls": plan((9, 30, 40, 25), work_deg=40.0, tool_deg=-25.0),
     "arc, work ball": plan((40, 50, 60, 45), arc_deg=220.0, work_deg=40.0),
     "raw": plan(compensated=False),
+    "two radii": replace(
+        plan(), tests=tuple(replace(t, radius_mm=r) for t, r in zip(plan().tests, (150, 100, 150, 100), strict=True))
+    ),
 }
 
 
@@ -49,7 +53,7 @@ def test_against_the_dense_oracle(sampling: str, degree: int) -> None:
         np.testing.assert_allclose((mean[k] - oracle_mean) / oracle.sd, 0.0, atol=1e-8)
         np.testing.assert_allclose((spread[k] @ spread[k].T - covariance) / np.outer(oracle.sd, oracle.sd), 0.0, atol=1e-8)
     prior = [oracle.log_prior_of_log(np.log(p)) for p in phi]
-    np.testing.assert_allclose(bound.hyper_prior.log_density_of_log(np.log(phi)), prior, atol=1e-9)
+    np.testing.assert_allclose(bound.hyper_prior.log_density(phi) + np.log(phi).sum(axis=1), prior, atol=1e-9)
     np.testing.assert_array_equal(bound.truncation.holds(beta), oracle.inside(beta))
 
 
@@ -235,3 +239,55 @@ def test_the_force_error_is_that_of_the_estimate() -> None:
     gain, random = (c for c in bound.nuisance_columns if getattr(c, "names", ("",))[0].startswith("force"))
     np.testing.assert_allclose(gain.values, bound.setting.force_N[:, None, None] * random.values)
     assert (gain.sd[0], random.sd[0], random.private) == (0.01, 4.0, True)
+
+
+def test_columns_of_zeros_do_no_harm() -> None:
+    """A bar without pressure has no mount column; a test at F0 alone has no slope columns; dead circles have no force error."""
+    planned = replace(plan(), tests=tuple(replace(t, pressure_bar=0.0) for t in plan().tests))
+    dead = replace(plan(), tests=tuple(t.with_reading_um(np.zeros(40)) for t in plan().tests))
+    middle = simulated(plan((40,) * 3, forces_N=(100.0, 300.0, 500.0)))
+    for campaign, keep in ((simulated(planned), None), (dead, None), (middle, ["f300"])):
+        bound = lb.HybridModel.default(1).bind(campaign)
+        if keep:
+            bound = bound.keeping(keep)
+            campaign = middle.select(keep)
+        phi, beta = points(bound)
+        log_evidence, mean, _ = bound.log_evidence_given(phi)
+        assert np.all(np.isfinite(log_evidence))
+        assert np.all(np.isfinite(mean))
+        assert np.all(np.isfinite(bound.log_likelihood(phi, beta)))
+        if not keep:
+            oracle = oracle_of(campaign, 1)
+            np.testing.assert_allclose(
+                bound.log_likelihood(phi, beta), [oracle.log_likelihood(p, b) for p, b in zip(phi, beta, strict=True)], atol=1e-5
+            )
+
+
+def test_another_centre_tells_more_compliances_apart() -> None:
+    """wXFYZt: at the frames' origin rotations cannot show; circles elsewhere show them, and the model keeps them."""
+    base = replace(plan(), topology="wXFYZt")
+    moved = replace(
+        base,
+        tests=tuple(
+            replace(t, centre_x_mm=x, centre_y_mm=y)
+            for t, x, y in zip(base.tests, (0, 300, -300, 0), (0, 200, 200, 0), strict=True)
+        ),
+    )
+    assert len(lb.HybridModel.default(0).bind(base).compliances) == 3
+    bound = lb.HybridModel.default(0).bind(moved)
+    stacked = np.concatenate([wrench_jacobian(moved.machine(), t.circle, np.linspace(0, 6, 60)) for t in moved.tests])
+    norms = np.linalg.norm(stacked, axis=0)
+    rank = np.linalg.matrix_rank(stacked[:, norms > 1e-9] / norms[norms > 1e-9])
+    assert len(bound.compliances) == rank == 6
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_reference_force_must_be_finite(value: float) -> None:
+    with pytest.raises(lb.InputError, match="reference_force_N must be finite"):
+        replace(lb.HybridModel.default(1), reference_force_N=value)
+
+
+def test_unknown_tests_cannot_be_kept() -> None:
+    bound = lb.HybridModel.default(1).bind(plan())
+    with pytest.raises(lb.InputError, match="Did you mean 'f300'"):
+        bound.keeping(["f036", "f301"])

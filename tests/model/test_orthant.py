@@ -101,3 +101,19 @@ def test_draws_do_not_hang_in_the_tail() -> None:
 def test_no_constraint_is_inactive() -> None:
     assert not Truncation(np.zeros((0, 3))).active
     assert Truncation(np.zeros((0, 3))).holds(np.ones((4, 3))).all()
+
+
+def test_members_of_a_batch_do_not_depend_on_one_another() -> None:
+    """A parabola at twelve places: every member chooses its own binding rows."""
+    rows = np.vander(np.linspace(-1.0, 1.0, 12), 3, increasing=True)
+    truncation, sd = Truncation(rows), np.diag([0.5, 0.5, 1.5])
+    means = np.array([[1.0, 0.0, 0.0], [-8.0, 0.0, 0.0], [-2.0, 0.0, 0.0], [-2.0, 1.0, 0.5]])
+    together = truncation.orthants(means, np.tile(sd, (4, 1, 1))).log_probability(1 << 12)[0]
+    alone = [truncation.orthants(mean[None], sd[None]).log_probability(1 << 12)[0][0] for mean in means]
+    np.testing.assert_allclose(together, alone, atol=0.02)
+    rng = np.random.default_rng(0)
+    proposal = np.array([0.3, 0.0, 0.0])
+    draws = proposal + rng.normal(size=(4_000_000, 3)) * [0.5, 0.5, 1.5]
+    shift = ((draws - means[2]) / [0.5, 0.5, 1.5]) ** 2 - ((draws - proposal) / [0.5, 0.5, 1.5]) ** 2
+    expected = np.log(np.mean(np.where(truncation.holds(draws), np.exp(-0.5 * shift.sum(axis=1)), 0.0)))
+    assert together[2] == pytest.approx(expected, abs=0.05)

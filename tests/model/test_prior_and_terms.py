@@ -12,6 +12,7 @@ from scipy import integrate, stats
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.basis import SIZE, basis, harmonic_index
+from ldbb_bayes.model.spec import model_sha256
 from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, ForceError, Mount, SetupShift
 
 
@@ -35,9 +36,18 @@ def test_hyper_priors_are_normalised_half_normals_above_the_resolution() -> None
     floor = 0.24e-3 / np.sqrt(12.0)
     np.testing.assert_allclose(prior.lower_mm, [floor, 0.0, 0.0, 0.0])
     single = lb.Prior.default().hyper(("sigma",), 0.24)
-    mass, _ = integrate.quad(lambda u: float(np.exp(single.log_density_of_log(np.array([u])))), np.log(floor), np.log(2e-2))
+    mass, _ = integrate.quad(lambda x: float(np.exp(single.log_density(np.array([x])))), floor, 2e-2, points=[1e-3])
     assert mass == pytest.approx(1.0, abs=1e-6)
-    assert single.log_density_of_log(np.array([np.log(floor * 0.999)])) == -np.inf
+    assert single.log_density(np.array([floor * 0.999])) == -np.inf
+    mass, _ = integrate.quad(lambda u: float(np.exp(single.log_density_of_free(np.array([u])))), -30.0, -3.0, points=[-7.0])
+    assert mass == pytest.approx(1.0, abs=1e-6)
+
+
+def test_free_coordinates_have_no_edge() -> None:
+    prior = lb.Prior.default().hyper(("sigma", "tau"), 0.24)
+    phi = np.array([[0.0693e-3, 1e-3], [1e-3, 1e-9]])
+    np.testing.assert_allclose(prior.phi(prior.free(phi)), phi, rtol=1e-12)
+    assert np.all(np.isfinite(prior.log_density_of_free(np.array([[-300.0, -300.0], [0.0, 0.0]]))))
 
 
 def test_hyper_draws_follow_their_density(rng: np.random.Generator) -> None:
@@ -88,6 +98,8 @@ def test_log_prior_is_a_density_inside_the_truncation(rng: np.random.Generator) 
         ({"tau_um": float("nan")}, "prior tau_um must be a positive number"),
         ({"overrides": {"C_XXX": -1.0}}, "prior C_XXX must be"),
         ({"flat": True}, "flat prior must not be truncated"),
+        ({"tau_um": -5}, "prior tau_um must be"),
+        ({"sigma_um": 0}, "prior sigma_um must be"),
     ],
 )
 def test_prior_refused(changes: dict, message: str) -> None:
@@ -103,6 +115,18 @@ def test_overrides() -> None:
     wrong = replace(model, prior=replace(model.prior, overrides={"C_XXY": 1.0}))
     with pytest.raises(InputError, match="prior override must be one of"):
         wrong.bind(plan())
+
+
+def test_every_radius_has_its_own_length() -> None:
+    two = replace(plan(), tests=tuple(replace(t, radius_mm=r) for t, r in zip(plan().tests, (150, 100, 150, 100), strict=True)))
+    (length,) = BarLength().columns(lb.HybridModel.default(0).bind(two).setting)
+    assert length.names == ("bar_length_100", "bar_length_150")
+    np.testing.assert_array_equal(length.values[:, 0], [[0, 1], [1, 0], [0, 1], [1, 0]])
+
+
+def test_integers_are_numbers_too() -> None:
+    assert lb.Prior(tau_um=5) == lb.Prior.default()
+    assert model_sha256(lb.HybridModel(prior=lb.Prior(tau_um=5))) == model_sha256(lb.HybridModel.default())
 
 
 def test_one_ball_term_until_a_ball_is_clocked() -> None:

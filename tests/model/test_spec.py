@@ -52,6 +52,8 @@ def test_what_is_left_out_is_the_presets() -> None:
         ("schema = 1\n[terms.BallForms]", "Did you mean 'BallForm'"),
         ("schema = 1\n[terms.BarLength]\nsd = 1.0", "Did you mean 'sd_um'"),
         ("schema = 1\n[terms.BarLength]\nsd_um = -1.0", "BarLength sd_um must be"),
+        ("schema = 1\n[terms.BallForm]\nx = 1.0", "BallForm key must not be given here, got 'x'"),
+        ("schema = 1\nreference_force_N = nan", "reference_force_N must be finite"),
     ],
 )
 def test_refused(tmp_path: Path, text: str, message: str) -> None:
