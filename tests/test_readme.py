@@ -16,28 +16,67 @@ def text(root: Path) -> str:
     return (root / "README.md").read_text(encoding="utf-8")
 
 
-def test_python_runs(root: Path) -> None:
+@pytest.fixture(scope="module")
+def desk(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder where the README's commands have been run, in order."""
+    place = tmp_path_factory.mktemp("desk")
+    (place / "data").symlink_to(root / "data")
+    commands = re.findall(r"^ldbb-bayes .*$", "".join(re.findall(r"```sh\n(.*?)```", text(root), re.S)), re.M)
+    assert len(commands) >= 3
+    for command in commands:
+        arguments = [sys.executable, "-W", "error", "-m", "ldbb_bayes", *command.split()[1:]]
+        done = subprocess.run(arguments, capture_output=True, text=True, cwd=place, check=False)
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+    return place
+
+
+def test_python_runs(root: Path, desk: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", text(root), re.S)
-    assert blocks
+    assert len(blocks) == 2
     for block in blocks:
-        done = subprocess.run([sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, cwd=root, check=False)
+        done = subprocess.run([sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, cwd=desk, check=False)
         assert done.returncode == 0, done.stderr
         assert "C_XXX" in done.stdout
+    assert (desk / "posterior.nc").exists()
+
+
+def test_truths_run(root: Path, tmp_path: Path) -> None:
+    (block,) = re.findall(r"```toml\n(.*?)```", text(root), re.S)
+    (tmp_path / "truths.toml").write_text(block)
+    arguments = [sys.executable, "-m", "ldbb_bayes", "simulate", "truths.toml", "--out", "c"]
+    assert subprocess.run(arguments, cwd=tmp_path, capture_output=True, check=False).returncode == 0
+    assert ldbb_bayes.read_campaign(tmp_path / "c").readings == 3 * 360
+
+
+def test_the_tidy_example_is_understood(root: Path, tmp_path: Path) -> None:
+    """The lines printed, continued to whole circles."""
+    (block,) = re.findall(r"```\n(test;.*?)```", text(root), re.S)
+    lines = block.strip().splitlines()
+    lines += [f"{test};{force};{a},25;1,5" for test, force in (("first", 36), ("second", 742)) for a in range(1, 360, 9)]
+    (tmp_path / "readings.csv").write_text("\n".join(lines))
+    campaign = ldbb_bayes.read_campaign(tmp_path / "readings.csv")
+    assert campaign.forces_N.tolist() == [36.0, 742.0]
+    assert campaign.tests[0].reading_um[:2].tolist() == [-12.31, -12.30]
 
 
 def test_commands_and_options_exist(root: Path) -> None:
-    section = text(root).split("## Commands")[1].split("## ")[0]
-    commands = set(re.findall(r"ldbb-bayes (\w+)", section))
+    section = text(root).split("## Commands")[1].split("```")[1]
+    entries = re.findall(r"ldbb-bayes (\w+)(.*?)(?=ldbb-bayes|\Z)", section, re.S)
     help_text = subprocess.run([sys.executable, "-m", "ldbb_bayes", "--help"], capture_output=True, text=True, check=True).stdout
-    assert commands
-    for command in commands:
-        assert command in help_text
+    listed = set(re.findall(r"^│ (\w+) ", help_text, re.M))
+    assert {command for command, _ in entries} == listed
+    for command, usage in entries:
         shown = subprocess.run(
             [sys.executable, "-m", "ldbb_bayes", command, "--help"], capture_output=True, text=True, check=True
         )
-        usage = section.split(f"ldbb-bayes {command} ")[1].split("ldbb-bayes")[0].split("\n\n")[0]
-        for option in re.findall(r"\[(--[\w-]+)", usage):
+        for option in re.findall(r"(--[\w-]+)", usage):
             assert option in shown.stdout, f"{command} {option}"
+
+
+def test_pictures_exist(root: Path) -> None:
+    pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", text(root))
+    assert pictures
+    assert all((root / picture).is_file() for picture in pictures)
 
 
 @pytest.mark.parametrize("target", ["demo", "test", "lint", "test-slow"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -39,8 +40,11 @@ FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
 )
 
 
-def save_figures(posterior: xr.DataTree, folder: Path, *, formats: tuple[str, ...] = ("png", "svg")) -> list[Path]:
+def save_figures(
+    posterior: xr.DataTree, folder: str | os.PathLike[str], *, formats: tuple[str, ...] = ("png", "svg")
+) -> list[Path]:
     """Draw every figure into a folder; returns the files written."""
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in FIGURES.items():

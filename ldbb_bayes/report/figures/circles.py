@@ -59,7 +59,9 @@ def traces(posterior: xr.DataTree) -> Figure:
     axes.set_rgrids((zero + ticks).tolist(), [""] * len(ticks))
     magnification = float(_tests(bound)[0].radius_mm or 0.0) * 1e3 / zero
     axes.set_title(
-        f"Readings (dots), prediction (lines), 95 % band for a new circle\nradial magnification {magnification:,.0f} : 1", pad=22
+        "Readings (dots), prediction (lines), 95 % band for a new circle\n"
+        f"rings every {step:g} µm, radial magnification {magnification:,.0f} : 1",
+        pad=22,
     )
     axes.legend(loc="center left", bbox_to_anchor=(1.06, 0.5))
     return figure
