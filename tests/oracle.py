@@ -123,8 +123,8 @@ class Oracle:
     def log_prior_of_log(self, log_phi: np.ndarray) -> float:
         phi = np.exp(log_phi)
         floor = self.resolution / np.sqrt(12.0)
-        if phi[0] < floor:
-            return -np.inf
+        if phi[0] < floor or np.any(phi > 30.0 * self.scales):
+            return -np.inf  # beyond 30 scales the density is below e^-450: nothing, and the dense covariance too ill-conditioned
         total = float(stats.halfnorm.logpdf(phi, scale=self.scales).sum() + log_phi.sum())
         return total - float(stats.halfnorm.logsf(floor, scale=self.scales[0]))
 
