@@ -26,6 +26,7 @@ _WIDEN = 1.2
 _PROPOSALS = 5
 _STARTS = 256
 _BASINS = 3
+_CHUNK = 1024
 
 
 class HyperPosterior:
@@ -41,6 +42,7 @@ class HyperPosterior:
 
     Attributes
     ----------
+    bound : BoundModel
     truncated : bool
     mode : ndarray, shape (h,)
         Of the density in free coordinates.
@@ -49,22 +51,21 @@ class HyperPosterior:
     """
 
     def __init__(self, bound: BoundModel, *, truncated: bool, seed: int = 0) -> None:
-        self._bound, self.truncated, self._seed = bound, truncated, seed
+        self.bound, self.truncated, self._seed = bound, truncated, seed
         self.mode, self.spread = self._locate()
 
     def log_density(self, free: Array, *, exact: bool = False, seed: int | None = None) -> Array:
         """ln p(y, free coordinates), shape (w,). P(T | y, φ) by its bound, which is smooth, or (``exact``) by its estimate."""
-        prior = self._bound.hyper_prior.log_density_of_free(free)
+        prior = self.bound.hyper_prior.log_density_of_free(free)
         total = np.full(len(free), -np.inf)
         inside = np.isfinite(prior)
         if not inside.any():
             return total
-        phi = self._bound.hyper_prior.phi(free[inside])
+        phi = self.bound.hyper_prior.phi(free[inside])
         if not self.truncated:
-            total[inside] = prior[inside] + self._bound.log_evidence_given(phi)[0]
+            total[inside] = prior[inside] + self.bound.log_evidence(phi)
             return total
-        log_evidence, mean, spread = self._bound.log_evidence_given(phi)
-        orthant = self._bound.physical.orthants(mean, spread)
+        log_evidence, orthant = self.bound.log_evidence_and_orthant(phi)
         log_truncation = (
             orthant.log_probability(256, seed=self._seed if seed is None else seed)[0] if exact else orthant.log_bound
         )
@@ -83,17 +84,23 @@ class HyperPosterior:
         keys = log_weight + rng.gumbel(size=len(log_weight))
         return free[np.argsort(-keys)[:size]]
 
+    def nodes(self, size: int, stream: int = 0) -> tuple[Array, Array]:
+        """Scrambled Sobol points of the proposal and their log weights, shapes (size, h) and (size,)."""
+        points = scipy.stats.qmc.Sobol(len(self.mode), rng=np.random.default_rng([self._seed, stream])).random(size)
+        standard = scipy.stats.t.ppf(points, _TAIL) * _WIDEN
+        log_proposal = (scipy.stats.t.logpdf(standard / _WIDEN, _TAIL) - np.log(_WIDEN)).sum(axis=1)
+        log_proposal -= np.linalg.slogdet(self.spread)[1]
+        free = self.mode + standard @ self.spread.T
+        parts = [
+            self.log_density(part, exact=True, seed=2 * self._seed + stream) for part in np.array_split(free, -(-size // _CHUNK))
+        ]
+        return free, np.concatenate(parts) - log_proposal
+
     def integrate(self, size: int = 1024) -> HyperIntegral:
         """ln ∫ p(y, φ) dφ by importance sampling at scrambled Sobol points, two independent halves giving the error."""
         estimates = []
         for half in range(2):
-            points = scipy.stats.qmc.Sobol(len(self.mode), rng=np.random.default_rng([self._seed, half])).random(size // 2)
-            standard = scipy.stats.t.ppf(points, _TAIL) * _WIDEN
-            log_proposal = (scipy.stats.t.logpdf(standard / _WIDEN, _TAIL) - np.log(_WIDEN)).sum(axis=1)
-            log_proposal -= np.linalg.slogdet(self.spread)[1]
-            log_weight = (
-                self.log_density(self.mode + standard @ self.spread.T, exact=True, seed=2 * self._seed + half) - log_proposal
-            )
+            _, log_weight = self.nodes(size // 2, half)
             top = log_weight.max()
             estimates.append(top + np.log(np.mean(np.exp(log_weight - top))))
         mean = float(np.logaddexp(*estimates) - np.log(2.0))
@@ -101,7 +108,7 @@ class HyperPosterior:
 
     def _locate(self) -> tuple[Array, Array]:
         """Mode and curvature: Newton from the best of many starting points, several basins tried."""
-        prior = self._bound.hyper_prior
+        prior = self.bound.hyper_prior
         points = scipy.stats.qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
         starts = np.log(2.0 * prior.scale_mm) - points * np.where(prior.lower_mm > 0, 12.0, 6.0)
         starts = starts[np.argsort(-self.log_density(starts))]

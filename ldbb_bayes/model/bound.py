@@ -27,10 +27,10 @@ from ldbb_bayes.machine.jacobian import (
 from ldbb_bayes.model.basis import SIZE, coefficients
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.orthant import Truncation
+from ldbb_bayes.model.orthant import Orthant, Truncation
 from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
 from ldbb_bayes.model.reduction import Reduced, reduce_readings
-from ldbb_bayes.model.structured import Conditional, StructuredGaussian
+from ldbb_bayes.model.structured import StructuredGaussian
 from ldbb_bayes.model.terms import BasisNoise, Columns, Compliance, GeometricErrors, Setting
 
 __all__ = ["BoundModel", "Parameter"]
@@ -178,13 +178,23 @@ class BoundModel:
             spread spreadᵀ is the covariance of β given y and φ.
         """
         log_evidence, conditional = self.collapsed.conditional(phi, np.zeros(len(self.names)))
-        mean, spread = self._interest_part(conditional)
-        return log_evidence, mean, spread
+        mean = conditional.mean[:, -len(self.names) :] + self.centre
+        return log_evidence, mean, conditional.spread(self._among_shared(np.eye(len(self.names))))
 
-    def _interest_part(self, conditional: Conditional) -> tuple[Array, Array]:
-        p = len(self.names)
-        rows = np.arange(conditional.mean.shape[1] - p, conditional.mean.shape[1])
-        return conditional.mean[:, -p:] + self.centre, conditional.spread(rows)
+    def log_evidence(self, phi: Array) -> Array:
+        """ln p(y | φ) alone, shape (w,); see `log_evidence_given`."""
+        return self.collapsed.log_density(phi, np.zeros(len(self.names)))
+
+    def log_evidence_and_orthant(self, phi: Array) -> tuple[Array, Orthant]:
+        """ln p(y | φ), shape (w,), and the problem of P(T | y, φ)."""
+        log_evidence, conditional = self.collapsed.conditional(phi, np.zeros(len(self.names)))
+        mean = conditional.mean[:, -len(self.names) :] + self.centre
+        return log_evidence, Orthant(mean @ self.physical.rows.T, conditional.spread(self._among_shared(self.physical.rows)))
+
+    def _among_shared(self, combinations: Array) -> Array:
+        """Combinations of the parameters as combinations of all shared columns, whose last are the parameters."""
+        others = len(self.collapsed.shared_names) - len(self.names)
+        return np.hstack([np.zeros((len(combinations), others)), combinations])
 
     def _structured(self, extra: tuple[Columns, ...]) -> StructuredGaussian:
         columns = [term for term in self.nuisance_columns if isinstance(term, Columns)]

@@ -80,11 +80,10 @@ class Conditional:
         white = rng.standard_normal(self.mean.shape)[..., None]
         return self.mean + np.linalg.solve(np.swapaxes(self.precision_root, 1, 2), white)[..., 0] * self.scale
 
-    def spread(self, rows: Array) -> Array:
-        """X with X Xᵀ = covariance of the selected coefficients, shape (w, len(rows), q)."""
-        eye = np.broadcast_to(np.eye(self.mean.shape[1])[:, rows], (*self.mean.shape, len(rows)))
-        white = np.linalg.solve(self.precision_root, eye)
-        return np.swapaxes(white, 1, 2) * self.scale[:, rows, None]
+    def spread(self, combinations: Array) -> Array:
+        """X with X Xᵀ = covariance of linear combinations of the coefficients: (m, q) → (w, m, q)."""
+        scaled = np.swapaxes(combinations * self.scale[:, None, :], 1, 2)
+        return np.swapaxes(np.linalg.solve(self.precision_root, scaled), 1, 2)
 
 
 class StructuredGaussian:
