@@ -39,7 +39,9 @@ def fit(
     preset: PresetOption = None,
     without: WithoutOption = "",
     model: ModelOption = None,
-    sampler: str = typer.Option("joint", help="joint: emcee over all parameters of interest and hyper-parameters."),
+    sampler: str = typer.Option(
+        "joint", help="joint (emcee over everything), collapsed (emcee over the hyper-parameters) or quadrature."
+    ),
     ess: float = typer.Option(1000.0, help="Bulk and tail effective sample size every parameter must reach.", min=100.0),
     max_steps: int = typer.Option(20_000, help="Steps of each ensemble at which sampling gives up.", min=200),
     topology: TopologyOption = None,

@@ -1,7 +1,7 @@
 """Collapsed sampling: the hyper-parameters alone, then β from its exact conditional Gaussian inside the truncation.
 
-p(φ | y, T) ∝ p(y | φ) p(φ) P(T | y, φ), all linear parameters integrated out; then β ~ p(β | y, φ, T). Exact, and the check of the
-joint sampler.
+p(φ | y, T) ∝ p(y | φ) p(φ) P(T | y, φ), all linear parameters integrated out; then β ~ p(β | y, φ, T). Exact, and
+the check of the joint sampler.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.ensemble import Assessment, EnsembleRun, Progress, StoppingRule, run_ensembles
 from ldbb_bayes.inference.quadrature import HyperPosterior, conditional_draws
 
-__all__ = ["sample_collapsed"]
+__all__ = ["draw_parameters_given", "sample_collapsed"]
 
 Array = NDArray[Any]
 _WALKERS = 64

@@ -46,9 +46,8 @@ class JointDensity:
 
 
 def sample_joint(
-    bound: BoundModel,
-    *,
     start: HyperPosterior,
+    *,
     assess: Callable[[Array], Assessment],
     ensembles: int = 4,
     walkers: int | None = None,
@@ -56,7 +55,7 @@ def sample_joint(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
 ) -> tuple[EnsembleRun, Array, Array]:
-    """Draws of (β, φ) from the joint posterior.
+    """Draws of (β, φ) from the joint posterior of the model ``start`` belongs to.
 
     Each ensemble starts from hyper-parameters drawn a little wider than their posterior, and from the exact conditional Gaussian
     of β inside the truncation.
@@ -72,6 +71,7 @@ def sample_joint(
     InputError
         For fewer than 4 ensembles or too few walkers.
     """
+    bound = start.bound
     density = JointDensity(bound)
     d = len(bound.names) + len(bound.hyper_prior.names)
     count = walkers or max(64, 4 * d + 4 * d % 2)

@@ -6,7 +6,7 @@ import json
 import platform
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Literal
@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.circular_test import Campaign
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.inference.ensemble import Progress, StoppingRule
-from ldbb_bayes.inference.joint import sample_joint
+from ldbb_bayes.inference.collapsed import sample_collapsed
+from ldbb_bayes.inference.ensemble import EnsembleRun, Progress, StoppingRule
+from ldbb_bayes.inference.independent import sample_quadrature
+from ldbb_bayes.inference.joint import JointDensity, sample_joint
 from ldbb_bayes.inference.origin import campaign_record
 from ldbb_bayes.inference.posterior import assess, build_tree
 from ldbb_bayes.inference.predictive import fit_quality
@@ -33,8 +35,8 @@ from ldbb_bayes.model.spec import model_sha256, model_to_toml
 __all__ = ["SAMPLERS", "sample"]
 
 Array = NDArray[Any]
-Sampler = Literal["joint"]
-SAMPLERS: tuple[Sampler, ...] = ("joint",)
+Sampler = Literal["joint", "collapsed", "quadrature"]
+SAMPLERS: tuple[Sampler, ...] = ("joint", "collapsed", "quadrature")
 _PRIOR_DRAWS = 4000
 _CHUNK = 256
 _QUALITY_DRAWS = 1000
@@ -59,8 +61,9 @@ def sample(
     model : HybridModel
     campaign : Campaign
         With readings.
-    sampler : {"joint"}
-        ``joint``: emcee over everything but the nuisances, which are integrated out.
+    sampler : {"joint", "collapsed", "quadrature"}
+        ``joint``: emcee over everything but the nuisances, which are integrated out. ``collapsed``: emcee over the
+        hyper-parameters alone, then exact conditional draws. ``quadrature``: independent draws from weighted nodes.
     seed : int
     ensembles, walkers : int
         At least 4 independent ensembles; walkers each.
@@ -88,12 +91,10 @@ def sample(
     bound = model.bind(campaign)
     seeds = np.random.SeedSequence(seed).spawn(2)
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
-    run, beta, phi = sample_joint(
-        bound, start=start, assess=assess, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress
-    )
+    run, beta, phi = _run(sampler, start, ensembles, walkers, rule, seeds[0], progress)
     truncation = _truncation_probability(bound, start, seed)
     quality = _fit(bound, beta, phi, truncation)
-    groups = _groups(bound, beta, phi, run.log_density, np.random.default_rng(seeds[1]))
+    groups = _groups(bound, beta, phi, np.random.default_rng(seeds[1]))
     record: dict[str, Any] = {
         "schema": 1,
         "campaign": campaign_record(campaign),
@@ -130,6 +131,25 @@ def sample(
         units=_units(bound),
         provenance=json.dumps(record, ensure_ascii=False),
     )
+
+
+def _run(
+    sampler: str,
+    start: HyperPosterior,
+    ensembles: int,
+    walkers: int | None,
+    rule: StoppingRule,
+    seed: np.random.SeedSequence,
+    progress: Callable[[Progress], None] | None,
+) -> tuple[EnsembleRun, Array, Array]:
+    if sampler == "quadrature":
+        return sample_quadrature(start, assess=assess, rule=rule, seed=seed, progress=progress)
+    if sampler == "collapsed":
+        brief = replace(rule, block=max(rule.block // 2, 1), thin=max(rule.thin // 2, 1))
+        return sample_collapsed(
+            start, assess=assess, ensembles=ensembles, walkers=walkers, rule=brief, seed=seed, progress=progress
+        )
+    return sample_joint(start, assess=assess, ensembles=ensembles, walkers=walkers, rule=rule, seed=seed, progress=progress)
 
 
 _DIMS = {
@@ -190,9 +210,7 @@ def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) 
         yield " ".join(dict.fromkeys(statements))
 
 
-def _groups(
-    bound: BoundModel, beta: Array, phi: Array, log_density: Array, rng: np.random.Generator
-) -> dict[str, dict[str, Array]]:
+def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator) -> dict[str, dict[str, Array]]:
     flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
     shape = beta.shape[:2]
     per_test = [
@@ -205,7 +223,7 @@ def _groups(
     groups: dict[str, dict[str, Array]] = {
         "posterior": _named(bound, beta, phi),
         "prior": _prior_draws(bound, rng),
-        "sample_stats": {"lp": log_density},
+        "sample_stats": {"lp": _log_density(bound, flat_beta, flat_phi).reshape(shape)},
         "log_prior": log_prior,
         "log_likelihood": {"per_test": np.concatenate(per_test).reshape(*shape, -1)},
         "observed_data": {"reading_mm": np.concatenate([test.readings_mm() for test in tests])},
@@ -223,6 +241,13 @@ def _groups(
         },
     }
     return groups
+
+
+def _log_density(bound: BoundModel, beta: Array, phi: Array) -> Array:
+    """ln p(β, free coordinates of φ | y) up to a constant, shape (draws,)."""
+    density = JointDensity(bound)
+    points = density.join(beta, bound.hyper_prior.free(phi))
+    return np.concatenate([density(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)])
 
 
 def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:

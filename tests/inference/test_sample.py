@@ -207,7 +207,7 @@ def test_progress_is_reported(campaign: lb.Campaign) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"sampler": "nuts"}, "sampler must be one of joint"),
+        ({"sampler": "nuts"}, "sampler must be one of joint, collapsed, quadrature"),
         ({"ensembles": 2}, "ensembles must be at least 4, got 2"),
         ({"walkers": 10}, "walkers must be even and at least"),
     ],
