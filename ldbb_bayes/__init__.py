@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "Campaign": "ldbb_bayes.campaign.circular_test",
+    "Campaign": "ldbb_bayes.campaign.campaign",
     "CircularTest": "ldbb_bayes.campaign.circular_test",
-    "ForceLaw": "ldbb_bayes.campaign.circular_test",
-    "MountCompensation": "ldbb_bayes.campaign.circular_test",
-    "Plan": "ldbb_bayes.campaign.circular_test",
+    "ForceLaw": "ldbb_bayes.campaign.loading",
+    "MountCompensation": "ldbb_bayes.campaign.loading",
+    "Plan": "ldbb_bayes.campaign.campaign",
     "read_campaign": "ldbb_bayes.campaign.folder",
     "write_campaign": "ldbb_bayes.campaign.folder",
     "compensate_mount": "ldbb_bayes.campaign.prepare",
@@ -74,9 +74,11 @@ __all__ = [
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.identifiability import verdicts
     from ldbb_bayes.analysis.preview import preview
-    from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation, Plan
+    from ldbb_bayes.campaign.campaign import Campaign, Plan
+    from ldbb_bayes.campaign.circular_test import CircularTest
     from ldbb_bayes.campaign.embedded import embedded_campaign
     from ldbb_bayes.campaign.folder import read_campaign, write_campaign
+    from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
     from ldbb_bayes.campaign.prepare import compensate_mount, mask_angles, mask_reversals, trim_overshoot
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.inference.ensemble import StoppingRule

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from oracle import Oracle, OracleTest
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, MountCompensation
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.campaign.loading import MountCompensation
 from ldbb_bayes.model.hybrid import HybridModel
 
 TRUTH = {

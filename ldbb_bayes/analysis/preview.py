@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.model.basis import SIZE
 from ldbb_bayes.model.reduction import reduce_readings
 from ldbb_bayes.notebook import table_html

@@ -13,7 +13,9 @@ import pandas as pd
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.campaign.table import READING_COLUMNS, read_columns, read_tidy, readings_of
 from ldbb_bayes.errors import InputError, check_known, nearest
 from ldbb_bayes.files import staged_folder

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.errors import InputError
 
 __all__ = ["compensate_mount", "fill_force_and_pressure", "mask_angles", "mask_reversals", "trim_overshoot"]

@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.errors import InputError, nearest
 
 __all__ = ["TIDY_COLUMNS", "read_columns", "read_tidy", "readings_of"]

@@ -13,7 +13,7 @@ import typer
 from ldbb_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from ldbb_bayes.campaign.circular_test import Campaign
+    from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.model.hybrid import HybridModel
 
 __all__ = [
@@ -113,8 +113,8 @@ def campaign_from(
     **fields: Any,
 ) -> Campaign:
     """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say."""
-    from ldbb_bayes.campaign.circular_test import ForceLaw, MountCompensation
     from ldbb_bayes.campaign.folder import read_campaign
+    from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 
     given = {name: value for name, value in fields.items() if value is not None}
     if raw or mount_um_per_bar is not None:

@@ -9,7 +9,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.spec import model_from_toml

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.inference.collapsed import sample_collapsed
 from ldbb_bayes.inference.ensemble import EnsembleRun, Progress, StoppingRule

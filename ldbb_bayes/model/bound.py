@@ -13,7 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.jacobian import (
     ComplianceName,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import (

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.model.basis import SIZE, basis
 from ldbb_bayes.model.bound import BoundModel

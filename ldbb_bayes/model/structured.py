@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
+from ldbb_bayes.model.arrangement import Block, arrange, split
 from ldbb_bayes.model.basis import SIZE
 from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper
@@ -27,36 +26,6 @@ __all__ = ["Conditional", "StructuredGaussian"]
 
 Array = NDArray[Any]
 _LOG_2PI = float(np.log(2 * np.pi))
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """A stack of b independent groups of basis functions of the same shape, each coupled within itself.
-
-    ``weights`` (b, tests, m, hypers): D = weights · φ²; ``present`` (b, tests, m) marks real rows; ``private``
-    (b, tests, m, v); ``shared`` (b, tests, m, q) with ``shared_index`` (b, q) into the shared columns; ``interest``
-    (b, tests, m, p); ``residual`` (b, tests, m).
-    """
-
-    weights: Array
-    present: Array
-    private: Array
-    shared: Array
-    shared_index: Array
-    interest: Array
-    residual: Array
-
-    @cached_property
-    def columns(self) -> Array:
-        """Private and shared columns side by side, shape (b, tests, m, v + q)."""
-        return np.concatenate([self.private, self.shared], axis=3)
-
-    @cached_property
-    def pairs(self) -> Array:
-        """Products of all pairs of columns, shape (b, tests, m, (v + q)²)."""
-        return np.einsum("btmi,btmj->btmij", self.columns, self.columns).reshape(
-            *self.columns.shape[:3], self.columns.shape[3] ** 2
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +89,9 @@ class StructuredGaussian:
         self._shared_sd = _SpreadOf(shared, self.hypers)
         means = [np.zeros(len(term.names)) if term.mean is None else term.mean for term in shared]
         self._shared_mean = np.concatenate([np.zeros(0), *means])
-        rows = _turned_rows(reduced, noise, private, shared, interest, offset, self.hypers)
+        rows = arrange(reduced, noise, private, shared, interest, offset, self.hypers)
         self._private_sd = _SpreadOf(rows.private_terms, self.hypers)
-        self._blocks = _split(rows)
+        self._blocks = split(rows)
 
     def log_density(self, phi: Array, beta: Array) -> Array:
         """ln p(z | β, φ), shape (w,).
@@ -195,7 +164,7 @@ class StructuredGaussian:
         square = phi[:, :1] ** 2
         return np.asarray(-0.5 * (self._readings * _LOG_2PI + self._free * np.log(square) + self._residual_ss / square))
 
-    def _condense(self, block: _Block, phi: Array, beta: Array) -> tuple[Array, Array, Array]:
+    def _condense(self, block: Block, phi: Array, beta: Array) -> tuple[Array, Array, Array]:
         """Per group and test, private columns integrated out: density of the residual (w, b, T), Uᵀ Σ⁻¹ U, Uᵀ Σ⁻¹ r."""
         variance = _variance(block, phi)
         residual = block.residual - _apply(block.interest, beta)
@@ -218,7 +187,7 @@ class StructuredGaussian:
             projected = projected[..., v:] - (links @ white[..., -1:])[..., 0]
         return density, gram, projected
 
-    def _integrate(self, gram: Array, projected: Array, block: _Block, phi: Array) -> tuple[Array, Array, Array, Array]:
+    def _integrate(self, gram: Array, projected: Array, block: Block, phi: Array) -> tuple[Array, Array, Array, Array]:
         """Integrate the shared coefficients: log density gained (w, b), Cholesky factor, whitened projection, scale."""
         sd = self._shared_sd(phi)[:, block.shared_index]
         mean = self._shared_mean[block.shared_index]
@@ -250,21 +219,7 @@ class _SpreadOf:
         return self._sd * factors[:, self._hyper]
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """All reduced rows, padded to (tests, m): see `_Block`. ``coupled`` says which rows any test links with one another."""
-
-    weights: Array
-    present: Array
-    private: Array
-    private_terms: tuple[Columns, ...]
-    shared: Array
-    interest: Array
-    residual: Array
-    diagonal: bool
-
-
-def _variance(block: _Block, phi: Array) -> Array:
+def _variance(block: Block, phi: Array) -> Array:
     variance = np.moveaxis(block.weights @ (phi**2).T, -1, 0)
     return variance if block.present.all() else np.where(block.present, variance, 1.0)
 
@@ -285,106 +240,3 @@ def _apply(columns: Array, values: Array) -> Array:
 def _contract(weight: Array, columns: Array) -> Array:
     """Sum over the rows of each test: (w, b, T, m) with (b, T, m, c) → (w, b, T, c)."""
     return np.moveaxis(np.moveaxis(weight, 0, 2) @ columns, 2, 0)
-
-
-def _turned_rows(
-    reduced: Sequence[Reduced],
-    noise: Sequence[BasisNoise],
-    private: Sequence[Columns],
-    shared: Sequence[Columns],
-    interest: Array,
-    offset: Array,
-    hypers: Sequence[Hyper],
-) -> _Rows:
-    """Bring every test to rows with diagonal noise."""
-    diagonal = all(test.is_orthogonal for test in reduced)
-    absorbed = [term for term in noise if diagonal or term.hyper == "kappa"]
-    moved = [term for term in noise if term not in absorbed]
-    tests = len(reduced)
-    private_terms = (*private, *(_as_columns(term, tests) for term in moved))
-    stacked_private = _stack([term.values for term in private_terms], tests)
-    stacked_shared = _stack([term.values for term in shared], tests)
-    weights = np.zeros((tests, SIZE, len(hypers)))
-    present = np.zeros((tests, SIZE), dtype=bool)
-    out = [np.zeros((tests, SIZE, a.shape[2])) for a in (stacked_private, stacked_shared, interest)]
-    residual = np.zeros((tests, SIZE))
-    for r, test in enumerate(reduced):
-        m = test.factor.shape[0]
-        turn, spread = _turn(test, absorbed, diagonal)
-        factor = turn @ test.factor
-        if diagonal:
-            factor = np.diag(np.diag(factor))
-        present[r, :m] = True
-        weights[r, :m, hypers.index("sigma")] = 1.0
-        for term, value in zip(absorbed, spread, strict=True):
-            weights[r, :m, hypers.index(term.hyper)] = value
-        for target, source in zip(out, (stacked_private, stacked_shared, interest), strict=True):
-            target[r, :m] = factor @ source[r]
-        if test.projection is not None:
-            residual[r, :m] = turn @ test.projection - factor @ offset[r]
-    return _Rows(weights, present, out[0], private_terms, out[1], out[2], residual, diagonal)
-
-
-def _turn(test: Reduced, absorbed: Sequence[BasisNoise], diagonal: bool) -> tuple[Array, list[Array]]:
-    """An orthogonal matrix that makes the absorbed basis noise diagonal, and its variances in units of φ²."""
-    m = test.factor.shape[0]
-    if diagonal:
-        signs = np.diag(np.sign(np.diag(test.factor)))
-        return signs, [np.diag(test.factor) ** 2 * term.sd**2 for term in absorbed]
-    if not absorbed:
-        return np.eye(m), []
-    (term,) = absorbed
-    left, singular, _ = np.linalg.svd(test.factor * term.sd, full_matrices=True)
-    spread = np.zeros(m)
-    spread[: len(singular)] = singular**2
-    return left.T, [spread]
-
-
-def _as_columns(term: BasisNoise, tests: int) -> Columns:
-    used = np.flatnonzero(term.sd)
-    values = np.zeros((tests, SIZE, len(used)))
-    values[:, used, np.arange(len(used))] = 1.0
-    names = tuple(f"{term.hyper}_{i}" for i in used)
-    return Columns(names, values, term.sd[used], term.hyper, private=True)
-
-
-def _stack(columns: Sequence[Array], tests: int) -> Array:
-    return np.concatenate([np.zeros((tests, SIZE, 0)), *columns], axis=2)
-
-
-def _split(rows: _Rows) -> tuple[_Block, ...]:
-    """Separate the basis functions that no column links; without orthogonal sampling they are one group."""
-    columns = np.arange(rows.shared.shape[2])
-    if not rows.diagonal:
-        return (_block(rows, [np.arange(SIZE)], [columns], main=True),)
-    own = np.any(rows.private != 0, axis=(0, 2)) | np.any(rows.interest != 0, axis=(0, 2))
-    touched = np.any(rows.shared != 0, axis=0)
-    links = (own[:, None] & own[None, :]) | (touched.astype(int) @ touched.T.astype(int) > 0)
-    count, label = connected_components(links, directed=False)
-    main = int(label[np.flatnonzero(own)[0]]) if own.any() else -1
-    groups: dict[tuple[int, int, bool], list[tuple[Array, Array]]] = {}
-    for k in range(count):
-        members = np.flatnonzero(label == k)
-        index = np.flatnonzero(touched[members].any(axis=0))
-        groups.setdefault((len(members), len(index), k == main), []).append((members, index))
-    unseen = np.flatnonzero(~touched.any(axis=0))
-    if unseen.size:
-        groups[(0, len(unseen), False)] = [(np.zeros(0, dtype=int), unseen)]
-    return tuple(_block(rows, [m for m, _ in pairs], [i for _, i in pairs], main=key[2]) for key, pairs in groups.items())
-
-
-def _block(rows: _Rows, members: Sequence[Array], shared_index: Sequence[Array], *, main: bool) -> _Block:
-    def pick(array: Array) -> Array:
-        return np.stack([array[:, group] for group in members])
-
-    private, interest = pick(rows.private), pick(rows.interest)
-    shared = [rows.shared[:, group][:, :, index] for group, index in zip(members, shared_index, strict=True)]
-    return _Block(
-        pick(rows.weights),
-        pick(rows.present),
-        private if main else private[..., :0],
-        np.stack(shared),
-        np.stack(shared_index),
-        interest,
-        pick(rows.residual),
-    )

@@ -10,7 +10,9 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest, MountCompensation
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.campaign.loading import MountCompensation
 from ldbb_bayes.errors import InputError, check_known
 
 __all__ = ["Truths", "is_truths", "read_truths"]

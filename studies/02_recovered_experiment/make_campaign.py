@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.campaign.folder import write_campaign
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.machine.jacobian import geometric_jacobian, kept_compliances, wrench_jacobian, wrench_names

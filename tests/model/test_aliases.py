@@ -5,7 +5,7 @@ from __future__ import annotations
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.model.aliases import exact_aliases
 
 

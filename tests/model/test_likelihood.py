@@ -9,7 +9,8 @@ import pytest
 from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.circular_test import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.machine.jacobian import wrench_jacobian
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.gaussian import LinearGaussian

@@ -7,7 +7,7 @@ import pytest
 from campaigns import oracle_of, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.ensemble import StoppingRule
 
 CASES = {

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.circular_test import Campaign
+from ldbb_bayes.campaign.campaign import Campaign
 
 TABLES = [
     ("table_5_global_compliances", "table_6_global_geometric_errors"),

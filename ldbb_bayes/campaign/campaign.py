@@ -1,0 +1,201 @@
+"""A campaign: the tests of one machine. A plan is the same without readings."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.campaign.circular_test import LARGEST_LENGTH_MM, CircularTest, check_positive
+from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.machine.chain import Machine
+from ldbb_bayes.notebook import table_html
+
+__all__ = ["Campaign", "Plan"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """The tests of one machine.
+
+    Parameters
+    ----------
+    tests : sequence of CircularTest
+    topology, plane, radius_mm : the machine and the default circle
+    name : str
+    feed_mm_per_min : float, optional
+    resolution_um : float
+        Of the readout; sets the floor σ ≥ resolution/√12 (default: the paper's 0.24 µm).
+    mount : MountCompensation
+    force_law : ForceLaw
+        Used where a test has only one of force and pressure.
+    centre_mm : tuple of two floats
+        Default circle centre.
+
+    Raises
+    ------
+    InputError
+        For no tests, repeated names, tests in planes the machine does not have, or a mix of tests with and without readings.
+    """
+
+    tests: tuple[CircularTest, ...]
+    topology: str = "wCAFYXZSt"
+    plane: str = "XY"
+    radius_mm: float = 150.0
+    name: str = "campaign"
+    feed_mm_per_min: float | None = None
+    resolution_um: float = 0.24
+    mount: MountCompensation = field(default_factory=MountCompensation)
+    force_law: ForceLaw = field(default_factory=ForceLaw)
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        tests = tuple(self.tests)
+        if not tests:
+            raise InputError("campaign must have at least one test, got none. Add a circular test.")
+        if not (np.isfinite(self.resolution_um) and self.resolution_um > 0):
+            raise InputError(f"resolution_um must be a positive number, got {self.resolution_um}. Give the readout's step in µm.")
+        check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
+        object.__setattr__(self, "tests", _named(self._resolved(test) for test in tests))
+        with_readings = [test.reading_um is not None for test in self.tests]
+        if any(with_readings) and not all(with_readings):
+            missing = next(test.name for test in self.tests if test.reading_um is None)
+            raise InputError(
+                f"campaign must have readings in all tests or in none, got test {missing!r} without. "
+                "Add its file or plan it apart."
+            )
+        for plane in dict.fromkeys(test.plane for test in self.tests):
+            self.machine(plane)
+        if len({test.plane for test in self.tests}) > 1:
+            raise InputError("campaign must have all tests in one plane, got several. Fit each plane apart.")
+
+    label = "campaign"
+
+    def _resolved(self, test: CircularTest) -> CircularTest:
+        force, pressure = test.force_N, test.pressure_bar
+        if force is None:
+            force = self.force_law.force_N(float(pressure or 0.0))
+            if force <= 0:
+                raise InputError(
+                    f"{test.label} must have a force > 0, got {force:.4g} N from {pressure} bar. Check pressure_bar and [force]."
+                )
+        return replace(
+            test,
+            force_N=float(force),
+            pressure_bar=self.force_law.pressure_bar(force) if pressure is None else float(pressure),
+            radius_mm=self.radius_mm if test.radius_mm is None else float(test.radius_mm),
+            plane=self.plane if test.plane is None else test.plane,
+            centre_x_mm=self.centre_mm[0] if test.centre_x_mm is None else float(test.centre_x_mm),
+            centre_y_mm=self.centre_mm[1] if test.centre_y_mm is None else float(test.centre_y_mm),
+        )
+
+    def machine(self, plane: str | None = None) -> Machine:
+        """The machine in the campaign's plane (or another)."""
+        return Machine(self.topology, plane or self.tests[0].plane or self.plane)
+
+    @property
+    def is_plan(self) -> bool:
+        """True without readings."""
+        return self.tests[0].reading_um is None
+
+    @property
+    def forces_N(self) -> Array:
+        """Force of each test, shape (tests,) [N]."""
+        return np.array([test.force_N for test in self.tests], dtype=float)
+
+    @property
+    def force_levels(self) -> int:
+        """Number of forces that differ by more than a millionth of the largest."""
+        ordered = np.sort(self.forces_N)
+        return 1 + int(np.sum(np.diff(ordered) > 1e-6 * ordered[-1]))
+
+    @property
+    def pressures_bar(self) -> Array:
+        """Pressure of each test, shape (tests,) [bar]."""
+        return np.array([test.pressure_bar for test in self.tests], dtype=float)
+
+    @property
+    def readings(self) -> int:
+        """Number of angles in all tests."""
+        return sum(len(test.angle_deg) for test in self.tests)
+
+    def without(self, *names: str) -> Campaign:
+        """The campaign without the named tests.
+
+        Raises
+        ------
+        ValueError
+            For a name the campaign does not have.
+        """
+        check_known("test", names, [test.name for test in self.tests])
+        return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
+
+    def select(self, names: Sequence[str]) -> Campaign:
+        """The campaign with only the named tests."""
+        check_known("test", names, [test.name for test in self.tests])
+        return self.without(*(test.name for test in self.tests if test.name not in names))
+
+    def plan(self) -> Campaign:
+        """The same campaign without readings."""
+        return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
+
+    def _repr_html_(self) -> str:
+        rows = [
+            {
+                "test": test.name,
+                "force (N)": test.force_N,
+                "pressure (bar)": test.pressure_bar,
+                "readings": len(test.angle_deg),
+                "arc (°)": test.arc_deg,
+                "direction": test.direction,
+                "work ball (°)": test.work_ball_deg,
+                "tool ball (°)": test.tool_ball_deg,
+            }
+            for test in self.tests
+        ]
+        kind = "Plan" if self.is_plan else "Campaign"
+        return table_html(f"{kind} {self.name}: {self.topology}, plane {self.machine().plane}, R = {self.radius_mm:g} mm", rows)
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the parsed data: everything the model uses, independent of file layout and of text formatting."""
+        digest = hashlib.sha256()
+        head = [self.topology, self.resolution_um, self.mount.deflection_um_per_bar, self.mount.compensated]
+        digest.update(json.dumps(head).encode())
+        for test in self.tests:
+            fields = [test.name, test.force_N, test.pressure_bar, test.direction, test.work_ball_deg, test.tool_ball_deg]
+            fields += [test.radius_mm, test.plane, test.centre_x_mm, test.centre_y_mm]
+            digest.update(json.dumps(fields).encode())
+            for column in (test.angle_deg, test.reading_um):
+                digest.update(b"" if column is None else np.ascontiguousarray(column, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+
+Plan = Campaign
+
+
+def _named(tests: Iterable[CircularTest]) -> tuple[CircularTest, ...]:
+    """Give unnamed tests names after their force, numbering repeats; refuse repeated given names."""
+    named: list[CircularTest] = []
+    tests = tuple(tests)
+    taken = [test.name for test in tests if test.name]
+    repeated = next((name for name in taken if taken.count(name) > 1), None)
+    if repeated is not None:
+        raise InputError(f"test names must differ, got {repeated!r} twice. Give each test its own name.")
+    used = set(taken)
+    for test in tests:
+        if not test.name:
+            stem = f"f{test.force_N:03.0f}"
+            name = next(n for n in (stem, *(f"{stem}_{i}" for i in range(2, len(tests) + 2))) if n not in used)
+            used.add(name)
+            test = replace(test, name=name)
+        named.append(test)
+    return tuple(named)
