@@ -191,6 +191,7 @@ def _one_of(test: CircularTest, plain: str, value: Any, other: str, other_value:
 
 
 def check_positive(owner: Any, field: str, value: float | None, unit: str, largest: float) -> None:
+    """Refuse a field of ``owner`` that is not a positive number, or absurdly large."""
     if value is not None and value > largest:
         raise InputError(f"{owner.label} must have {field} ≤ {largest:g} {unit}, got {value}. Check the unit.")
     if value is not None and not (np.isfinite(value) and value > 0):
