@@ -34,7 +34,7 @@ class Verdict:
     """What is known of one parameter.
 
     The rule: aliased, when a nuisance term that looks exactly like it (together with other parameters) holds more than half of
-    its variance; else prior-limited, when its posterior sd is more than half of its prior sd; else identified.
+    its variance, or is left out of the model, so that nothing bounds it; else prior-limited, when its posterior sd is more than half of its prior sd; else identified.
 
     Attributes
     ----------
@@ -89,16 +89,19 @@ def verdicts(posterior: xr.DataTree) -> dict[str, Verdict]:
     beta, phi = draws_of(posterior, bound)
     fractions = confounding_fractions(bound, phi.mean(axis=0))
     alike: dict[str, set[str]] = {name: set() for name in bound.names}
+    unbounded: dict[str, set[str]] = {name: set() for name in bound.names}
     for alias in exact_aliases(bound):
         for name in alias.parameters:
-            alike[name].add(alias.term)
+            (alike if alias.modelled else unbounded)[name].add(alias.term)
     found = {}
     for name, sd, prior_sd in zip(bound.names, beta.std(axis=0), bound.prior_sd, strict=True):
         contraction = 1.0 - float(sd / prior_sd)
         shares = {term: fractions[name].get(term, 0.0) for term in sorted(alike[name])}
         heavy = tuple(term for term, share in sorted(shares.items(), key=lambda pair: -pair[1]) if share > 0.15)
         word: Word = "identified"
-        if sum(shares.values()) > _ALIASED and heavy:
+        if unbounded[name]:
+            word, heavy = "aliased", (*sorted(unbounded[name]), *heavy)
+        elif sum(shares.values()) > _ALIASED and heavy:
             word = "aliased"
         elif contraction < 1.0 - _CONTRACTED:
             word = "prior-limited"

@@ -25,7 +25,7 @@ from ldbb_bayes.inference.origin import campaign_record
 from ldbb_bayes.inference.posterior import assess, build_tree
 from ldbb_bayes.inference.predictive import fit_quality
 from ldbb_bayes.inference.quadrature import HyperPosterior, TruncationProbability, log_prob_truncation
-from ldbb_bayes.model.aliases import exact_aliases
+from ldbb_bayes.model.aliases import degeneracies
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.linearisation import largest_linearisation_error_mm
@@ -203,11 +203,7 @@ def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) 
                 f"Misfit: {name} = {median * 1e3:.3g} µm lies far above what its prior expects ({top * 1e3:.3g} µm at 99.9 %). "
                 "The model misses something in these readings."
             )
-    by_term: dict[str, list[str]] = {}
-    for alias in exact_aliases(bound):
-        by_term.setdefault(alias.term, []).append(alias.statement)
-    for statements in by_term.values():
-        yield " ".join(dict.fromkeys(statements))
+    yield from degeneracies(bound)
 
 
 def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator) -> dict[str, dict[str, Array]]:

@@ -55,3 +55,8 @@ def test_what_the_prior_decides_is_called_so() -> None:
     verdict = lb.verdicts(tree)["C_XYX"]
     assert (verdict.word, verdict.text) == ("prior-limited", "mostly the prior")
     assert verdict.contraction < 0.2
+
+
+def test_a_term_left_out_bounds_nothing() -> None:
+    tree = lb.sample(lb.HybridModel.default(0).without("ball-form"), simulated(plan()), rule=StoppingRule(ess=300.0, lengths=1.0))
+    assert lb.verdicts(tree)["E_C0YX"].text == "aliased with ball form"
