@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,8 +13,15 @@ from ldbb_bayes.errors import InputError
 __all__ = ["check_target", "staged_folder"]
 
 
-def check_target(target: Path, *, force: bool) -> None:
-    """Refuse an existing target unless ``force``, and a place that cannot be written, before any work is done.
+def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
+    """Refuse a target that must not be replaced or cannot be written, before any work is done.
+
+    Parameters
+    ----------
+    force : bool
+        Whether an existing folder may be replaced.
+    ours : collection of str
+        Names that may be lost with the old folder; anything else in it is somebody's and is kept.
 
     Raises
     ------
@@ -24,6 +31,15 @@ def check_target(target: Path, *, force: bool) -> None:
         raise InputError(f"{target} must not exist, got an existing one. Choose another name or pass --force.")
     if target.exists() and not target.is_dir():
         raise InputError(f"{target} must be a folder, got a file. Choose another name.")
+    here = Path.cwd()
+    if target.resolve() in (here, *here.parents):
+        raise InputError(f"{target} must not be the folder you stand in, or one above it. Choose another name.")
+    foreign = sorted(entry.name for entry in target.iterdir() if entry.name not in ours) if target.exists() else []
+    if foreign:
+        raise InputError(
+            f"{target} must hold nothing but earlier results to be replaced, got {foreign[0]!r}. "
+            "Move it away or choose another name."
+        )
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent):
@@ -33,15 +49,15 @@ def check_target(target: Path, *, force: bool) -> None:
 
 
 @contextmanager
-def staged_folder(target: Path, *, force: bool) -> Iterator[Path]:
+def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> Iterator[Path]:
     """A scratch folder beside ``target`` that takes its place when the block ends well.
 
     Raises
     ------
     InputError
-        When the target exists and ``force`` is false, or writing fails; the old target then stands untouched.
+        As `check_target`, or when writing fails; the old target then stands untouched.
     """
-    check_target(target, force=force)
+    check_target(target, force=force, ours=ours)
     staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
         yield staging

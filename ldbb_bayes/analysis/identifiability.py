@@ -27,6 +27,7 @@ Word = Literal["identified", "prior-limited", "aliased"]
 
 _ALIASED = 0.5
 _CONTRACTED = 0.5
+_NAMED = 0.02
 
 
 @dataclass(frozen=True)
@@ -34,15 +35,16 @@ class Verdict:
     """What is known of one parameter.
 
     The rule: aliased, when a nuisance term that looks exactly like it (together with other parameters) holds more than half of
-    its variance, or is left out of the model, so that nothing bounds it; else prior-limited, when its posterior sd is more than half of its prior sd; else identified.
+    its variance, or is left out of the model (then nothing bounds it); else prior-limited, when its posterior sd is more than
+    half of its prior sd, truncation included; else identified. Terms that look exactly like it are named all the same.
 
     Attributes
     ----------
     word : {"identified", "prior-limited", "aliased"}
     partners : tuple of str
-        The aliased terms.
+        Terms that look exactly like it, the heaviest first; those with less than 2 % of its variance are not listed.
     contraction : float
-        1 − posterior sd / prior sd; 1 when the prior is flat.
+        1 − posterior sd / prior sd, truncation included in both; 1 when the prior is flat.
     confounding : dict of term to fraction
     """
 
@@ -57,10 +59,15 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """The verdict in words."""
+        """The verdict in words, with the share of the variance that every partner holds."""
+        named = " and ".join(f"{_words(term)} ({self._share(term)})" for term in self.partners)
         if self.word == "aliased":
-            return f"aliased with {' and '.join(map(_words, self.partners))}"
-        return {"identified": "known from the readings", "prior-limited": "mostly the prior"}[self.word]
+            return f"aliased with {named}"
+        words = {"identified": "known from the readings", "prior-limited": "mostly the prior"}[self.word]
+        return f"{words}; shares with {named}" if named else words
+
+    def _share(self, term: str) -> str:
+        return f"{100.0 * self.confounding[term]:.0f} %" if term in self.confounding else "left out"
 
 
 def confounding_fractions(bound: BoundModel, phi: Array) -> dict[str, dict[str, float]]:
@@ -94,18 +101,19 @@ def verdicts(posterior: xr.DataTree) -> dict[str, Verdict]:
         for name in alias.parameters:
             (alike if alias.modelled else unbounded)[name].add(alias.term)
     found = {}
-    for name, sd, prior_sd in zip(bound.names, beta.std(axis=0), bound.prior_sd, strict=True):
+    for name, sd, nominal in zip(bound.names, beta.std(axis=0), bound.prior_sd, strict=True):
+        prior_sd = float(posterior["prior"][name].std()) if np.isfinite(nominal) else np.inf
         contraction = 1.0 - float(sd / prior_sd)
         shares = {term: fractions[name].get(term, 0.0) for term in sorted(alike[name])}
-        heavy = tuple(term for term, share in sorted(shares.items(), key=lambda pair: -pair[1]) if share > 0.15)
+        partners = tuple(term for term, share in sorted(shares.items(), key=lambda pair: -pair[1]) if share > _NAMED)
         word: Word = "identified"
         if unbounded[name]:
-            word, heavy = "aliased", (*sorted(unbounded[name]), *heavy)
-        elif sum(shares.values()) > _ALIASED and heavy:
+            word, partners = "aliased", (*sorted(unbounded[name]), *partners)
+        elif sum(shares.values()) > _ALIASED:
             word = "aliased"
         elif contraction < 1.0 - _CONTRACTED:
             word = "prior-limited"
-        found[name] = Verdict(word, heavy if word == "aliased" else (), contraction, fractions[name])
+        found[name] = Verdict(word, partners, contraction, fractions[name])
     return found
 
 

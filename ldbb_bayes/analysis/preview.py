@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.model.basis import SIZE
+from ldbb_bayes.model.basis import SIZE, basis
 from ldbb_bayes.model.reduction import reduce_readings
 from ldbb_bayes.notebook import table_html
 
 __all__ = ["CampaignPreview", "TestPreview", "preview"]
 
 _FULL = 359.0
+_MOST_READINGS = 200_000
+_LEAST_FORCE_N = 5.0
 
 
 @dataclass(frozen=True)
@@ -137,10 +140,24 @@ def _test_remarks(
         found.append("readings hardly exceed the resolution: check their unit")
     if test.reading_um is not None and float(np.ptp(test.reading_um)) > 1000.0:
         found.append("readings span more than 1 mm: check their unit")
+    found += _spikes(test)
     law = campaign.force_law.force_N(float(test.pressure_bar or 0.0))
     if abs(law - float(test.force_N or 0.0)) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
         found.append(f"force {test.force_N:g} N, but the force law gives {law:.0f} N at {test.pressure_bar:g} bar")
     return found
+
+
+def _spikes(test: CircularTest) -> list[str]:
+    """Readings far outside their neighbours' scatter, by the median absolute deviation from a Fourier fit to order 12."""
+    if test.reading_um is None or not SIZE + 10 <= len(test.angle_deg) <= _MOST_READINGS:
+        return []
+    columns = basis(test.angles_rad())
+    rest = test.reading_um - columns @ np.linalg.lstsq(columns, test.reading_um, rcond=1e-9)[0]
+    scatter = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
+    worst = int(np.argmax(np.abs(rest)))
+    if abs(rest[worst]) <= 8.0 * max(scatter, 1e-9):
+        return []
+    return [f"reading {worst + 1} at {test.angle_deg[worst]:g}° stands {rest[worst]:+.1f} µm off its neighbours"]
 
 
 def _noise_um(test: CircularTest) -> float | None:
@@ -179,7 +196,13 @@ def _remarks(campaign: Campaign) -> tuple[str, ...]:
         )
     elif len(levels) == 2:
         found.append("Two force levels: constant compliance only is checked by the readings; a slope needs a third.")
-    directions = {test.direction for test in campaign.tests} - {None}
-    if len(directions) == 1:
-        found.append("One direction of travel: friction in the bar cannot be told from C_XYX.")
+    if campaign.forces_N.max() < _LEAST_FORCE_N:
+        found.append(f"The largest force is {campaign.forces_N.max():g} N: check the unit of force_N.")
+    found += [
+        f"Tests {first.name} and {second.name} hold the same readings: a file read twice?"
+        for first, second in combinations(campaign.tests, 2)
+        if first.reading_um is not None and np.array_equal(first.reading_um, second.reading_um)
+    ]
+    if not {"CW", "CCW"} <= {test.direction for test in campaign.tests}:
+        found.append("One direction of travel (or none stated): friction in the bar cannot be told from C_XYX.")
     return tuple(found)

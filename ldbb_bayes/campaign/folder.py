@@ -20,10 +20,11 @@ from ldbb_bayes.campaign.table import READING_COLUMNS, read_columns, read_tidy, 
 from ldbb_bayes.errors import InputError, check_known, nearest
 from ldbb_bayes.files import staged_folder
 
-__all__ = ["read_campaign", "write_campaign", "write_campaign_into"]
+__all__ = ["TRUTH_NAME", "files_of", "read_campaign", "write_campaign", "write_campaign_into"]
 
 SCHEMA = 1
 TOML_NAME = "campaign.toml"
+TRUTH_NAME = "truth.json"
 
 
 class _Strict(BaseModel):
@@ -134,9 +135,19 @@ def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force:
         When the folder exists and ``force`` is false, or it cannot be written.
     """
     folder = Path(folder)
-    with staged_folder(folder, force=force) as staging:
+    with staged_folder(folder, force=force, ours=files_of(folder)) as staging:
         write_campaign_into(campaign, staging)
     return folder
+
+
+def files_of(folder: Path) -> set[str]:
+    """Names in a folder that belong to the campaign in it: what may go when the campaign is replaced."""
+    try:
+        content = tomllib.loads((folder / TOML_NAME).read_text(encoding="utf-8-sig"))
+        listed = {str(entry.get("file", "")) for entry in content.get("test", [])}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return set()
+    return {TOML_NAME, TRUTH_NAME, *listed}
 
 
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:

@@ -156,9 +156,11 @@ def _text(path: Path) -> str:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = "\0"
+        text = "" if b"\0" not in raw else "\0"
+    if not text:
+        raise InputError(f"{path} must be UTF-8 text, got another encoding. In the spreadsheet save it as 'CSV UTF-8'.")
     if "\0" in text:
-        raise InputError(f"{path} must be UTF-8 text, got binary data. Export it as CSV.")
+        raise InputError(f"{path} must be UTF-8 text, got binary data. In the spreadsheet save it as 'CSV UTF-8'.")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -11,6 +11,8 @@ from ldbb_bayes.cli.options import ForceOption, JsonOption, QuietOption, SeedOpt
 
 __all__ = ["demo"]
 
+DEMO_FILES = ("campaign", "constant", "linear", "figures")
+
 
 @guarded
 def demo(
@@ -29,23 +31,22 @@ def demo(
     from ldbb_bayes.analysis.identifiability import verdicts
     from ldbb_bayes.campaign.embedded import embedded_campaign
     from ldbb_bayes.campaign.folder import read_campaign
-    from ldbb_bayes.cli.show import print_json, reading_console, sampling_progress, write_result
+    from ldbb_bayes.cli.show import full_result, print_json, reading_console, sampling_progress, write_result
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.sample import sample
-    from ldbb_bayes.inference.summary import result_json
     from ldbb_bayes.model.hybrid import HybridModel
     from ldbb_bayes.report.figures import save_figures
     from ldbb_bayes.report.text import engineer_table, meaning
 
-    check_target(out, force=force)
+    check_target(out, force=force, ours=DEMO_FILES)
     source = embedded_campaign()
     campaign = read_campaign(source)
     fits = {}
     for name, degree in (("constant", 0), ("linear", 1)):
         with sampling_progress(quiet, name) as progress:
             fits[name] = sample(HybridModel.default(degree), campaign, seed=seed, progress=progress)
-    results = {name: result_json(posterior) for name, posterior in fits.items()}
-    with staged_folder(out, force=force) as staging:
+    results = {name: full_result(posterior, 0.95) for name, posterior in fits.items()}
+    with staged_folder(out, force=force, ours=DEMO_FILES) as staging:
         shutil.copytree(source, staging / "campaign")
         for name, posterior in fits.items():
             write_result(posterior, results[name], staging / name)

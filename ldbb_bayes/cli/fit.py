@@ -63,11 +63,11 @@ def fit(
 
     Exit code 1 when the sampler missed its target.
     """
-    from ldbb_bayes.cli.show import print_fit, print_json, sampling_progress, write_result
+    from ldbb_bayes.cli.show import RESULT_FILES, full_result, print_fit, print_json, sampling_progress, write_result
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.ensemble import StoppingRule
     from ldbb_bayes.inference.sample import sample
-    from ldbb_bayes.inference.summary import check_probability, result_json
+    from ldbb_bayes.inference.summary import check_probability
 
     check_probability(ci)
     chosen = model_from(degree, preset, without, model)
@@ -83,13 +83,13 @@ def fit(
         force_offset=force_offset,
     )
     if out is not None:
-        check_target(out, force=force)
+        check_target(out, force=force, ours=RESULT_FILES)
     with sampling_progress(quiet) as progress:
         rule = StoppingRule(ess=ess, max_steps=max_steps)
         posterior = sample(chosen, readings, sampler=sampler, seed=seed, rule=rule, progress=progress)
-    result = result_json(posterior, ci_prob=ci)
+    result = full_result(posterior, ci)
     if out is not None:
-        with staged_folder(out, force=force) as staging:
+        with staged_folder(out, force=force, ours=RESULT_FILES) as staging:
             write_result(posterior, result, staging)
     if as_json:
         print_json(result)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -139,10 +140,13 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
     def run(*args: Any, **kwargs: Any) -> None:
         try:
             command(*args, **kwargs)
+            sys.stdout.flush()
         except InputError as error:
             fail(str(error), EXIT_BAD_INPUT)
+        except BrokenPipeError:
+            sys.stdout = open(os.devnull, "w")  # noqa: SIM115
         except OSError as error:
-            fail(f"{error.filename or 'a file'} must be usable, got: {error.strerror}. Check it.", EXIT_BAD_INPUT)
+            fail(f"{error.filename or 'the output'} must be usable, got: {error.strerror}. Check it.", EXIT_BAD_INPUT)
         except ArithmeticError as error:
             fail(
                 f"the numbers must be within reach of double precision, got: {error}. Check units and magnitudes.", EXIT_BAD_INPUT
@@ -152,7 +156,7 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
                 raise
             fail(
                 f"the campaign must determine the model, got a numerical breakdown ({error}). "
-                "Look for forces or angles that hardly differ, or readings of an impossible size (ldbb-bayes check).",
+                "Look for forces or angles that hardly differ, readings or priors of an impossible size (ldbb-bayes check).",
                 EXIT_BAD_INPUT,
             )
         except KeyboardInterrupt:

@@ -16,7 +16,19 @@ if TYPE_CHECKING:
 
     from ldbb_bayes.inference.ensemble import Progress
 
-__all__ = ["json_text", "print_fit", "print_json", "reading_console", "sampling_progress", "write_result"]
+__all__ = [
+    "RESULT_FILES",
+    "full_result",
+    "json_text",
+    "print_fit",
+    "print_json",
+    "reading_console",
+    "sampling_progress",
+    "write_result",
+]
+
+
+RESULT_FILES = ("posterior.nc", "summary.json", "model.toml")
 
 
 def print_json(result: Mapping[str, Any]) -> None:
@@ -43,7 +55,26 @@ def reading_console() -> Console:
     """Where tables go: stdout, 120 columns when it is no terminal."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
+    class Terminal(Console):
+        """rich ends the program when a reader closes the pipe; that is for the command to answer."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    return Terminal(width=None if sys.stdout.isatty() else 120, highlight=False)
+
+
+def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
+    """The JSON of a fit, with what a look at the readings finds among its warnings."""
+    from ldbb_bayes.analysis.preview import preview
+    from ldbb_bayes.inference.origin import campaign_of
+    from ldbb_bayes.inference.summary import result_json
+
+    result = result_json(posterior, ci_prob=ci_prob)
+    seen = preview(campaign_of(posterior))
+    result["fit"]["warnings"] += [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
+    result["fit"]["warnings"] += [remark for remark in seen.remarks if not remark.startswith(("One", "Two"))]
+    return result
 
 
 def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:

@@ -40,7 +40,7 @@ def simulate(
 
     What the truths leave out is drawn from the priors.
     """
-    from ldbb_bayes.campaign.folder import write_campaign_into
+    from ldbb_bayes.campaign.folder import TRUTH_NAME, files_of, write_campaign_into
     from ldbb_bayes.cli.show import json_text, print_json
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.files import staged_folder
@@ -61,11 +61,13 @@ def simulate(
     else:
         plan = campaign_from(source)
         truths = Truths(None, None, {}, False) if truth is None else read_truths(truth)
+        if truths.plan is not None:
+            raise InputError(f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove one of them.")
     made = chosen.simulate(plan, seed=seed, parameters=truths.parameters, hyper_um=truths.hyper_um, exact=truths.exact)
     record = {"schema": 1, "seed": seed, "sha256": made.campaign.sha256, "parameters": made.parameters, "hyper_um": made.hyper_um}
-    with staged_folder(out, force=force) as staging:
+    with staged_folder(out, force=force, ours=files_of(out)) as staging:
         write_campaign_into(made.campaign, staging)
-        (staging / "truth.json").write_text(json_text(record), encoding="utf-8")
+        (staging / TRUTH_NAME).write_text(json_text(record), encoding="utf-8")
     if as_json:
         print_json(record)
     else:

@@ -40,7 +40,8 @@ SAMPLERS: tuple[Sampler, ...] = ("joint", "collapsed", "quadrature")
 _PRIOR_DRAWS = 4000
 _CHUNK = 256
 _QUALITY_DRAWS = 1000
-_IMPROBABLE = 0.01
+_IMPROBABLE = 1e-3
+_IMPOSSIBLE = 1e-6
 
 
 def sample(
@@ -190,12 +191,19 @@ def _fit(bound: BoundModel, beta: Array, phi: Array, truncation: TruncationProba
 
 def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) -> Iterator[str]:
     if truncation.log_value < np.log(_IMPROBABLE):
+        verb = "contradict" if truncation.log_value < np.log(_IMPOSSIBLE) else "speak against"
         yield (
-            f"The readings contradict non-negative compliance: ln P(T | y) = {truncation.log_value:.1f}. "
-            "A nuisance is missing, or a sign, a force or the mount compensation is wrong."
+            f"The readings {verb} non-negative compliance: ln P(T | y) = {truncation.log_value:.1f} (expected above "
+            f"{np.log(_IMPROBABLE):.1f}). A nuisance may be missing, or a sign, a force or the mount compensation be wrong."
         )
-    if len(np.unique(bound.campaign.forces_N)) == 1:
+    levels, needed = bound.campaign.force_levels, bound.model.degree + 2
+    if levels == 1:
         yield "One force level: constant compliance and geometry are told apart by their priors alone."
+    elif levels < needed:
+        yield (
+            f"Only {levels} force levels: at degree {bound.model.degree} compliance and geometry need {needed} to be told apart "
+            "by the readings; here their priors do it."
+        )
     limit = bound.hyper_prior.quantile(np.full(phi.shape[1], 0.999))
     for name, median, top in zip(bound.hyper_prior.names, np.median(phi, axis=0), limit, strict=True):
         if median > top:
@@ -275,8 +283,17 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
         "degree": bound.model.degree,
         "reference_force_N": bound.setting.reference_force_N,
         "terms": list(bound.model.terms),
+        "truncated": bound.model.prior.truncated,
+        "priors": "preset" if _has_preset_priors(bound.model) else "edited",
         "sha256": model_sha256(bound.model),
         "toml": model_to_toml(bound.model),
         "prior_sd": finite,
         "groups": {p.name: p.group for p in bound.parameters},
     }
+
+
+def _has_preset_priors(model: HybridModel) -> bool:
+    preset = HybridModel.from_preset(model.preset, model.degree)
+    return replace(model.prior, truncated=preset.prior.truncated) == preset.prior and set(model.nuisances) <= set(
+        preset.nuisances
+    )

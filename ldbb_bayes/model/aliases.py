@@ -79,13 +79,14 @@ def _standing(bound: BoundModel, form: Sequence[Alias]) -> list[str]:
     directions = {test.direction for test in bound.campaign.tests}
     if cross and not {"CW", "CCW"} <= directions:
         found.append(
-            f"Friction in the bar or lost motion in proportion to force looks exactly like {' and '.join(cross)} in circles of one "
-            "direction. Run both directions."
+            f"Friction in the bar or lost motion in proportion to force looks exactly like {' and '.join(cross)} "
+            "in circles of one direction. Run both directions."
         )
     direct = [name.label for name in bound.compliances if name.kind == "direct"]
     if bound.model.degree and len(direct) == 2:
         found.append(
-            f"A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {' and '.join(direct)}."
+            f"A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of "
+            f"{' and '.join(direct)}."
         )
     rotary = [name.label for name in bound.compliances if name.kind == "rotation_for_moment"]
     if rotary and form and bound.campaign.force_levels > 1:

@@ -9,9 +9,13 @@ from rich.table import Table
 
 from ldbb_bayes.analysis.identifiability import Verdict
 from ldbb_bayes.analysis.preview import CampaignPreview
+from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.rounding import display_name, display_unit, round_like, round_uncertainty, value_and_uncertainty
 
 __all__ = ["engineer_table", "meaning", "parameter_table", "preview_lines", "preview_table", "verdict_lines"]
+
+
+DEFAULT_TERMS = HybridModel.default().terms
 
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
@@ -33,7 +37,7 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
         factor, unit = display_unit(entry["unit"])
         spread, decimals = round_uncertainty(entry["sd"] * factor)
         low, high = (round_like(bound * factor, decimals) for bound in entry[key])
-        prior = "flat" if entry["prior_sd"] is None else f"{entry['prior_sd'] * factor:.3g}"
+        prior = "flat" if entry["prior_sd"] is None else _three_digits(entry["prior_sd"] * factor)
         shown = display_name(name.removesuffix("_um"))
         table.add_row(
             shown, round_like(entry["mean"] * factor, decimals), spread, f"[{low}, {high}]".replace("[", r"\["), prior, unit
@@ -47,7 +51,7 @@ def verdict_lines(result: Mapping[str, Any]) -> list[str]:
     degree = ("constant", "linear in force", "quadratic in force")[model["degree"]]
     lines = [
         f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
-        f"Compliance {degree}, preset {model['preset']}, reference force {model['reference_force_N']:g} N.",
+        f"Compliance {degree}, preset {model['preset']}{_changes(model)}, reference force {model['reference_force_N']:g} N.",
         f"RMSE {fit['rmse_um']:.2f} µm (machine and shared nuisances); linear for exact geometry costs at most "
         f"{fit['linearisation_error_um']:.4f} µm. ln P(T | y) = {fit['log_prob_truncation']:.2f}.",
         f"{'Converged' if sampler['converged'] else 'NOT CONVERGED'}: ESS bulk {sampler['ess_bulk_min']:.0f}, "
@@ -56,18 +60,48 @@ def verdict_lines(result: Mapping[str, Any]) -> list[str]:
     return lines + [f"Note: {warning}" for warning in fit["warnings"]]
 
 
+def _three_digits(value: float) -> str:
+    return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
+
+
+def _changes(model: Mapping[str, Any]) -> str:
+    """How the model differs from its preset."""
+    if model["preset"] == "paper":
+        return " (least squares: the intervals cover white noise alone)"
+    missing = [name for name in DEFAULT_TERMS if name not in model["terms"]] + ([] if model["truncated"] else ["truncation"])
+    said = [f"without {', '.join(missing)}"] if missing else []
+    said += ["with edited priors"] if model["priors"] == "edited" else []
+    return f" {' and '.join(said)}" if said else ""
+
+
 def engineer_table(result: Mapping[str, Any], verdicts: Mapping[str, Verdict]) -> Table:
     """Value ± expanded uncertainty U (k = 2), unit, stiffness for the direct compliances, and the verdict in words."""
     table = Table(box=None, pad_edge=False)
-    for name, right in (("parameter", False), ("value", True), ("± U (k = 2)", True), ("unit", False), ("stiffness", False)):
+    for name, right in (
+        ("parameter", False),
+        ("value", True),
+        ("± U (k = 2), or 95 %", True),
+        ("unit", False),
+        ("stiffness", False),
+    ):
         table.add_column(name, justify="right" if right else "left", no_wrap=True)
     table.add_column("verdict")
     for name, entry in result["parameters"].items():
         factor, unit = display_unit(entry["unit"])
         value, expanded = value_and_uncertainty(entry["mean"] * factor, 2.0 * entry["sd"] * factor)
+        if _is_lopsided(entry):
+            _, decimals = round_uncertainty(2.0 * entry["sd"] * factor)
+            low, high = (round_like(bound * factor, decimals) for bound in entry["ci95"])
+            expanded = f"\\[{low}, {high}]"
         stiffness = _stiffness(name, entry)
         table.add_row(display_name(name), value, expanded, unit, stiffness, verdicts[name].text)
     return table
+
+
+def _is_lopsided(entry: Mapping[str, Any]) -> bool:
+    """Whether mean ± 2 sd misplaces the 95 % interval by more than a tenth of its width."""
+    low, high = entry["ci95"]
+    return abs(low + high - 2.0 * entry["mean"]) > 0.2 * (high - low)
 
 
 def _stiffness(name: str, entry: Mapping[str, Any]) -> str:

@@ -18,7 +18,7 @@ import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.campaign.folder import write_campaign
+from ldbb_bayes.campaign.folder import write_campaign_into
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.machine.jacobian import geometric_jacobian, kept_compliances, wrench_jacobian, wrench_names
 from ldbb_bayes.model.gaussian import LinearGaussian
@@ -153,15 +153,13 @@ def make_campaign() -> Campaign:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, required=True, help="folder to write the campaign to (its README is kept)")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write the campaign to")
     out = parser.parse_args().out
     mean, sd, numbers, returned = recover()
     worst = max(abs(value - number.value) / number.half_unit for number, value in zip(numbers, returned, strict=True))
-    readme = (out / "README.md").read_text(encoding="utf-8") if (out / "README.md").exists() else None
     campaign = make_campaign()
-    write_campaign(campaign, out, force=True)
-    if readme is not None:
-        (out / "README.md").write_text(readme, encoding="utf-8")
+    out.mkdir(parents=True, exist_ok=True)
+    write_campaign_into(campaign, out)
     print(f"{len(numbers)} printed numbers returned, worst {worst:.3f} half-units")
     print(pd.DataFrame(mean, index=FORCES_N, columns=["1", "c1", "s1", "c2", "s2", "c3", "s3", "c4"]).round(3).to_string())
     print("sd (um)")

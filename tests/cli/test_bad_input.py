@@ -199,7 +199,7 @@ def test_disk_full(
     out = tmp_path / "out"
     if existing:
         out.mkdir()
-        (out / "old.txt").write_text("old")
+        (out / "summary.json").write_text("old")
 
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
@@ -207,7 +207,7 @@ def test_disk_full(
     monkeypatch.setattr("xarray.DataTree.to_netcdf", full)
     message = failing(["fit", str(good), "--degree", "0", "--max-steps", "200", "--out", str(out), "--force", "--quiet"], capsys)
     assert "No space left on device" in message
-    assert [p.name for p in tmp_path.rglob("*")] == (["out", "old.txt"] if existing else [])
+    assert [p.name for p in tmp_path.rglob("*")] == (["out", "summary.json"] if existing else [])
 
 
 @pytest.mark.parametrize(

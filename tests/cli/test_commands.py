@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -159,3 +160,58 @@ def test_help_and_version() -> None:
         done = run(*command, "--help")
         assert done.returncode == 0
         assert "Usage" in done.stdout
+
+
+def test_force_replaces_results_and_nothing_else(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Somebody's readings, a campaign, and the folder one stands in are never deleted."""
+    precious, campaign = tmp_path / "stuff", tmp_path / "c"
+    precious.mkdir()
+    (precious / "my_readings.csv").write_text("mine")
+    lb.write_campaign(lb.read_campaign(folder), campaign)
+    (tmp_path / "result").mkdir()
+    (tmp_path / "result" / "posterior.nc").write_text("old")
+    cases = [
+        (["fit", str(folder), "--out", str(precious)], "got 'my_readings.csv'. Move it away"),
+        (["fit", str(campaign), "--out", str(campaign)], "nothing but earlier results to be replaced"),
+        (["demo", "--out", str(precious)], "got 'my_readings.csv'"),
+        (["simulate", str(folder), "--out", str(tmp_path / "result")], "got 'posterior.nc'"),
+        (["fit", str(folder), "--out", "."], "must not be the folder you stand in"),
+    ]
+    for arguments, message in cases:
+        with pytest.raises(SystemExit) as left:
+            app([*arguments, "--force"])
+        assert left.value.code == 2
+        assert message in capsys.readouterr().err
+    assert (precious / "my_readings.csv").read_text() == "mine"
+    assert lb.read_campaign(campaign).sha256 == lb.read_campaign(folder).sha256
+    with pytest.raises(SystemExit) as left:
+        app(["simulate", str(folder), "--out", str(campaign), "--force"])
+    assert left.value.code in (0, None)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "ascii"])
+def test_terminals_that_cannot_show_every_sign(folder: Path, encoding: str) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
+    for arguments in (["check", str(folder)], ["fit", "--help"]):
+        command = [sys.executable, "-m", "ldbb_bayes", *arguments]
+        done = subprocess.run(command, capture_output=True, env=environment, check=False)
+        assert done.returncode == 0, done.stderr
+        assert b"Traceback" not in done.stderr
+
+
+def test_a_reader_that_leaves_early_is_no_error(folder: Path) -> None:
+    for arguments in ("check", "check --json"):
+        command = f"{sys.executable} -m ldbb_bayes {arguments.split()[0]} {folder} {' '.join(arguments.split()[1:])} | true"
+        done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr == ""
+
+
+def test_what_differs_from_the_preset_is_said(folder: Path, tmp_path: Path) -> None:
+    without = run("fit", folder, "--degree", 0, "--without", "ball-form,truncation", "--sampler", "quadrature")
+    assert "preset default without BallForm, truncation, reference" in " ".join(without.stdout.split())
+    paper = run("fit", folder, "--degree", 0, "--preset", "paper", "--sampler", "quadrature")
+    assert "the intervals cover white noise alone" in " ".join(paper.stdout.split())
+    (tmp_path / "model.toml").write_text("schema = 1\ndegree = 0\n[prior]\ntau_um = 20.0\n")
+    edited = run("fit", folder, "--model", tmp_path / "model.toml", "--sampler", "quadrature")
+    assert "preset default with edited priors" in " ".join(edited.stdout.split())

@@ -104,6 +104,22 @@ def test_preview_notices(changes: dict, remark: str) -> None:
     assert any("One force level" in found for found in seen.remarks)
 
 
+def test_preview_notices_spikes_copies_and_units() -> None:
+    campaign = simulated(plan((720,) * 4))
+    reading = campaign.tests[1].reading_um.copy()
+    reading[100] += 50.0
+    tests = (campaign.tests[0], campaign.tests[1].with_reading_um(reading), campaign.tests[2], campaign.tests[3])
+    copied = lb.Campaign((*tests[:3], tests[3].with_reading_um(tests[2].reading_um)))
+    seen = lb.preview(copied)
+    assert (
+        seen.tests[1].remarks == ("reading 101 at 50° stands +48.0 µm off its neighbours",)
+        or "reading 101" in seen.tests[1].remarks[0]
+    )
+    assert "Tests f520 and f742 hold the same readings: a file read twice?" in seen.remarks
+    kilo = lb.preview(plan(forces_N=(0.036, 0.3, 0.52, 0.742)))
+    assert any("check the unit of force_N" in remark for remark in kilo.remarks)
+
+
 def test_preview_is_silent_on_a_good_campaign() -> None:
     seen = lb.preview(simulated(plan((720,) * 4)))
     assert all(test.remarks == () for test in seen.tests)

@@ -57,7 +57,7 @@ def chains(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
         right.set_ylim(0.0, 2.0)
         left.set_ylabel(label.replace(" (", "\n("))
         right.set_ylabel("relative\nfrequency (1)")
-    panels[0, 0].set_title("Trace: median and 90 % of the walkers")
+    panels[0, 0].set_title("Trace of the slowest parameters: median and 90 % of the walkers")
     panels[0, 1].set_title("Ranks: level when ensembles agree")
     panels[-1, 0].set_xlabel("stored step (1)")
     panels[-1, 1].set_xlabel("rank among all draws (1)")

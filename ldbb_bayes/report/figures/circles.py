@@ -54,13 +54,17 @@ def traces(posterior: xr.DataTree) -> Figure:
         axes.plot(_GRID, zero + predicted[r], color=colour, linewidth=1.1, label=f"{test.force_N:g} N")
     axes.plot(_GRID, np.full_like(_GRID, zero), color="black", linewidth=0.8, linestyle=(0, (4, 3)), label="nominal circle")
     step = _round_step(span / 4.0)
+    plane = bound.campaign.machine().axes
+    axes.set_xticks(
+        np.deg2rad(range(0, 360, 45)), [f"+{plane.first}", "45°", f"+{plane.second}", "135°", "180°", "225°", "270°", "315°"]
+    )
     ticks = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
     axes.set_rlim(0.0, zero + high + 0.08 * span)
     axes.set_rgrids((zero + ticks).tolist(), [""] * len(ticks))
     magnification = float(_tests(bound)[0].radius_mm or 0.0) * 1e3 / zero
     axes.set_title(
         "Readings (dots), prediction (lines), 95 % band for a new circle\n"
-        f"rings every {step:g} µm, radial magnification {magnification:,.0f} : 1",
+        f"rings every {step:g} µm, radial magnification {magnification:.0f} : 1",
         pad=22,
     )
     axes.legend(loc="center left", bbox_to_anchor=(1.06, 0.5))
@@ -92,7 +96,7 @@ def residuals(posterior: xr.DataTree) -> Figure:
         axes.set_ylabel(f"{bound.test_names[r]}\n(µm)", rotation=0, ha="right", va="center")
         axes.tick_params(labelbottom=row == len(shown) - 1)
     if first is not None:
-        first.set_title("Residual against angle")
+        first.set_title("Residual against angle (each circle's own shift and discrepancy left in)")
     figure.axes[-1].set_xlabel("angle of the bar (°)")
     by_order = figure.add_subplot(grid[:, 1])
     for r, colour in enumerate(colours):

@@ -37,7 +37,8 @@ def forest(posterior: xr.DataTree) -> Figure:
         scale = float(draws.std()) if known is None else known
         low, first, last, high = np.quantile(draws, [0.025, 0.25, 0.75, 0.975]) / scale
         if known is not None:
-            axes.plot([-1.96, 1.96], [row, row], color="#D9D9D9", linewidth=7, solid_capstyle="butt", zorder=1)
+            before = np.quantile(posterior["prior"][name].to_numpy(), [0.025, 0.975]) / scale
+            axes.plot(before, [row, row], color="#D9D9D9", linewidth=7, solid_capstyle="butt", zorder=1)
         axes.plot([low, high], [row, row], color=ACCENT, linewidth=1.4, zorder=2)
         axes.plot([first, last], [row, row], color=ACCENT, linewidth=3.6, solid_capstyle="butt", zorder=3)
         axes.plot(draws.mean() / scale, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6, zorder=4)
@@ -52,7 +53,7 @@ def forest(posterior: xr.DataTree) -> Figure:
     right.tick_params(length=0)
     right.spines["right"].set_visible(False)
     axes.set_ylim(-0.7, len(names) - 0.3)
-    title = "95 % and 50 % credible intervals" + ("" if flat else "; grey: 95 % of the prior") + "; at the right mean ± 1 sd"
+    title = "95 % and 50 % credible intervals" + ("" if flat else "; grey: 95 % of the prior") + "; dot and right: mean, ± 1 sd"
     axes.set_title(title)
     return figure
 
@@ -79,14 +80,14 @@ def compliance_against_force(posterior: xr.DataTree) -> Figure:
             axes.fill_between(force, low, high, color=ACCENT, alpha=alpha, linewidth=0, label=f"{100 * prob:g} %")
         axes.plot(force, value.mean(axis=0), color=ACCENT, label="mean")
         foot = axes.get_xaxis_transform()
-        axes.plot(forces, np.zeros_like(forces), "|", color="black", markersize=7, clip_on=False, transform=foot)
+        axes.plot(forces, np.zeros_like(forces), "^", color=PALETTE[1], markersize=5, clip_on=False, transform=foot)
         axes.axhline(0.0, color=GREY, linewidth=0.8)
         axes.set_ylabel(text)
         axes.set_xlabel("force (N)")
     for axes in every[len(kinds) :]:
         axes.set_visible(False)
     every[0].legend(loc="best")
-    figure.suptitle("Compliance against force (ticks: tested forces)", fontsize=9.5)
+    figure.suptitle("Compliance against force (triangles: tested forces)", fontsize=9.5)
     return figure
 
 
