@@ -30,6 +30,7 @@ def desk(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_python_runs(root: Path, desk: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", text(root), re.S)
     assert len(blocks) == 2

@@ -27,6 +27,9 @@ _PROPOSALS = 5
 _STARTS = 256
 _BASINS = 3
 _CHUNK = 1024
+_TRIAL = 512
+_TRIAL_STREAM = 100
+_REFINEMENTS = 3
 
 
 class HyperPosterior:
@@ -46,13 +49,17 @@ class HyperPosterior:
     truncated : bool
     mode : ndarray, shape (h,)
         Of the density in free coordinates.
+    centre : ndarray, shape (h,)
     spread : ndarray, shape (h, h)
-        Root of the inverse curvature.
+        Of the proposal: mode and root of the inverse curvature, or, where these fit badly (a long tail), mean and root of the
+        covariance of a first set of nodes.
     """
 
     def __init__(self, bound: BoundModel, *, truncated: bool, seed: int = 0) -> None:
         self.bound, self.truncated, self._seed = bound, truncated, seed
         self.mode, self.spread = self._locate()
+        self.centre = self.mode
+        self._refine()
 
     def log_density(self, free: Array, *, exact: bool = False, seed: int | None = None) -> Array:
         """ln p(y, free coordinates), shape (w,). P(T | y, φ) by its bound, which is smooth, or (``exact``) by its estimate."""
@@ -78,21 +85,34 @@ class HyperPosterior:
         Approximate (exact in the limit of many proposals); ``temperature`` > 1 spreads them wider than the posterior.
         """
         standard = rng.standard_t(_TAIL, (_PROPOSALS * size, len(self.mode)))
-        free = self.mode + np.sqrt(temperature) * standard @ self.spread.T
+        free = self.centre + np.sqrt(temperature) * standard @ self.spread.T
         log_proposal = scipy.stats.t.logpdf(standard, _TAIL).sum(axis=1)
         log_weight = self.log_density(free) / temperature - log_proposal
         keys = log_weight + rng.gumbel(size=len(log_weight))
         return free[np.argsort(-keys)[:size]]
 
-    def nodes(self, size: int, stream: int = 0) -> tuple[Array, Array]:
+    def _refine(self) -> None:
+        """Fit the proposal to weighted nodes while fewer than half of them count (Kish)."""
+        for attempt in range(_REFINEMENTS):
+            free, log_weight = self.nodes(_TRIAL, _TRIAL_STREAM + attempt, exact=False)
+            weight = np.exp(log_weight - log_weight.max())
+            weight /= weight.sum()
+            effective = 1.0 / float((weight**2).sum())
+            if effective > 0.5 * _TRIAL or effective < 10.0 * len(self.mode):
+                return
+            centre = weight @ free
+            scatter = np.sqrt(weight)[:, None] * (free - centre)
+            self.centre, self.spread = centre, np.linalg.cholesky(scatter.T @ scatter)
+
+    def nodes(self, size: int, stream: int = 0, *, exact: bool = True) -> tuple[Array, Array]:
         """Scrambled Sobol points of the proposal and their log weights, shapes (size, h) and (size,)."""
         points = scipy.stats.qmc.Sobol(len(self.mode), rng=np.random.default_rng([self._seed, stream])).random(size)
         standard = scipy.stats.t.ppf(points, _TAIL) * _WIDEN
         log_proposal = (scipy.stats.t.logpdf(standard / _WIDEN, _TAIL) - np.log(_WIDEN)).sum(axis=1)
         log_proposal -= np.linalg.slogdet(self.spread)[1]
-        free = self.mode + standard @ self.spread.T
+        free = self.centre + standard @ self.spread.T
         parts = [
-            self.log_density(part, exact=True, seed=2 * self._seed + stream) for part in np.array_split(free, -(-size // _CHUNK))
+            self.log_density(part, exact=exact, seed=2 * self._seed + stream) for part in np.array_split(free, -(-size // _CHUNK))
         ]
         return free, np.concatenate(parts) - log_proposal
 

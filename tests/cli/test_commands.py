@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def fitted(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     out = tmp_path_factory.mktemp("out") / "r"
-    return out, run("fit", folder, "--degree", 0, "--ess", 300, "--out", out, "--json", "--seed", 5)
+    return out, run("fit", folder, "--degree", 0, "--sampler", "quadrature", "--out", out, "--json", "--seed", 5)
 
 
 def test_fit_json(fitted: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
@@ -121,7 +121,7 @@ def test_interruption_while_sampling_is_130(folder: Path, tmp_path: Path) -> Non
     process = subprocess.Popen(
         [*command, "--out", str(tmp_path / "r")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    time.sleep(6.0)
+    time.sleep(4.0)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -132,7 +132,7 @@ def test_interruption_while_sampling_is_130(folder: Path, tmp_path: Path) -> Non
 
 def test_nearly_equal_forces_with_flat_priors(tmp_path: Path) -> None:
     campaign = simulated(plan((40, 40), forces_N=(100.0, 100.001)))
-    done = run("fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", "--degree", 0)
+    done = run("fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", "--degree", 0, "--sampler", "quadrature")
     assert done.returncode in (0, 2)
     assert "Traceback" not in done.stderr
     close = lb.Campaign(tuple(replace(t, force_N=100.0 + 1e-7 * i) for i, t in enumerate(campaign.tests)))
@@ -144,8 +144,8 @@ def test_nearly_equal_forces_with_flat_priors(tmp_path: Path) -> None:
 def test_dead_circles_give_valid_json(tmp_path: Path) -> None:
     campaign = simulated(plan())
     dead = lb.Campaign((campaign.tests[0].with_reading_um(np.zeros(40)), *campaign.tests[1:]))
-    done = run("fit", lb.write_campaign(dead, tmp_path / "c"), "--degree", 0, "--max-steps", 200, "--out", tmp_path / "r")
-    assert done.returncode == 1, done.stderr
+    done = run("fit", lb.write_campaign(dead, tmp_path / "c"), "--degree", 0, "--sampler", "quadrature", "--out", tmp_path / "r")
+    assert done.returncode == 0, done.stderr
 
     def refuse(name: str) -> None:
         raise AssertionError(name)

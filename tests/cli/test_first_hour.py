@@ -168,8 +168,8 @@ def test_a_table_made_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[st
     options = [
         "--degree",
         "0",
-        "--ess",
-        "200",
+        "--sampler",
+        "quadrature",
         "--json",
         "--radius-mm",
         "150",
@@ -180,7 +180,7 @@ def test_a_table_made_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[st
     ]
     found = json.loads(run_inside(["fit", str(path), *options], capsys))
     lb.write_campaign(campaign, tmp_path / "c")
-    direct = json.loads(run_inside(["fit", str(tmp_path / "c"), "--degree", "0", "--ess", "200", "--json"], capsys))
+    direct = json.loads(run_inside(["fit", str(tmp_path / "c"), "--degree", "0", "--sampler", "quadrature", "--json"], capsys))
     ours, theirs = found["parameters"]["C_XXX"], direct["parameters"]["C_XXX"]
     assert ours["mean"] == pytest.approx(theirs["mean"], abs=0.15 * theirs["sd"])
     assert found["campaign"]["forces_N"] == pytest.approx(direct["campaign"]["forces_N"])

@@ -114,13 +114,13 @@ def test_evidence_and_truncation_against_the_oracle() -> None:
 def test_conditional_draws_have_the_conditional_moments(bound: BoundModel) -> None:
     rng = np.random.default_rng(0)
     plain = lb.HybridModel.default(1).without("truncation").bind(bound.campaign)
-    free = np.tile(HyperPosterior(plain, truncated=False).mode, (20_000, 1))
+    free = np.tile(HyperPosterior(plain, truncated=False).mode, (6_000, 1))
     beta, exact = conditional_draws(plain, free, rng)
     _, mean, spread = plain.log_evidence_given(plain.hyper_prior.phi(free[:1]))
     sd = np.linalg.norm(spread[0], axis=1)
     assert exact.all()
-    np.testing.assert_allclose((beta.mean(axis=0) - mean[0]) / sd, 0.0, atol=0.04)
-    np.testing.assert_allclose(beta.std(axis=0) / sd, 1.0, atol=0.03)
+    np.testing.assert_allclose((beta.mean(axis=0) - mean[0]) / sd, 0.0, atol=0.06)
+    np.testing.assert_allclose(beta.std(axis=0) / sd, 1.0, atol=0.04)
 
 
 def test_mode_is_a_maximum(bound: BoundModel) -> None:
