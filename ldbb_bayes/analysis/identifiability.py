@@ -27,7 +27,7 @@ Word = Literal["identified", "prior-limited", "aliased"]
 
 _ALIASED = 0.5
 _CONTRACTED = 0.5
-_NAMED = 0.02
+_NAMED = 0.05
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Verdict:
     ----------
     word : {"identified", "prior-limited", "aliased"}
     partners : tuple of str
-        Terms that look exactly like it, the heaviest first; those with less than 2 % of its variance are not listed.
+        Terms that look exactly like it, the heaviest first; those with less than 5 % of its variance are not listed.
     contraction : float
         1 − posterior sd / prior sd, truncation included in both; 1 when the prior is flat.
     confounding : dict of term to fraction
@@ -60,11 +60,11 @@ class Verdict:
     @property
     def text(self) -> str:
         """The verdict in words, with the share of the variance that every partner holds."""
-        named = " and ".join(f"{_words(term)} ({self._share(term)})" for term in self.partners)
         if self.word == "aliased":
-            return f"aliased with {named}"
+            return "aliased with " + " and ".join(f"{_words(term)} ({self._share(term)})" for term in self.partners)
         words = {"identified": "known from the readings", "prior-limited": "mostly the prior"}[self.word]
-        return f"{words}; shares with {named}" if named else words
+        named = ", ".join(f"{_words(term)} {self._share(term)}" for term in self.partners)
+        return f"{words} ({named})" if named else words
 
     def _share(self, term: str) -> str:
         return f"{100.0 * self.confounding[term]:.0f} %" if term in self.confounding else "left out"
