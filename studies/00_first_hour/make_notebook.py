@@ -27,7 +27,7 @@ CELLS = (
     "from ldbb_bayes.report.figures import traces\n\ntraces(posterior)",
     "from ldbb_bayes.report.figures import compliance_against_force\n\ncompliance_against_force(posterior)",
     "Simulated readings of the same plan, with truths of your own, to see what the analysis returns:",
-    "truth = {'C_XXX': 6e-5, 'C_YYY': 4.5e-5, 'E_XX1': -1e-4}\n"
+    'truth = {"C_XXX": 6e-5, "C_YYY": 4.5e-5, "E_XX1": -1e-4}\n'
     "simulation = linear.simulate(campaign.plan(), seed=2, parameters=truth)\nsimulation",
 )
 
