@@ -82,7 +82,6 @@ class EnsembleRun:
     ----------
     chain : ndarray, shape (ensembles, draws, d)
         Walker-major: walker 0's draws, then walker 1's, …
-    log_density : ndarray, shape (ensembles, draws)
     assessment : Assessment
     converged : bool
     steps, walkers : int
@@ -92,7 +91,6 @@ class EnsembleRun:
     """
 
     chain: Array
-    log_density: Array
     assessment: Assessment
     converged: bool
     steps: int
@@ -139,9 +137,8 @@ def run_ensembles(
             progress(Progress(steps, rule.max_steps, rule.ess, assessment))
         converged = assessment.meets(rule, walkers=len(samplers) * walkers)
         if converged or steps >= rule.max_steps:
-            density = np.stack([_walker_major(sampler.get_log_prob()[drop:, :, None])[:, 0] for sampler in samplers])
             acceptance = float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers]))
-            return EnsembleRun(chain, density, assessment, converged, steps, walkers, acceptance)
+            return EnsembleRun(chain, assessment, converged, steps, walkers, acceptance)
 
 
 @contextmanager

@@ -57,7 +57,7 @@ def sample_quadrature(
     if progress is not None:
         progress(Progress(size, _MOST_NODES, rule.ess, assessment))
     converged = assessment.meets(rule, walkers=0) and effective >= rule.ess
-    run = EnsembleRun(chain, np.zeros(chain.shape[:2]), assessment, converged, size, 1, effective / size)
+    run = EnsembleRun(chain, assessment, converged, size, 1, effective / size)
     return run, beta, start.bound.hyper_prior.phi(chain)
 
 

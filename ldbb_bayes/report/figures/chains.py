@@ -52,7 +52,7 @@ def chains(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
             left.fill_between(step, low, high, color=colour, alpha=0.10, linewidth=0)
             left.plot(step, median, color=colour, linewidth=1.0)
             counts = np.histogram(ranks[k], edges)[0]
-            right.stairs(counts / counts.mean(), edges, color=colour, linewidth=1.0, label=f"ensemble {k + 1}")
+            right.stairs(counts / counts.mean(), edges, baseline=None, color=colour, linewidth=1.0, label=f"ensemble {k + 1}")
         right.axhline(1.0, color="black", linewidth=0.6)
         right.set_ylim(0.0, 2.0)
         left.set_ylabel(label.replace(" (", "\n("))
@@ -61,5 +61,5 @@ def chains(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     panels[0, 1].set_title("Ranks: level when ensembles agree")
     panels[-1, 0].set_xlabel("stored step (1)")
     panels[-1, 1].set_xlabel("rank among all draws (1)")
-    panels[0, 1].legend(loc="lower right", ncols=2)
+    panels[0, 1].legend(loc="upper right", ncols=2)
     return figure

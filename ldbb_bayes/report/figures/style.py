@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, ParamSpec, cast
 
 import matplotlib as mpl
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ldbb_bayes.report.rounding import display_name, display_unit
@@ -67,9 +66,3 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
     """Factor and label for an axis that shows a parameter in its unit for reading."""
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
-
-
-def quiet(axes: Axes) -> None:
-    """Remove ticks and grid from an axis that carries no scale."""
-    axes.set_yticks([])
-    axes.grid(visible=False)
