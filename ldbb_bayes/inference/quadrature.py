@@ -14,7 +14,6 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.orthant import Orthant
 
 __all__ = ["HyperIntegral", "HyperPosterior", "TruncationProbability", "log_prob_truncation"]
 
@@ -72,9 +71,9 @@ class HyperPosterior:
         if not self.truncated:
             total[inside] = prior[inside] + self.bound.log_evidence(phi)
             return total
-        log_evidence, orthant = self.bound.log_evidence_and_orthant(phi)
+        log_evidence, given = self.bound.given(phi)
         log_truncation = (
-            orthant.log_probability(256, seed=self._seed if seed is None else seed)[0] if exact else orthant.log_bound
+            given.orthant.log_value(256, seed=self._seed if seed is None else seed) if exact else given.orthant.log_bound
         )
         total[inside] = prior[inside] + log_evidence + log_truncation
         return total
@@ -208,11 +207,7 @@ def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) 
     exact : ndarray of bool, shape (w,)
         False where the rejection sampler gave up, or rounding left β outside.
     """
-    _, mean, spread = bound.log_evidence_given(bound.hyper_prior.phi(free))
-    if not bound.truncation.active:
-        white = rng.standard_normal((len(free), spread.shape[2]))
-        return mean + np.einsum("wpq,wq->wp", spread, white), np.ones(len(free), dtype=bool)
-    orthant: Orthant = bound.truncation.orthants(mean, spread)
-    white, exact = orthant.draw_spread(rng)
-    beta = mean + np.einsum("wpq,wq->wp", spread, white)
-    return beta, exact & bound.truncation.holds(beta)
+    _, given = bound.given(bound.hyper_prior.phi(free))
+    if bound.truncation.active:
+        return given.draw_inside(rng)
+    return given.draw(rng), np.ones(len(free), dtype=bool)

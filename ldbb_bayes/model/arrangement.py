@@ -48,10 +48,29 @@ class Block:
 
     @cached_property
     def pairs(self) -> Array:
-        """Products of all pairs of columns, shape (b, tests, m, (v + q)²)."""
-        return np.einsum("btmi,btmj->btmij", self.columns, self.columns).reshape(
-            *self.columns.shape[:3], self.columns.shape[3] ** 2
-        )
+        """Products of all pairs of shared columns, shape (b, tests, m, q²)."""
+        return _products(self.shared, self.shared)
+
+    @cached_property
+    def private_pairs(self) -> Array:
+        """Products of private with private and shared columns, shape (b, tests, m, v (v + q))."""
+        return _products(self.private, self.columns)
+
+    @cached_property
+    def kinds(self) -> tuple[Array, Array]:
+        """Rows of the same noise taken together: their ``weights`` (b, kinds, hypers) and summed ``pairs`` (b, kinds, q²).
+
+        Uniform circles of equal length have as many kinds as noise has levels, however many tests there are.
+        """
+        rows = list(self.weights.reshape(len(self.weights), -1, self.weights.shape[-1]))
+        found = [np.unique(_to_ten_digits(own), axis=0, return_inverse=True) for own in rows]
+        most = max((len(weights) for weights, _ in found), default=0)
+        kind_weights = np.ones((len(rows), most, self.weights.shape[-1]))
+        summed = np.zeros((len(rows), most, self.pairs.shape[-1]))
+        for k, (weights, index) in enumerate(found):
+            kind_weights[k, : len(weights)] = np.where(weights.any(axis=1, keepdims=True), weights, 1.0)
+            np.add.at(summed[k], index.ravel(), self.pairs[k].reshape(len(rows[k]), self.pairs.shape[-1]))
+        return kind_weights, summed
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +123,17 @@ def arrange(
         if test.projection is not None:
             residual[r, :m] = turn @ test.projection - factor @ offset[r]
     return Rows(weights, present, out[0], private_terms, out[1], out[2], residual, diagonal)
+
+
+def _products(left: Array, right: Array) -> Array:
+    """(b, tests, m, i) and (b, tests, m, j) → (b, tests, m, i j)."""
+    return np.einsum("btmi,btmj->btmij", left, right).reshape(*left.shape[:3], left.shape[3] * right.shape[3])
+
+
+def _to_ten_digits(values: Array) -> Array:
+    """Values whose last digits, rounding of the projection, no longer tell equal rows apart."""
+    size = 10.0 ** (9 - np.floor(np.log10(np.where(values > 0, values, 1.0))))
+    return np.round(values * size) / size
 
 
 def _turn(test: Reduced, absorbed: Sequence[BasisNoise], diagonal: bool) -> tuple[Array, list[Array]]:

@@ -26,9 +26,10 @@ from ldbb_bayes.machine.jacobian import (
     wrench_names,
 )
 from ldbb_bayes.model.basis import SIZE, coefficients
+from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.orthant import Orthant, Truncation
+from ldbb_bayes.model.orthant import Truncation
 from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
 from ldbb_bayes.model.reduction import Reduced, reduce_readings
 from ldbb_bayes.model.structured import StructuredGaussian
@@ -167,35 +168,17 @@ class BoundModel:
         orthant = self.truncation.orthants(np.zeros((1, len(self.names))), np.diag(self.prior_sd)[None])
         return float(orthant.log_probability(1 << 14)[0][0])
 
-    def log_evidence_given(self, phi: Array) -> tuple[Array, Array, Array]:
-        """β integrated out, truncation aside.
-
-        Returns
-        -------
-        log_evidence : ndarray, shape (w,)
-            ln p(y | φ); without its normalising constant when the prior is flat.
-        mean : ndarray, shape (w, p)
-        spread : ndarray, shape (w, p, q)
-            spread spreadᵀ is the covariance of β given y and φ.
-        """
-        log_evidence, conditional = self.collapsed.conditional(phi, np.zeros(len(self.names)))
-        mean = conditional.mean[:, -len(self.names) :] + self.centre
-        return log_evidence, mean, conditional.spread(self._among_shared(np.eye(len(self.names))))
+    def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
+        """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β | y, φ)."""
+        log_evidence, shared = self.collapsed.conditional(phi, np.zeros(len(self.names)))
+        p = len(self.names)
+        return log_evidence, ParameterConditional(
+            shared.mean[:, -p:] + self.centre, shared.precision_root[:, -p:, -p:], shared.scale[:, -p:], self.physical
+        )
 
     def log_evidence(self, phi: Array) -> Array:
-        """ln p(y | φ) alone, shape (w,); see `log_evidence_given`."""
+        """ln p(y | φ) alone, shape (w,); see `given`."""
         return self.collapsed.log_density(phi, np.zeros(len(self.names)))
-
-    def log_evidence_and_orthant(self, phi: Array) -> tuple[Array, Orthant]:
-        """ln p(y | φ), shape (w,), and the problem of P(T | y, φ)."""
-        log_evidence, conditional = self.collapsed.conditional(phi, np.zeros(len(self.names)))
-        mean = conditional.mean[:, -len(self.names) :] + self.centre
-        return log_evidence, Orthant(mean @ self.physical.rows.T, conditional.spread(self._among_shared(self.physical.rows)))
-
-    def _among_shared(self, combinations: Array) -> Array:
-        """Combinations of the parameters as combinations of all shared columns, whose last are the parameters."""
-        others = len(self.collapsed.shared_names) - len(self.names)
-        return np.hstack([np.zeros((len(combinations), others)), combinations])
 
     def _structured(self, extra: tuple[Columns, ...]) -> StructuredGaussian:
         columns = [term for term in self.nuisance_columns if isinstance(term, Columns)]

@@ -21,6 +21,7 @@ from ldbb_bayes.model.arrangement import Block, arrange, split
 from ldbb_bayes.model.basis import SIZE
 from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper
+from ldbb_bayes.model.triangular import factor_and_solve, solve_lower, solve_upper
 
 __all__ = ["Conditional", "StructuredGaussian"]
 
@@ -46,13 +47,21 @@ class Conditional:
 
     def draw(self, rng: np.random.Generator) -> Array:
         """One draw of all coefficients per φ, shape (w, q)."""
-        white = rng.standard_normal(self.mean.shape)[..., None]
-        return self.mean + np.linalg.solve(np.swapaxes(self.precision_root, 1, 2), white)[..., 0] * self.scale
+        return self.mean + solve_upper(self.precision_root, rng.standard_normal(self.mean.shape)) * self.scale
 
-    def spread(self, combinations: Array) -> Array:
-        """X with X Xᵀ = covariance of linear combinations of the coefficients: (m, q) → (w, m, q)."""
-        scaled = np.swapaxes(combinations * self.scale[:, None, :], 1, 2)
-        return np.swapaxes(np.linalg.solve(self.precision_root, scaled), 1, 2)
+
+@dataclass(frozen=True, eq=False)
+class _Condensed:
+    """A block with its private columns integrated out.
+
+    ``log_density`` (w, b, T) of the residual; ``projected`` (w, b, T, q) = Uᵀ Σ⁻¹ r; ``links`` (w, b, T, v, q) with Uᵀ Σ⁻¹ U =
+    Uᵀ D⁻¹ U − linksᵀ links; ``weight`` (w, b, T, m) = 1 / D.
+    """
+
+    log_density: Array
+    projected: Array
+    links: Array
+    weight: Array
 
 
 class StructuredGaussian:
@@ -103,9 +112,9 @@ class StructuredGaussian:
         """
         total = self._outside(phi).sum(axis=1)
         for block in self._blocks:
-            by_test, gram, projected = self._condense(block, phi, beta)
-            gained = self._integrate(gram.sum(axis=2), projected.sum(axis=2), block, phi)[0]
-            total = total + by_test.sum(axis=(1, 2)) + gained.sum(axis=1)
+            part = self._condense(block, phi, beta)
+            gained = self._integrate(self._gram(block, phi, part), part.projected.sum(axis=2), block, phi)[0]
+            total = total + part.log_density.sum(axis=(1, 2)) + gained.sum(axis=1)
         return np.asarray(total)
 
     def log_density_without(self, phi: Array, beta: Array) -> Array:
@@ -113,9 +122,10 @@ class StructuredGaussian:
         outside = self._outside(phi)
         total = outside.sum(axis=1, keepdims=True) - outside
         for block in self._blocks:
-            by_test, gram, projected = self._condense(block, phi, beta)
+            part = self._condense(block, phi, beta)
+            gram, projected = self._gram_by_test(block, part), part.projected
             gram_all, projected_all = gram.sum(axis=2), projected.sum(axis=2)
-            density = by_test.sum(axis=1)
+            density = part.log_density.sum(axis=1)
             total = total + density.sum(axis=1, keepdims=True) - density
             for r in range(total.shape[1]):
                 gained = self._integrate(gram_all - gram[:, :, r], projected_all - projected[:, :, r], block, phi)[0]
@@ -128,12 +138,14 @@ class StructuredGaussian:
         total = self._outside(phi).sum(axis=1)
         mean, scale, root = np.zeros((w, q)), np.zeros((w, q)), np.zeros((w, q, q))
         for block in self._blocks:
-            by_test, gram, projected = self._condense(block, phi, beta)
-            gained, lower, white, block_scale = self._integrate(gram.sum(axis=2), projected.sum(axis=2), block, phi)
-            total = total + by_test.sum(axis=(1, 2)) + gained.sum(axis=1)
+            part = self._condense(block, phi, beta)
+            gained, lower, white, block_scale = self._integrate(
+                self._gram(block, phi, part), part.projected.sum(axis=2), block, phi
+            )
+            total = total + part.log_density.sum(axis=(1, 2)) + gained.sum(axis=1)
             if not block.shared_index.size:
                 continue
-            solved = np.linalg.solve(np.swapaxes(lower, -1, -2), white[..., None])[..., 0] * block_scale
+            solved = solve_upper(lower, white) * block_scale
             for k, index in enumerate(block.shared_index):
                 mean[:, index], scale[:, index] = solved[:, k], block_scale[:, k]
                 root[:, index[:, None], index[None, :]] = lower[:, k]
@@ -164,28 +176,45 @@ class StructuredGaussian:
         square = phi[:, :1] ** 2
         return np.asarray(-0.5 * (self._readings * _LOG_2PI + self._free * np.log(square) + self._residual_ss / square))
 
-    def _condense(self, block: Block, phi: Array, beta: Array) -> tuple[Array, Array, Array]:
-        """Per group and test, private columns integrated out: density of the residual (w, b, T), Uᵀ Σ⁻¹ U, Uᵀ Σ⁻¹ r."""
+    def _condense(self, block: Block, phi: Array, beta: Array) -> _Condensed:
+        """Integrate the private columns, group by group and test by test."""
         variance = _variance(block, phi)
         residual = block.residual - _apply(block.interest, beta)
         weight = 1.0 / variance
         weighted = residual * weight
         density = -0.5 * (np.where(block.present, np.log(variance), 0.0) + weighted * residual).sum(axis=3)
         v, q = block.private.shape[3], block.shared.shape[3]
-        gram = _contract(weight, block.pairs).reshape(*weight.shape[:3], v + q, v + q)
         projected = _contract(weighted, block.columns)
-        if v:
-            sd = self._private_sd(phi)[:, None, None, :]
-            inner = gram[..., :v, :v] * (sd[..., :, None] * sd[..., None, :]) + np.eye(v)
-            cross = np.concatenate([gram[..., :v, v:], projected[..., :v, None]], axis=-1) * sd[..., :, None]
-            root = _cholesky(inner)
-            white = _solve_lower(root, cross)
-            density = density - np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
-            density = density + 0.5 * (white[..., -1] ** 2).sum(axis=-1)
-            links = np.swapaxes(white[..., :-1], -1, -2)
-            gram = gram[..., v:, v:] - links @ white[..., :-1]
-            projected = projected[..., v:] - (links @ white[..., -1:])[..., 0]
-        return density, gram, projected
+        if not v:
+            return _Condensed(density, projected, np.zeros((*density.shape, 0, q)), weight)
+        sd = self._private_sd(phi)[:, None, None, :]
+        gram = _contract(weight, block.private_pairs).reshape(*weight.shape[:3], v, v + q)
+        inner = gram[..., :v] * (sd[..., :, None] * sd[..., None, :]) + np.eye(v)
+        cross = np.concatenate([gram[..., v:], projected[..., :v, None]], axis=-1) * sd[..., :, None]
+        root = np.linalg.cholesky(inner) if v > 1 else np.sqrt(inner)
+        white = solve_lower(root, cross)
+        density = density - np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
+        density = density + 0.5 * (white[..., -1] ** 2).sum(axis=-1)
+        links = white[..., :-1]
+        return _Condensed(density, projected[..., v:] - np.einsum("...vq,...v->...q", links, white[..., -1]), links, weight)
+
+    def _gram(self, block: Block, phi: Array, part: _Condensed) -> Array:
+        """Uᵀ Σ⁻¹ U summed over tests, shape (w, b, q, q)."""
+        weights, pairs = block.kinds
+        weight = 1.0 / np.moveaxis(weights @ (phi**2).T, -1, 1)
+        q = block.shared.shape[3]
+        gram = np.swapaxes(weight @ pairs, 0, 1).reshape(len(phi), len(weights), q, q)
+        if not part.links.size:
+            return gram
+        links = part.links.reshape(*part.links.shape[:2], -1, q)
+        return gram - np.swapaxes(links, -1, -2) @ links
+
+    @staticmethod
+    def _gram_by_test(block: Block, part: _Condensed) -> Array:
+        """Uᵀ Σ⁻¹ U of every test, shape (w, b, tests, q, q)."""
+        q = block.shared.shape[3]
+        gram = _contract(part.weight, block.pairs).reshape(*part.weight.shape[:3], q, q)
+        return gram - np.swapaxes(part.links, -1, -2) @ part.links
 
     def _integrate(self, gram: Array, projected: Array, block: Block, phi: Array) -> tuple[Array, Array, Array, Array]:
         """Integrate the shared coefficients: log density gained (w, b), Cholesky factor, whitened projection, scale."""
@@ -197,9 +226,8 @@ class StructuredGaussian:
         precision = gram * (scale[..., :, None] * scale[..., None, :])
         span = np.arange(sd.shape[2])
         precision[..., span, span] += np.where(flat, 0.0, 1.0)
-        lower = _cholesky(precision)
         standard = np.where(flat, 0.0, mean / np.where(sd > 0, scale, 1.0))
-        white = _solve_lower(lower, (projected * scale + standard)[..., None])[..., 0]
+        lower, white = factor_and_solve(precision, projected * scale + standard)
         log_root = np.log(lower[..., span, span]).sum(axis=-1)
         flat_volume = (flat * (np.log(np.where(flat, scale, 1.0)) + 0.5 * _LOG_2PI)).sum(axis=-1)
         gained = flat_volume - log_root + 0.5 * ((white**2).sum(axis=-1) - (standard**2).sum(axis=-1))
@@ -222,15 +250,6 @@ class _SpreadOf:
 def _variance(block: Block, phi: Array) -> Array:
     variance = np.moveaxis(block.weights @ (phi**2).T, -1, 0)
     return variance if block.present.all() else np.where(block.present, variance, 1.0)
-
-
-def _cholesky(matrix: Array) -> Array:
-    """Cholesky factors of stacked matrices; one by one they need no LAPACK."""
-    return np.sqrt(matrix) if matrix.shape[-1] == 1 else np.linalg.cholesky(matrix)
-
-
-def _solve_lower(lower: Array, right: Array) -> Array:
-    return right / lower if lower.shape[-1] == 1 else np.linalg.solve(lower, right)
 
 
 def _apply(columns: Array, values: Array) -> Array:

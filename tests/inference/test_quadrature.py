@@ -45,7 +45,8 @@ def test_small_truncation_probability_by_brute_force(recovered: lb.Campaign) -> 
 
     def both(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         phi = bound.hyper_prior.phi(free)
-        log_evidence, mean, spread = bound.log_evidence_given(phi)
+        log_evidence, given = bound.given(phi)
+        mean, spread = given.mean, given.spread()
         plain = log_evidence + bound.hyper_prior.log_density_of_free(free)
         return plain, plain + log_ndtr(mean[:, row] / np.linalg.norm(spread[:, row], axis=1))
 
@@ -63,7 +64,8 @@ def test_hopeless_truncation_is_exact(recovered: lb.Campaign) -> None:
     bound = lb.HybridModel.default(0).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
     row = bound.names.index("C_CCY")
     sigma = np.linspace(0.9e-3, 1.4e-3, 20_001)[:, None]
-    log_evidence, mean, spread = bound.log_evidence_given(sigma)
+    log_evidence, given = bound.given(sigma)
+    mean, spread = given.mean, given.spread()
     plain = log_evidence + bound.hyper_prior.log_density(sigma)
     inside = plain + log_ndtr(mean[:, row] / np.linalg.norm(spread[:, row], axis=1))
     expected = np.logaddexp.reduce(inside) - np.logaddexp.reduce(plain)
@@ -116,7 +118,8 @@ def test_conditional_draws_have_the_conditional_moments(bound: BoundModel) -> No
     plain = lb.HybridModel.default(1).without("truncation").bind(bound.campaign)
     free = np.tile(HyperPosterior(plain, truncated=False).mode, (6_000, 1))
     beta, exact = conditional_draws(plain, free, rng)
-    _, mean, spread = plain.log_evidence_given(plain.hyper_prior.phi(free[:1]))
+    _, given = plain.given(plain.hyper_prior.phi(free[:1]))
+    mean, spread = given.mean, given.spread()
     sd = np.linalg.norm(spread[0], axis=1)
     assert exact.all()
     np.testing.assert_allclose((beta.mean(axis=0) - mean[0]) / sd, 0.0, atol=0.06)

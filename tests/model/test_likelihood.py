@@ -47,7 +47,8 @@ def test_against_the_dense_oracle(sampling: str, degree: int) -> None:
     phi, beta = points(bound)
     expected = [oracle.log_likelihood(p, b) for p, b in zip(phi, beta, strict=True)]
     np.testing.assert_allclose(bound.log_likelihood(phi, beta), expected, atol=1e-5)
-    log_evidence, mean, spread = bound.log_evidence_given(phi)
+    log_evidence, given = bound.given(phi)
+    mean, spread = given.mean, given.spread()
     for k, p in enumerate(phi):
         value, oracle_mean, covariance = oracle.given(p)
         assert log_evidence[k] == pytest.approx(value, abs=1e-5)
@@ -93,7 +94,8 @@ def test_bayes_identity_at_any_beta() -> None:
     """ln p(y | β, φ) + ln p(β) = ln p(y | φ) + ln p(β | y, φ)."""
     bound = lb.HybridModel.default(1).without("truncation").bind(simulated(plan()))
     phi, beta = points(bound)
-    log_evidence, mean, spread = bound.log_evidence_given(phi)
+    log_evidence, given = bound.given(phi)
+    mean, spread = given.mean, given.spread()
     for k in range(len(phi)):
         scaled = spread[k] / bound.prior_sd[:, None]
         posterior = LinearGaussian(
@@ -144,7 +146,8 @@ def test_leaving_tests_out_keeps_the_campaigns_properties() -> None:
 def everything(campaign: Campaign, degree: int = 1) -> tuple[np.ndarray, np.ndarray]:
     bound = lb.HybridModel.default(degree).bind(campaign)
     phi = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
-    log_evidence, mean, _ = bound.log_evidence_given(phi)
+    log_evidence, given = bound.given(phi)
+    mean = given.mean
     return log_evidence, mean[0] / bound.prior_sd
 
 
@@ -209,7 +212,7 @@ def test_reduced_and_unreduced_cost_the_same_numbers() -> None:
     bounds = [model.without("setup-shift", "bar-length", "mount", "force-error").bind(c) for c in (few, many)]
     phi = np.array([[1e-4, 1e-4, 1e-9]])
     phi_many = phi * [[10.0, 1.0, 1.0]]
-    first, second = bounds[0].log_evidence_given(phi)[1], bounds[1].log_evidence_given(phi_many)[1]
+    first, second = bounds[0].given(phi)[1].mean, bounds[1].given(phi_many)[1].mean
     np.testing.assert_allclose(first / bounds[0].prior_sd, second / bounds[0].prior_sd, atol=1e-6)
 
 
@@ -253,7 +256,8 @@ def test_columns_of_zeros_do_no_harm() -> None:
             bound = bound.keeping(keep)
             campaign = middle.select(keep)
         phi, beta = points(bound)
-        log_evidence, mean, _ = bound.log_evidence_given(phi)
+        log_evidence, given = bound.given(phi)
+        mean = given.mean
         assert np.all(np.isfinite(log_evidence))
         assert np.all(np.isfinite(mean))
         assert np.all(np.isfinite(bound.log_likelihood(phi, beta)))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.integrate import quad
 from scipy.special import log_ndtr
 
 from ldbb_bayes.model.orthant import Orthant, Truncation
@@ -117,3 +120,42 @@ def test_members_of_a_batch_do_not_depend_on_one_another() -> None:
     shift = ((draws - means[2]) / [0.5, 0.5, 1.5]) ** 2 - ((draws - proposal) / [0.5, 0.5, 1.5]) ** 2
     expected = np.log(np.mean(np.where(truncation.holds(draws), np.exp(-0.5 * shift.sum(axis=1)), 0.0)))
     assert together[2] == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.parametrize("shift", [0.0, 2.0, -4.0])
+def test_product_rule_against_conditional_integration(shift: float) -> None:
+    """Two rows: ∫ φ(x) Φ(…) dx over the first, by adaptive quadrature."""
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        root = np.array([[1.0 + rng.random(), 0.0], [rng.normal(), 0.7 + rng.random()]])
+        mean = rng.normal(size=2) + shift
+        first, slope, rest = root[0, 0], root[1, 0], root[1, 1]
+        points = np.linspace(0.0, 12.0, 13) - mean[0] / first
+
+        def inside(z: float, mean: np.ndarray = mean, slope: float = slope, rest: float = rest) -> float:
+            return float(stats.norm.pdf(z) * stats.norm.cdf((mean[1] + slope * z) / rest))
+
+        pieces = [quad(inside, a, b, epsabs=0.0, epsrel=1e-12)[0] for a, b in itertools.pairwise(points)]
+        orthant = Orthant(mean[None], root[None])
+        value, error = orthant.log_probability()
+        assert value[0] == pytest.approx(np.log(np.sum(pieces)), abs=max(1e-8, error[0]))
+        assert orthant.log_value()[0] == pytest.approx(np.log(np.sum(pieces)), abs=2e-5)
+
+
+def test_rows_that_hold_with_certainty_change_nothing() -> None:
+    mean = np.array([[0.3, 40.0, -0.2], [0.5, 35.0, 0.1]])
+    spread = np.array([[1.0, 0.0, 0.0], [0.4, 1.0, 0.0], [-0.5, 0.2, 0.8]])
+    with_row = Orthant(mean, np.tile(spread, (2, 1, 1)))
+    without = Orthant(mean[:, [0, 2]], np.tile(spread[[0, 2]], (2, 1, 1)))
+    np.testing.assert_allclose(with_row.log_value(), without.log_value(), atol=1e-12)
+    nothing = Orthant(np.full((2, 1), 50.0), np.ones((2, 1, 1)))
+    np.testing.assert_array_equal(nothing.log_value(), 0.0)
+    assert nothing.draw_spread(np.random.default_rng(1))[1].all()
+
+
+def test_a_certain_row_is_kept_when_the_others_push_it() -> None:
+    """u2 ~ N(20, 1) with correlation −0.9 to u1 ~ N(−30, 1): given u1 ≥ 0 it is pushed to −7."""
+    spread = np.array([[1.0, 0.0], [-0.9, np.sqrt(1 - 0.81)]])
+    alone = Orthant(np.array([[-30.0]]), np.ones((1, 1, 1))).log_value()[0]
+    both = Orthant(np.array([[-30.0, 20.0]]), spread[None]).log_value()[0]
+    assert both < alone - 100.0
