@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from ldbb_bayes.cli.options import (
+    EXIT_INTERRUPTED,
     CampaignArgument,
     CiOption,
     DegreeOption,
@@ -25,6 +26,7 @@ from ldbb_bayes.cli.options import (
     TopologyOption,
     WithoutOption,
     campaign_from,
+    fail,
     guarded,
     model_from,
 )
@@ -54,6 +56,7 @@ def fit(
     force_offset: ForceOffsetOption = None,
     out: OutOption = None,
     force: ForceOption = False,
+    resume: bool = typer.Option(False, "--resume", help="Go on with the run that stopped before it had written --out."),
     as_json: JsonOption = False,
     seed: SeedOption = 1,
     ci: CiOption = 0.95,
@@ -61,15 +64,20 @@ def fit(
 ) -> None:
     """Credible intervals on compliances, force slopes and geometric errors.
 
-    Exit code 1 when the sampler missed its target.
+    Exit code 1 when the sampler missed its target. With --out the run is kept in DIR.checkpoint until it is done: whatever stops
+    it, the same command with --resume goes on to the very same result.
     """
     from ldbb_bayes.cli.show import RESULT_FILES, full_result, print_fit, print_json, sampling_progress, write_result
+    from ldbb_bayes.errors import InputError
     from ldbb_bayes.files import check_target, staged_folder
+    from ldbb_bayes.inference.checkpoint import remove_checkpoint
     from ldbb_bayes.inference.ensemble import StoppingRule
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.inference.summary import check_probability
 
     check_probability(ci)
+    if resume and out is None:
+        raise InputError("--resume must come with --out, got none. Give the folder the run was started with.")
     chosen = model_from(degree, preset, without, model)
     readings = campaign_from(
         campaign,
@@ -84,9 +92,26 @@ def fit(
     )
     if out is not None:
         check_target(out, force=force, ours=RESULT_FILES)
-    with sampling_progress(quiet) as progress:
-        rule = StoppingRule(ess=ess, max_steps=max_steps)
-        posterior = sample(chosen, readings, sampler=sampler, seed=seed, rule=rule, progress=progress)
+    checkpoint = None if out is None else out.with_name(out.name + ".checkpoint")
+    if checkpoint is not None and force and not resume:
+        remove_checkpoint(checkpoint)
+    rule = StoppingRule(ess=ess, max_steps=max_steps)
+    try:
+        with sampling_progress(quiet) as progress:
+            posterior = sample(
+                chosen,
+                readings,
+                sampler=sampler,
+                seed=seed,
+                rule=rule,
+                progress=progress,
+                checkpoint=checkpoint,
+                resume=resume,
+            )
+    except KeyboardInterrupt:
+        if checkpoint is None or not checkpoint.exists():
+            raise
+        fail(f"interrupted; {checkpoint} keeps the run. The same command with --resume goes on with it.", EXIT_INTERRUPTED)
     result = full_result(posterior, ci)
     if out is not None:
         with staged_folder(out, force=force, ours=RESULT_FILES) as staging:
@@ -99,3 +124,5 @@ def fit(
             typer.echo(f"Written: {out}/posterior.nc, summary.json, model.toml")
     if not result["sampler"]["converged"]:
         raise typer.Exit(1)
+    if checkpoint is not None:
+        remove_checkpoint(checkpoint)

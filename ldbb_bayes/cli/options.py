@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.hybrid import HybridModel
 
 __all__ = [
+    "EXIT_INTERRUPTED",
     "CampaignArgument",
     "CiOption",
     "DegreeOption",
@@ -38,6 +39,7 @@ __all__ = [
     "TopologyOption",
     "WithoutOption",
     "campaign_from",
+    "fail",
     "guarded",
     "model_from",
 ]

@@ -117,6 +117,8 @@ def sampling_progress(quiet: bool, what: str = "sampling") -> Iterator[Callable[
             worst = state.assessment
             ess = min(worst.ess_bulk_min, worst.ess_tail_min)
             text = f"{state.steps} steps, ESS {ess:.0f} of {state.target_ess:.0f}, R-hat {worst.rhat_max:.3f}"
+            if state.seconds_left is not None:
+                text += f", about {state.seconds_left:.0f} s left"
             bar.update(task, completed=min(ess / state.target_ess, 1.0), description=text)
 
         yield show

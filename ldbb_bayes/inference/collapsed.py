@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.ensemble import Assessment, EnsembleRun, Progress, StoppingRule, run_ensembles
+from ldbb_bayes.inference.ensemble import Assessment, BlockStore, EnsembleRun, Progress, StoppingRule, run_ensembles
 from ldbb_bayes.inference.quadrature import HyperPosterior, conditional_draws
 
 __all__ = ["draw_parameters_given", "sample_collapsed"]
 
 Array = NDArray[Any]
-_WALKERS = 64
+_WALKERS = 128
 _ROUNDS = 20
 
 
@@ -32,6 +32,7 @@ def sample_collapsed(
     rule: StoppingRule,
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
+    store: BlockStore | None = None,
 ) -> tuple[EnsembleRun, Array, Array]:
     """Draws of (β, φ).
 
@@ -43,7 +44,7 @@ def sample_collapsed(
     Returns
     -------
     run : EnsembleRun
-        Its assessment covers β and φ.
+        Its assessment covers β and φ (φ alone where that has not converged).
     beta : ndarray, shape (ensembles, draws, p)
     phi : ndarray, shape (ensembles, draws, h) [mm]
 
@@ -62,23 +63,25 @@ def sample_collapsed(
         )
     starting, sampling, drawing = seed.spawn(3)
     starts = np.stack([start.draw(count, np.random.default_rng(child), temperature=1.5) for child in starting.spawn(ensembles)])
-    streams = drawing.spawn(1)[0]
+    drawn: list[Array] = []
 
-    def with_parameters(chain: Array) -> Array:
-        rng = np.random.default_rng(streams)
-        beta = draw_parameters_given(start, chain.reshape(-1, d), rng).reshape(*chain.shape[:2], -1)
-        return np.concatenate([beta, chain], axis=2)
+    def assess_all(chain: Array) -> Assessment:
+        """The hyper-parameters alone until these have converged: they are what mixes slowly."""
+        assessment = assess(chain)
+        if not assessment.meets(rule, walkers=ensembles * count):
+            return assessment
+        drawn[:] = [_with_parameters(start, chain, np.random.default_rng(drawing))]
+        return assess(drawn[0])
 
-    run = run_ensembles(
-        lambda free: start.log_density(free, exact=True),
-        starts,
-        lambda chain: assess(with_parameters(chain)),
-        rule=rule,
-        seed=sampling,
-        progress=progress,
-    )
-    everything = with_parameters(run.chain)
+    run = run_ensembles(start.log_density, starts, assess_all, rule=rule, seed=sampling, progress=progress, store=store)
+    everything = drawn[0] if run.converged else _with_parameters(start, run.chain, np.random.default_rng(drawing))
     return run, everything[..., :-d], start.bound.hyper_prior.phi(run.chain)
+
+
+def _with_parameters(start: HyperPosterior, chain: Array, rng: np.random.Generator) -> Array:
+    """(β, φ) of a chain of free coordinates."""
+    beta = draw_parameters_given(start, chain.reshape(-1, chain.shape[2]), rng).reshape(*chain.shape[:2], -1)
+    return np.concatenate([beta, chain], axis=2)
 
 
 def draw_parameters_given(start: HyperPosterior, free: Array, rng: np.random.Generator) -> Array:

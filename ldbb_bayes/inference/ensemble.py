@@ -1,24 +1,30 @@
 """Independent emcee ensembles, run until every parameter is known well enough. The only importer of emcee.
 
-Walkers of one ensemble are not independent chains: each ensemble counts as one chain, its walkers laid end to end.
+Walkers of one ensemble are not independent chains: each ensemble counts as one chain, its walkers laid end to end. A run is a
+sequence of blocks, each a function of the one before it: blocks kept in a checkpoint need not be run again.
 """
 
 from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Assessment", "EnsembleRun", "Progress", "StoppingRule", "run_ensembles"]
+__all__ = ["Assessment", "Block", "BlockStore", "EnsembleRun", "Progress", "Redraw", "StoppingRule", "run_ensembles"]
 
 Array = NDArray[Any]
+_JUMP = 0.1
+_REDRAWN = 0.9
+_MOST_DRAWS = 25_000
+_MOST_GROWN = 10
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,7 @@ class StoppingRule:
     max_steps : int
         Steps of each ensemble.
     block : int
-        Steps between two looks.
+        Steps before the first look; later blocks grow with the run.
     thin : int
         Steps between two stored draws.
     discard : float
@@ -44,10 +50,15 @@ class StoppingRule:
     ess: float = 1000.0
     rhat: float = 1.01
     max_steps: int = 20_000
-    block: int = 200
-    thin: int = 20
+    block: int = 50
+    thin: int = 5
     discard: float = 0.25
     lengths: float = 6.0
+
+    def next_block(self, steps: int) -> int:
+        """Steps of the block after so many, a whole number of thinning intervals. The target does not enter."""
+        wanted = min(max(self.block, steps // 4), _MOST_GROWN * self.block)
+        return max(wanted // self.thin, 1) * self.thin
 
 
 @dataclass(frozen=True)
@@ -60,18 +71,80 @@ class Assessment:
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
         """Whether the target is reached by this many walkers in all; false when a diagnostic is not a number."""
-        enough = self.ess_bulk_min >= rule.ess and self.ess_tail_min >= rule.ess and self.rhat_max <= rule.rhat
-        return enough and self.ess_bulk_min >= rule.lengths * walkers
+        return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
+
+    def share(self, rule: StoppingRule, *, walkers: int) -> float:
+        """How much of the sample sizes asked for there is."""
+        shares = (self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess)
+        return min(shares) if walkers == 0 else min(*shares, self.ess_bulk_min / (rule.lengths * walkers))
+
+
+class Redraw(Protocol):
+    """Draws of some coordinates given the others, from a density that can be computed."""
+
+    @property
+    def moved(self) -> slice:
+        """The coordinates that are given."""
+
+    def draw(self, moved: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Whole points (n, d) from the given coordinates, and the log density of what was drawn, shape (n,)."""
+
+    def log_density(self, points: Array) -> Array:
+        """Log density with which the rest of (n, d) points would be drawn, shape (n,)."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What a run reports at every look."""
+    """What a run reports at every look; ``seconds_left`` is an estimate, None while there is nothing to go by."""
 
     steps: int
     max_steps: int
     target_ess: float
     assessment: Assessment
+    seconds_left: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A stretch of a run and the state it ends in.
+
+    Attributes
+    ----------
+    chain : ndarray, shape (ensembles, draws, walkers, d)
+    coords : ndarray, shape (ensembles, walkers, d)
+    log_density : ndarray, shape (ensembles, walkers)
+    random : ndarray of uint32, shape (ensembles, 624)
+        Key of each Mersenne twister.
+    position : ndarray of int, shape (ensembles,)
+    gauss : ndarray, shape (ensembles, 2)
+        Whether a normal number is in store, and which.
+    accepted : ndarray of int, shape (ensembles,)
+        Proposals accepted in the steps that were stored.
+    """
+
+    chain: Array
+    coords: Array
+    log_density: Array
+    random: Array
+    position: Array
+    gauss: Array
+    accepted: Array
+
+    def state(self, k: int) -> emcee.State:
+        """The state of one ensemble; without log densities in the empty block a run begins with."""
+        twister = ("MT19937", self.random[k], int(self.position[k]), int(self.gauss[k, 0]), float(self.gauss[k, 1]))
+        log_density = self.log_density[k] if self.log_density.size else None
+        return emcee.State(self.coords[k], log_prob=log_density, random_state=twister)
+
+
+class BlockStore(Protocol):
+    """Where blocks are kept, numbered from 0."""
+
+    def load(self, number: int) -> Block | None:
+        """The block of that number, or None."""
+
+    def save(self, number: int, block: Block) -> None:
+        """Keep a block for good."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +179,10 @@ def run_ensembles(
     rule: StoppingRule,
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
+    redraw: Redraw | None = None,
+    store: BlockStore | None = None,
 ) -> EnsembleRun:
-    """Run one ensemble per start with differential-evolution moves until the rule is met.
+    """Run one ensemble per start until the rule is met: differential-evolution moves, with ``redraw`` mixed with redrawing ones.
 
     Parameters
     ----------
@@ -116,47 +191,146 @@ def run_ensembles(
     starts : ndarray, shape (ensembles, walkers, d)
     assess : callable
         Chain (ensembles, draws, d) → Assessment.
+    store : BlockStore, optional
+        Blocks found there are taken as they are; new ones are kept there.
     """
-    walkers, d = starts.shape[1:]
-    moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
-    samplers = [emcee.EnsembleSampler(walkers, d, log_density, vectorize=True, moves=moves) for _ in starts]
-    states = [
-        emcee.State(start, random_state=np.random.RandomState(child.generate_state(8)).get_state())
-        for start, child in zip(starts, seed.spawn(len(starts)), strict=True)
-    ]
-    steps = 0
+    walkers = starts.shape[1]
+    block = _first_state(starts, seed)
+    parts: list[Array] = []
+    steps, fresh, clock = 0, 0, time.perf_counter()
+    accepted: list[float] = []
     while True:
-        for k, sampler in enumerate(samplers):
-            with _interrupt_afterwards():
-                states[k] = sampler.run_mcmc(states[k], rule.block // rule.thin, thin_by=rule.thin, skip_initial_state_check=True)
-        steps += rule.block
-        drop = int(rule.discard * (steps // rule.thin))
-        chain = np.stack([_walker_major(sampler.get_chain()[drop:]) for sampler in samplers])
+        size = rule.next_block(steps)
+        kept = store.load(len(parts)) if store is not None else None
+        if kept is None:
+            block = _run_block(log_density, block, size // rule.thin, rule.thin, redraw)
+            fresh += size
+            if store is not None:
+                store.save(len(parts), block)
+        else:
+            block, clock = kept, time.perf_counter()
+        parts.append(block.chain)
+        steps += size
+        accepted += [block.accepted.sum() / block.chain[..., 0].size]
+        chain = _kept_draws(parts, rule)
         assessment = assess(chain)
+        share = assessment.share(rule, walkers=len(starts) * walkers)
         if progress is not None:
-            progress(Progress(steps, rule.max_steps, rule.ess, assessment))
-        converged = assessment.meets(rule, walkers=len(samplers) * walkers)
-        if converged or steps >= rule.max_steps:
-            acceptance = float(np.mean([sampler.acceptance_fraction.mean() for sampler in samplers]))
-            return EnsembleRun(chain, assessment, converged, steps, walkers, acceptance)
+            left = _seconds_left(time.perf_counter() - clock, fresh, steps, rule.max_steps, share)
+            progress(Progress(steps, rule.max_steps, rule.ess, assessment, left))
+        converged = assessment.meets(rule, walkers=len(starts) * walkers)
+        if converged or steps + rule.next_block(steps) > rule.max_steps:
+            return EnsembleRun(chain, assessment, converged, steps, walkers, float(np.mean(accepted)))
+
+
+def _first_state(starts: Array, seed: np.random.SeedSequence) -> Block:
+    """An empty block that ends at the starts."""
+    twisters: Any = [np.random.RandomState(child.generate_state(8)).get_state() for child in seed.spawn(len(starts))]
+    return Block(
+        np.zeros((len(starts), 0, *starts.shape[1:])),
+        starts,
+        np.zeros((len(starts), 0)),
+        np.array([twister[1] for twister in twisters]),
+        np.array([twister[2] for twister in twisters]),
+        np.zeros((len(starts), 2)),
+        np.zeros(len(starts), dtype=int),
+    )
+
+
+def _run_block(log_density: Callable[[Array], Array], before: Block, draws: int, thin: int, redraw: Redraw | None) -> Block:
+    """The next stretch of every ensemble. Nothing but ``before`` enters it, so that a resumed run is the same to the last bit."""
+    results = []
+    for k in range(len(before.coords)):
+        sampler = emcee.EnsembleSampler(*before.coords.shape[1:], log_density, vectorize=True, moves=_moves(redraw))
+        steps = sampler.sample(before.state(k), iterations=draws, thin_by=thin, skip_initial_state_check=True)
+        with _interrupt_between_steps() as check:
+            for _ in steps:
+                check()
+        end = sampler.get_last_sample()
+        results.append((sampler.get_chain(), end, int(sampler.backend.accepted.sum())))
+    return Block(
+        np.stack([chain for chain, _, _ in results]),
+        np.stack([end.coords for _, end, _ in results]),
+        np.stack([end.log_prob for _, end, _ in results]),
+        np.array([end.random_state[1] for _, end, _ in results]),
+        np.array([end.random_state[2] for _, end, _ in results]),
+        np.array([end.random_state[3:] for _, end, _ in results], dtype=float),
+        np.array([accepted for _, _, accepted in results]),
+    )
+
+
+def _moves(redraw: Redraw | None) -> list[tuple[emcee.moves.Move, float]]:
+    plain = [(emcee.moves.DEMove(), 1.0 - _JUMP), (emcee.moves.DEMove(gamma0=1.0), _JUMP)]
+    if redraw is None:
+        return plain
+    return [(RedrawMove(redraw), _REDRAWN), *((move, (1.0 - _REDRAWN) * share) for move, share in plain)]
+
+
+def _kept_draws(parts: list[Array], rule: StoppingRule) -> Array:
+    """Draws after burn-in, walker-major, thinned evenly where there are very many."""
+    every = np.concatenate(parts, axis=1)
+    kept = every[:, int(rule.discard * every.shape[1]) :]
+    stride = -(-kept.shape[1] * kept.shape[2] // _MOST_DRAWS)
+    ends = kept[:, ::-1][:, ::stride][:, ::-1]
+    return np.swapaxes(ends, 1, 2).reshape(len(kept), -1, kept.shape[3])
+
+
+def _seconds_left(elapsed: float, fresh: int, steps: int, max_steps: int, share: float) -> float | None:
+    """From the steps per second so far, and a sample size that grows with the steps."""
+    if fresh == 0 or not share > 0.0:
+        return None
+    needed = min(steps / share, max_steps) - steps
+    return max(needed, 0.0) * elapsed / fresh
+
+
+class RedrawMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
+    """Some coordinates by differential evolution (ter Braak 2006), the others redrawn given them."""
+
+    def __init__(self, redraw: Redraw) -> None:
+        super().__init__()
+        self._redraw = redraw
+        self._known: dict[bytes, float] = {}
+
+    def get_proposal(self, sample: Array, complement: list[Array], random: np.random.RandomState) -> tuple[Array, Array]:
+        """Proposals for the walkers of one half, shape (n, d), and ln q(back) − ln q(there), shape (n,)."""
+        others = np.concatenate(complement)[:, self._redraw.moved]
+        n, size = len(sample), len(others)
+        first = random.randint(size, size=n)
+        second = (first + random.randint(1, size, size=n)) % size
+        step = np.where(random.random_sample(n) < _JUMP, 1.0, 2.38 / np.sqrt(2.0 * others.shape[1]))
+        step *= 1.0 + 1e-5 * random.standard_normal(n)
+        moved = sample[:, self._redraw.moved] + step[:, None] * (others[first] - others[second])
+        log_back = self._log_density(sample)
+        proposal, log_there = self._redraw.draw(moved, random)
+        self._known.update(zip((row.tobytes() for row in proposal), log_there.tolist(), strict=True))
+        return proposal, log_back - log_there
+
+    def _log_density(self, sample: Array) -> Array:
+        """With which each would be redrawn: remembered where this move made it."""
+        keys = [row.tobytes() for row in sample]
+        found = np.array([self._known.get(key, np.nan) for key in keys])
+        unknown = np.isnan(found)
+        if unknown.any():
+            found[unknown] = self._redraw.log_density(sample[unknown])
+            self._known.update(zip((keys[i] for i in np.flatnonzero(unknown)), found[unknown].tolist(), strict=True))
+        return found
 
 
 @contextmanager
-def _interrupt_afterwards() -> Iterator[None]:
-    """Let a block of steps end before an interruption is raised; emcee would print the walkers' coordinates instead."""
+def _interrupt_between_steps() -> Iterator[Callable[[], None]]:
+    """A check that raises what was interrupted meanwhile; inside a step emcee would print the walkers' coordinates instead."""
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield lambda: None
         return
     seen: list[int] = []
     before = signal.signal(signal.SIGINT, lambda number, _: seen.append(number))
+
+    def check() -> None:
+        if seen:
+            raise KeyboardInterrupt
+
     try:
-        yield
+        yield check
     finally:
         signal.signal(signal.SIGINT, before)
-    if seen:
-        raise KeyboardInterrupt
-
-
-def _walker_major(chain: Array) -> Array:
-    """(steps, walkers, d) → (walkers · steps, d)."""
-    return np.swapaxes(chain, 0, 1).reshape(-1, chain.shape[2])
+    check()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.ensemble import Assessment, EnsembleRun, Progress, StoppingRule, run_ensembles
+from ldbb_bayes.inference.ensemble import Assessment, BlockStore, EnsembleRun, Progress, StoppingRule, run_ensembles
 from ldbb_bayes.inference.quadrature import HyperPosterior, conditional_draws
 from ldbb_bayes.model.bound import BoundModel
 
@@ -18,6 +18,7 @@ __all__ = ["JointDensity", "sample_joint"]
 
 Array = NDArray[Any]
 _START_TEMPERATURE = 1.5
+_WALKERS = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +46,39 @@ class JointDensity:
         return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
 
 
+@dataclass(frozen=True, eq=False)
+class LinearRedraw:
+    """β given φ: from its exact conditional Gaussian, inside the truncation from the tilted draws that are nearly it."""
+
+    density: JointDensity
+
+    @property
+    def moved(self) -> slice:
+        """The free coordinates of φ."""
+        return slice(len(self.density.bound.names), None)
+
+    def draw(self, moved: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Points with given free coordinates, and the log density of their β."""
+        bound = self.density.bound
+        _, given = bound.given(bound.hyper_prior.phi(moved))
+        white = random.standard_normal(given.mean.shape)
+        log_weight = np.zeros(len(moved))
+        if bound.truncation.active:
+            white, log_weight = given.orthant.propose_spread(
+                random.random_sample((len(moved), len(bound.truncation.rows))), white
+            )
+        beta = given.at(white)
+        return self.density.join(beta, moved), given.log_density(beta) - log_weight
+
+    def log_density(self, points: Array) -> Array:
+        """Log density with which the β of the points would be drawn."""
+        bound = self.density.bound
+        beta, free = self.density.split(points)
+        _, given = bound.given(bound.hyper_prior.phi(free))
+        log_weight = given.orthant.log_weight_of(given.white(beta)) if bound.truncation.active else 0.0
+        return np.asarray(given.log_density(beta) - log_weight)
+
+
 def sample_joint(
     start: HyperPosterior,
     *,
@@ -54,6 +88,7 @@ def sample_joint(
     rule: StoppingRule | None = None,
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
+    store: BlockStore | None = None,
 ) -> tuple[EnsembleRun, Array, Array]:
     """Draws of (β, φ) from the joint posterior of the model ``start`` belongs to.
 
@@ -74,14 +109,23 @@ def sample_joint(
     bound = start.bound
     density = JointDensity(bound)
     d = len(bound.names) + len(bound.hyper_prior.names)
-    count = walkers or max(64, 4 * d + 4 * d % 2)
+    count = walkers or max(_WALKERS, 4 * d)
     if ensembles < 4:
         raise InputError(f"ensembles must be at least 4, got {ensembles}. R-hat needs independent chains.")
     if count < 2 * d or count % 2:
         raise InputError(f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more walkers.")
     starting, sampling = seed.spawn(2)
     starts = np.stack([_start(density, start, count, np.random.default_rng(child)) for child in starting.spawn(ensembles)])
-    run = run_ensembles(density, starts, assess, rule=rule or StoppingRule(), seed=sampling, progress=progress)
+    run = run_ensembles(
+        density,
+        starts,
+        assess,
+        rule=rule or StoppingRule(),
+        seed=sampling,
+        progress=progress,
+        redraw=LinearRedraw(density),
+        store=store,
+    )
     beta, free = density.split(run.chain)
     return run, beta, bound.hyper_prior.phi(free)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import time
 from collections.abc import Callable, Iterator
@@ -17,14 +18,16 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.inference.checkpoint import Checkpoint
 from ldbb_bayes.inference.collapsed import sample_collapsed
 from ldbb_bayes.inference.ensemble import EnsembleRun, Progress, StoppingRule
+from ldbb_bayes.inference.evidence import TruncationProbability, log_prob_truncation
 from ldbb_bayes.inference.independent import sample_quadrature
 from ldbb_bayes.inference.joint import JointDensity, sample_joint
 from ldbb_bayes.inference.origin import campaign_record
 from ldbb_bayes.inference.posterior import assess, build_tree
 from ldbb_bayes.inference.predictive import fit_quality
-from ldbb_bayes.inference.quadrature import HyperPosterior, TruncationProbability, log_prob_truncation
+from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.aliases import degeneracies
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
@@ -37,6 +40,7 @@ __all__ = ["SAMPLERS", "sample"]
 Array = NDArray[Any]
 Sampler = Literal["joint", "collapsed", "quadrature"]
 SAMPLERS: tuple[Sampler, ...] = ("joint", "collapsed", "quadrature")
+_VERSIONS = ("ldbb-bayes", "numpy", "scipy", "emcee")
 _PRIOR_DRAWS = 4000
 _CHUNK = 256
 _QUALITY_DRAWS = 1000
@@ -54,6 +58,8 @@ def sample(
     walkers: int | None = None,
     rule: StoppingRule | None = None,
     progress: Callable[[Progress], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    resume: bool = False,
 ) -> xr.DataTree:
     """Sample the posterior of compliances, slopes, geometric errors and hyper-parameters.
 
@@ -72,6 +78,12 @@ def sample(
         When to stop; by default every parameter has bulk and tail ESS ≥ 1000 and R-hat ≤ 1.01.
     progress : callable, optional
         Called with a `Progress` at every look.
+    checkpoint : path, optional
+        Folder that keeps every block of a run, so that it can be resumed after whatever stopped it; remove it when the result is
+        saved. `quadrature` takes seconds and keeps nothing.
+    resume : bool
+        Take the blocks found in ``checkpoint`` as they are and go on to the target: the result is that of an uninterrupted run,
+        to the last bit. A raised target goes on where the run had ended.
 
     Returns
     -------
@@ -82,7 +94,8 @@ def sample(
     Raises
     ------
     InputError
-        For a plan, an unknown sampler, or a model that the campaign cannot carry.
+        For a plan, an unknown sampler, a model that the campaign cannot carry, or a checkpoint that is damaged, of another run,
+        or there without ``resume``.
     """
     check_known("sampler", [sampler], SAMPLERS)
     if campaign.is_plan:
@@ -90,9 +103,12 @@ def sample(
     rule = rule or StoppingRule()
     started, clock = datetime.now(UTC), time.perf_counter()
     bound = model.bind(campaign)
+    store = None
+    if checkpoint is not None and sampler != "quadrature":
+        store = Checkpoint(checkpoint, _run_key(bound, sampler, seed, ensembles, walkers, rule), resume=resume)
     seeds = np.random.SeedSequence(seed).spawn(2)
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
-    run, beta, phi = _run(sampler, start, ensembles, walkers, rule, seeds[0], progress)
+    run, beta, phi = _run(sampler, start, ensembles, walkers, rule, seeds[0], progress, store)
     truncation = _truncation_probability(bound, start, seed)
     quality = _fit(bound, beta, phi, truncation)
     groups = _groups(bound, beta, phi, np.random.default_rng(seeds[1]))
@@ -114,7 +130,7 @@ def sample(
         },
         "fit": quality,
         "provenance": {
-            "versions": {name: version(name) for name in ("ldbb-bayes", "numpy", "scipy", "emcee", "arviz-stats")},
+            "versions": {name: version(name) for name in (*_VERSIONS, "arviz-stats")},
             "seed": seed,
             "started": started.isoformat(timespec="seconds"),
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
@@ -134,6 +150,23 @@ def sample(
     )
 
 
+def _run_key(
+    bound: BoundModel, sampler: str, seed: int, ensembles: int, walkers: int | None, rule: StoppingRule
+) -> dict[str, str]:
+    """What fixes every block of a run; the target only says how many there are."""
+    key: dict[str, object] = {
+        "campaign": bound.campaign.sha256,
+        "model": model_sha256(bound.model),
+        "sampler": sampler,
+        "seed": seed,
+        "ensembles": ensembles,
+        "walkers": walkers,
+        "block": rule.block,
+        "thin": rule.thin,
+    }
+    return {name: str(value) for name, value in (key | {f"version of {name}": version(name) for name in _VERSIONS}).items()}
+
+
 def _run(
     sampler: str,
     start: HyperPosterior,
@@ -142,15 +175,12 @@ def _run(
     rule: StoppingRule,
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None,
+    store: Checkpoint | None,
 ) -> tuple[EnsembleRun, Array, Array]:
     if sampler == "quadrature":
         return sample_quadrature(start, assess=assess, rule=rule, seed=seed, progress=progress)
-    if sampler == "collapsed":
-        brief = replace(rule, block=max(rule.block // 2, 1), thin=max(rule.thin // 2, 1))
-        return sample_collapsed(
-            start, assess=assess, ensembles=ensembles, walkers=walkers, rule=brief, seed=seed, progress=progress
-        )
-    return sample_joint(start, assess=assess, ensembles=ensembles, walkers=walkers, rule=rule, seed=seed, progress=progress)
+    run = sample_collapsed if sampler == "collapsed" else sample_joint
+    return run(start, assess=assess, ensembles=ensembles, walkers=walkers, rule=rule, seed=seed, progress=progress, store=store)
 
 
 _DIMS = {

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
@@ -29,7 +30,7 @@ from ldbb_bayes.model.basis import SIZE, coefficients
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.orthant import Truncation
+from ldbb_bayes.model.orthant import Orthant, Truncation
 from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
 from ldbb_bayes.model.reduction import Reduced, reduce_readings
 from ldbb_bayes.model.structured import StructuredGaussian
@@ -162,11 +163,14 @@ class BoundModel:
 
     @cached_property
     def log_prob_truncation_prior(self) -> float:
-        """ln P(T | prior); 0 without truncation."""
+        """ln P(T | prior); 0 without truncation. Compliances that share no parameter are independent."""
         if not self.truncation.active:
             return 0.0
-        orthant = self.truncation.orthants(np.zeros((1, len(self.names))), np.diag(self.prior_sd)[None])
-        return float(orthant.log_probability(1 << 14)[0][0])
+        spread = self.truncation.rows * self.prior_sd
+        count, label = connected_components(np.abs(spread @ spread.T) > 0.0, directed=False)
+        blocks = [spread[label == k] for k in range(count)]
+        values = [Orthant(np.zeros((1, len(block))), block[None]).log_probability(1 << 14)[0][0] for block in blocks]
+        return float(np.sum(values))
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β | y, φ)."""

@@ -17,6 +17,8 @@ from scipy.optimize import nnls
 from scipy.special import log_ndtr, ndtri_exp
 from scipy.stats import qmc
 
+from ldbb_bayes.model.triangular import solve_lower
+
 __all__ = ["Orthant", "Truncation"]
 
 Array = NDArray[Any]
@@ -26,6 +28,7 @@ _CERTAIN = 12.0
 _PUSHED = -3.0
 _FULL = 12
 _MOST_NEAR = 3
+_MOST_TRIES = 64
 _STEEP = 4.0
 _HOLDS = 4.0
 
@@ -155,7 +158,7 @@ class Orthant:
         error[found] = np.abs(both[0] - both[1])[found] / 2.0
         return np.where(found, _log_mean(both.T), self.log_bound), error
 
-    def draw(self, rng: np.random.Generator, *, tries: int = 64, rounds: int = 200) -> tuple[Array, NDArray[np.bool_]]:
+    def draw(self, rng: np.random.Generator, *, most: int = 12_800) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw of the standard-normal x behind u = mean + L x for each of the batch, by tilted rejection.
 
         Returns
@@ -163,13 +166,14 @@ class Orthant:
         x : ndarray, shape (w, core)
             In the coordinates of `constrained`.
         accepted : ndarray of bool, shape (w,)
-            False where no draw was accepted in ``tries · rounds`` proposals; x is then the last one weighted in.
+            False where no draw was accepted in about ``most`` proposals; x is then the last one.
         """
         d = self._bound.shape[1]
         x = np.zeros((self._w, d))
         open_ = np.ones(self._w, dtype=bool)
         limit = self.log_bound
-        for _ in range(rounds):
+        tries, tried = 2, 0
+        while tried < most:
             index = np.flatnonzero(open_)
             if not index.size:
                 break
@@ -180,17 +184,40 @@ class Orthant:
             first = np.argmax(accept, axis=1)
             x[index] = proposal[np.arange(index.size), first]
             open_[index[accept.any(axis=1)]] = False
+            tries, tried = min(2 * tries, _MOST_TRIES), tried + tries
         return x, ~open_
 
     def draw_spread(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw of the coordinates e of u = mean + spread e, e ~ N(0, I) given u ≥ 0, shape (w, q)."""
         x, accepted = self.draw(rng)
-        free = rng.standard_normal((self._w, self._spread.shape[2]))
+        return self._complete(x, rng.standard_normal((self._w, self._spread.shape[2]))), accepted
+
+    def propose_spread(self, uniform: Array, normal: Array) -> tuple[Array, Array]:
+        """A tilted, nearly exact draw of the same e, and ln (exact density / density it was drawn with), up to ln P.
+
+        Parameters
+        ----------
+        uniform : ndarray, shape (w, m)
+            Uniform numbers; those beyond the rows near their edge are not used.
+        normal : ndarray, shape (w, q)
+            Standard normal numbers.
+        """
+        log_weight, x = self._propose(uniform[:, None, : self._bound.shape[1]])
+        return self._complete(x[:, 0], normal), log_weight[:, 0]
+
+    def log_weight_of(self, white: Array) -> Array:
+        """ln (exact density / density it would be drawn with) of given e (w, q), up to ln P; e inside the truncation."""
         core = np.take_along_axis(self._spread, self._core[:, :, None], axis=1)
-        target = np.einsum("wij,wj->wi", self._lower, x)
-        gap = target - np.einsum("wiq,wq->wi", core, free)
-        gram = core @ np.swapaxes(core, 1, 2)
-        return free + np.einsum("wiq,wi->wq", core, np.linalg.solve(gram, gap[..., None])[..., 0]), accepted
+        x = solve_lower(self._lower, np.einsum("wiq,wq->wi", core, white)[..., None])[..., 0]
+        _, tilt = _split_tilt(self._tilt, x.shape[1])
+        edge = self._bound - np.einsum("wij,wj->wi", _strict(self._unit), x) - tilt
+        return (log_ndtr(-edge) + 0.5 * tilt**2 - x * tilt).sum(axis=1)
+
+    def _complete(self, x: Array, normal: Array) -> Array:
+        """Standard normal e (w, q) given the standard-normal coordinates x behind the rows near their edge."""
+        core = np.take_along_axis(self._spread, self._core[:, :, None], axis=1)
+        axes = solve_lower(self._lower, core)
+        return normal + np.einsum("wiq,wi->wq", axes, x - np.einsum("wiq,wq->wi", axes, normal))
 
     def _subset(self, index: Array) -> Orthant:
         part = object.__new__(Orthant)

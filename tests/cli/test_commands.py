@@ -61,7 +61,7 @@ def test_summarize(fitted: tuple[Path, subprocess.CompletedProcess[str]]) -> Non
 
 
 def test_without_out_nothing_is_written(folder: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--degree", "0", "--max-steps", "200"]
+    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--degree", "0", "--ess", "1e5", "--max-steps", "200"]
     assert subprocess.run(command, capture_output=True, cwd=tmp_path, timeout=120, check=False).returncode == 1
     assert list(tmp_path.iterdir()) == []
 

@@ -1,0 +1,133 @@
+"""Blocks of a run on disk: one file each, whole or not at all, refused when damaged or of another run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.ensemble import Block
+
+__all__ = ["Checkpoint", "remove_checkpoint"]
+
+_PATTERN = "block-*.npz"
+_FIELDS = tuple(field.name for field in fields(Block))
+
+
+class Checkpoint:
+    """A folder of blocks.
+
+    Parameters
+    ----------
+    folder : path
+        Made when the first block is saved.
+    key : mapping of str to str
+        What makes the run what it is: digests of campaign and model, sampler, seed, versions. Blocks of another key are refused.
+    resume : bool
+        Whether blocks that are there may be used.
+
+    Raises
+    ------
+    InputError
+        When blocks are there and may not be used, or are of another run.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], key: Mapping[str, str], *, resume: bool) -> None:
+        self.folder, self._key = Path(folder), dict(key)
+        self._last = ""
+        found = sorted(self.folder.glob(_PATTERN)) if self.folder.is_dir() else []
+        if self.folder.exists() and not self.folder.is_dir():
+            raise InputError(f"{self.folder} must be a folder, got a file. Choose another name.")
+        if found and not resume:
+            raise InputError(
+                f"{self.folder} must not hold an unfinished run, got {len(found)} of its blocks. "
+                "Go on with it (--resume), or begin anew (--force, or remove the folder)."
+            )
+
+    def load(self, number: int) -> Block | None:
+        """The block of that number, or None.
+
+        Raises
+        ------
+        InputError
+            Naming the file, when it is damaged, of another run, or does not follow the block before.
+        """
+        path = self._path(number)
+        if not path.exists():
+            return None
+        try:
+            with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+                header = json.loads(str(file["header"]))
+                block = Block(**{name: file[name] for name in _FIELDS})
+                found, before = dict(header["key"]), str(header["before"])
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise InputError(
+                f"{path} must be a block of a run, got a damaged file ({error}). Remove it to go on from the block before."
+            ) from None
+        self._check_key(path, found)
+        if before != self._last:
+            raise InputError(f"{path} must follow the block before it, got one of another run. Remove it and all later ones.")
+        self._last = _digest(block)
+        return block
+
+    def save(self, number: int, block: Block) -> None:
+        """Keep a block for good.
+
+        Raises
+        ------
+        InputError
+            When the folder cannot be written.
+        """
+        path = self._path(number)
+        staging = path.with_name(f".{path.name}.{os.getpid()}.part")
+        header = json.dumps({"key": self._key, "before": self._last})
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with staging.open("wb") as file:
+                np.savez(file, header=np.array(header), **{name: getattr(block, name) for name in _FIELDS})
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(staging, path)
+        except OSError as error:
+            raise InputError(
+                f"{path} must be writable, got: {error.strerror or error}. Free some space or choose another place."
+            ) from None
+        finally:
+            staging.unlink(missing_ok=True)
+        self._last = _digest(block)
+
+    def _path(self, number: int) -> Path:
+        return self.folder / f"block-{number:05d}.npz"
+
+    def _check_key(self, path: Path, found: Mapping[str, str]) -> None:
+        for name, value in self._key.items():
+            if found.get(name) != value:
+                raise InputError(
+                    f"{path} must be of this run, got {name} {found.get(name, 'missing')} where this run has {value}. "
+                    "Resume with what the run was started with, or remove the folder to begin anew."
+                )
+
+
+def remove_checkpoint(folder: str | os.PathLike[str]) -> None:
+    """Drop the blocks in a folder, and the folder when nothing else is in it."""
+    path = Path(folder)
+    if not path.is_dir():
+        return
+    for file in (*path.glob(_PATTERN), *path.glob(f".{_PATTERN}.*.part")):
+        file.unlink(missing_ok=True)
+    if not any(path.iterdir()):
+        path.rmdir()
+
+
+def _digest(block: Block) -> str:
+    """Of the state a block ends in."""
+    parts = (block.coords, block.log_density, block.random, block.position, block.gauss)
+    return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
