@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -77,6 +79,7 @@ def test_a_missed_target_is_exit_code_1(folder: Path, tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["fit", "nowhere"], "does not exist"),
+        (["fit", "CAMPAIGN", "--resume"], "--resume must come with --out"),
         (["fit", "CAMPAIGN", "--without", "balls"], "Did you mean 'ball-form'"),
         (["fit", "CAMPAIGN", "--preset", "papers"], "Did you mean 'paper'"),
         (["fit", "CAMPAIGN", "--degree", "5"], "degree"),
@@ -115,19 +118,66 @@ def test_bad_campaign_names_file_and_line(folder: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "r").exists()
 
 
-def test_interruption_while_sampling_is_130(folder: Path, tmp_path: Path) -> None:
-    """A real Ctrl-C: nothing on stdout, one line on stderr, nothing written."""
-    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--json", "--ess", "1e7", "--max-steps", "1000000"]
-    process = subprocess.Popen(
-        [*command, "--out", str(tmp_path / "r")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    time.sleep(4.0)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert out == ""
-    assert err == "ldbb-bayes: interrupted; nothing was written.\n"
+@contextmanager
+def fitting(folder: Path, out: Path | None, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--json", *arguments]
+    command += [] if out is None else ["--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    patience = time.monotonic() + 90.0
+    while not condition():
+        assert time.monotonic() < patience
+        time.sleep(0.02)
+
+
+LONG = ("--ess", "1e7", "--max-steps", "1000000")
+
+
+def test_interruption_without_out_writes_nothing(folder: Path, tmp_path: Path) -> None:
+    """A real Ctrl-C: nothing on stdout, one line on stderr."""
+    with fitting(folder, None, *LONG) as process:
+        time.sleep(5.0)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, "", "ldbb-bayes: interrupted; nothing was written.\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def numbers(text: str) -> dict:
+    """A result without what depends on the clock."""
+    result = json.loads(text)
+    del result["provenance"], result["sampler"]["seconds"]
+    return result
+
+
+@pytest.mark.slow
+def test_killed_interrupted_and_resumed_is_uninterrupted(folder: Path, tmp_path: Path) -> None:
+    """kill -9, then Ctrl-C, then to the end: the result of a run that nothing stopped."""
+    target = ("--degree", "0", "--ess", "6000", "--seed", "3")
+    whole = run("fit", folder, *target, "--json", "--out", tmp_path / "whole")
+    out, kept = tmp_path / "r", tmp_path / "r.checkpoint"
+    with fitting(folder, out, *target) as process:
+        wait_for(lambda: (kept / "block-00000.npz").exists())
+        process.kill()
+    assert not out.exists()
+    assert run("fit", folder, *target, "--out", out).stderr.startswith(f"ldbb-bayes: {kept} must not hold an unfinished run")
+    with fitting(folder, out, *target, "--resume") as process:
+        wait_for(lambda: (kept / "block-00001.npz").exists())
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate(timeout=60)
+    assert (process.returncode, stdout) == (130, "")
+    assert stderr == f"ldbb-bayes: interrupted; {kept} keeps the run. The same command with --resume goes on with it.\n"
+    resumed = run("fit", folder, *target, "--json", "--out", out, "--resume")
+    assert resumed.returncode == 0, resumed.stderr
+    assert numbers(resumed.stdout) == numbers(whole.stdout)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r", "whole"]
 
 
 def test_nearly_equal_forces_with_flat_priors(tmp_path: Path) -> None:
