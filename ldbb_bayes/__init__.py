@@ -27,6 +27,8 @@ _HOMES = {
     "trim_overshoot": "ldbb_bayes.campaign.prepare",
     "InputError": "ldbb_bayes.errors",
     "preview": "ldbb_bayes.analysis.preview",
+    "validate": "ldbb_bayes.analysis.validation",
+    "log_evidence": "ldbb_bayes.inference.evidence",
     "verdicts": "ldbb_bayes.analysis.identifiability",
     "save_figures": "ldbb_bayes.report.figures",
     "embedded_campaign": "ldbb_bayes.campaign.embedded",
@@ -57,6 +59,7 @@ __all__ = [
     "compensate_mount",
     "embedded_campaign",
     "load",
+    "log_evidence",
     "mask_angles",
     "mask_reversals",
     "preview",
@@ -67,6 +70,7 @@ __all__ = [
     "save_figures",
     "summarize",
     "trim_overshoot",
+    "validate",
     "verdicts",
     "write_campaign",
 ]
@@ -74,6 +78,7 @@ __all__ = [
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.identifiability import verdicts
     from ldbb_bayes.analysis.preview import preview
+    from ldbb_bayes.analysis.validation import validate
     from ldbb_bayes.campaign.campaign import Campaign, Plan
     from ldbb_bayes.campaign.circular_test import CircularTest
     from ldbb_bayes.campaign.embedded import embedded_campaign
@@ -82,6 +87,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.prepare import compensate_mount, mask_angles, mask_reversals, trim_overshoot
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.inference.ensemble import StoppingRule
+    from ldbb_bayes.inference.evidence import log_evidence
     from ldbb_bayes.inference.posterior import load, save
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.inference.summary import summarize

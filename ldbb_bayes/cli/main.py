@@ -15,6 +15,7 @@ from ldbb_bayes.cli.demo import demo
 from ldbb_bayes.cli.fit import fit
 from ldbb_bayes.cli.simulate import simulate
 from ldbb_bayes.cli.summarize import summarize
+from ldbb_bayes.cli.validate import validate
 
 __all__ = ["app", "main"]
 
@@ -28,7 +29,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, check, fit, simulate, summarize):
+for command in (demo, check, fit, simulate, summarize, validate):
     app.command()(command)
 
 

@@ -9,22 +9,27 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
     from pathlib import Path
 
     import xarray as xr
     from rich.console import Console
 
+    from ldbb_bayes.analysis.validation import Validation
     from ldbb_bayes.inference.ensemble import Progress
 
 __all__ = [
     "RESULT_FILES",
+    "counting_progress",
     "full_result",
     "json_text",
     "print_fit",
     "print_json",
     "reading_console",
     "sampling_progress",
+    "worker_pool",
     "write_result",
+    "write_validation",
 ]
 
 
@@ -88,6 +93,43 @@ def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path
     (folder / "model.toml").write_text(record_of(posterior)["model"]["toml"], encoding="utf-8")
 
 
+def write_validation(validation: Validation, record: Mapping[str, Any], folder: Path) -> None:
+    """The result, the ranks and their figure."""
+    import pandas as pd
+
+    from ldbb_bayes.report.figures import rank_ecdf, save_figure
+
+    (folder / "validation.json").write_text(json_text(record), encoding="utf-8")
+    pd.DataFrame(validation.ranks, columns=list(validation.names)).to_csv(folder / "ranks.csv", index_label="replicate")
+    save_figure(rank_ecdf(validation), folder, "rank_ecdf")
+
+
+@contextmanager
+def worker_pool(workers: int) -> Iterator[Executor | None]:
+    """Processes for independent jobs, one per core for 0; none for one. Those at work are stopped by an interruption."""
+    import multiprocessing
+    import os
+    from concurrent.futures import ProcessPoolExecutor
+
+    count = workers or os.cpu_count() or 1
+    if count == 1:
+        yield None
+        return
+    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C reaches every process of the terminal; the first one answers."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def print_fit(result: Mapping[str, Any]) -> None:
     """The table of a fit and its notes."""
     from ldbb_bayes.report.text import parameter_table, verdict_lines
@@ -97,6 +139,22 @@ def print_fit(result: Mapping[str, Any]) -> None:
     console.print()
     for line in verdict_lines(result):
         console.print(line, markup=False)
+
+
+@contextmanager
+def counting_progress(quiet: bool, what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """A bar on stderr for jobs that are counted, with the time left; none when quiet or stderr is no terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,15 +19,14 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.inference.checkpoint import Checkpoint
-from ldbb_bayes.inference.collapsed import sample_collapsed
-from ldbb_bayes.inference.ensemble import EnsembleRun, Progress, StoppingRule
+from ldbb_bayes.inference.ensemble import Progress, StoppingRule
 from ldbb_bayes.inference.evidence import TruncationProbability, log_prob_truncation
-from ldbb_bayes.inference.independent import sample_quadrature
-from ldbb_bayes.inference.joint import JointDensity, sample_joint
+from ldbb_bayes.inference.joint import JointDensity
 from ldbb_bayes.inference.origin import campaign_record
-from ldbb_bayes.inference.posterior import assess, build_tree
+from ldbb_bayes.inference.posterior import build_tree
 from ldbb_bayes.inference.predictive import fit_quality
 from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.inference.samplers import SAMPLERS, run_sampler
 from ldbb_bayes.model.aliases import degeneracies
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
@@ -35,11 +34,9 @@ from ldbb_bayes.model.linearisation import largest_linearisation_error_mm
 from ldbb_bayes.model.simulate import draw_parameters
 from ldbb_bayes.model.spec import model_sha256, model_to_toml
 
-__all__ = ["SAMPLERS", "sample"]
+__all__ = ["sample"]
 
 Array = NDArray[Any]
-Sampler = Literal["joint", "collapsed", "quadrature"]
-SAMPLERS: tuple[Sampler, ...] = ("joint", "collapsed", "quadrature")
 _VERSIONS = ("ldbb-bayes", "numpy", "scipy", "emcee")
 _PRIOR_DRAWS = 4000
 _CHUNK = 256
@@ -108,7 +105,9 @@ def sample(
         store = Checkpoint(checkpoint, _run_key(bound, sampler, seed, ensembles, walkers, rule), resume=resume)
     seeds = np.random.SeedSequence(seed).spawn(2)
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
-    run, beta, phi = _run(sampler, start, ensembles, walkers, rule, seeds[0], progress, store)
+    run, beta, phi = run_sampler(
+        sampler, start, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress, store=store
+    )
     truncation = _truncation_probability(bound, start, seed)
     quality = _fit(bound, beta, phi, truncation)
     groups = _groups(bound, beta, phi, np.random.default_rng(seeds[1]))
@@ -165,22 +164,6 @@ def _run_key(
         "thin": rule.thin,
     }
     return {name: str(value) for name, value in (key | {f"version of {name}": version(name) for name in _VERSIONS}).items()}
-
-
-def _run(
-    sampler: str,
-    start: HyperPosterior,
-    ensembles: int,
-    walkers: int | None,
-    rule: StoppingRule,
-    seed: np.random.SeedSequence,
-    progress: Callable[[Progress], None] | None,
-    store: Checkpoint | None,
-) -> tuple[EnsembleRun, Array, Array]:
-    if sampler == "quadrature":
-        return sample_quadrature(start, assess=assess, rule=rule, seed=seed, progress=progress)
-    run = sample_collapsed if sampler == "collapsed" else sample_joint
-    return run(start, assess=assess, ensembles=ensembles, walkers=walkers, rule=rule, seed=seed, progress=progress, store=store)
 
 
 _DIMS = {

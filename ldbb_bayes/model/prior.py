@@ -98,6 +98,10 @@ class Prior:
         if self.flat and self.overrides:
             raise InputError("a flat prior must have no overrides, got some. Set flat = false or remove them.")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """To other processes; a read-only mapping does not pickle."""
+        return _prior_from, (dict(vars(self), overrides=dict(self.overrides)),)
+
     @classmethod
     def default(cls) -> Prior:
         """The documented default."""
@@ -149,6 +153,10 @@ class Prior:
         names = tuple(name for name in HYPERS if name in active)
         lower = np.array([resolution_um / np.sqrt(12.0) if name == "sigma" else 0.0 for name in names])
         return HyperPrior(names, np.array([scale[name] for name in names]) * 1e-3, lower * 1e-3)
+
+
+def _prior_from(fields: Mapping[str, Any]) -> Prior:
+    return Prior(**fields)
 
 
 @dataclass(frozen=True, eq=False)

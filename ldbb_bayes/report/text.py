@@ -9,10 +9,11 @@ from rich.table import Table
 
 from ldbb_bayes.analysis.identifiability import Verdict
 from ldbb_bayes.analysis.preview import CampaignPreview
+from ldbb_bayes.analysis.validation import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.rounding import display_name, display_unit, round_like, round_uncertainty, value_and_uncertainty
 
-__all__ = ["engineer_table", "meaning", "parameter_table", "preview_lines", "preview_table", "verdict_lines"]
+__all__ = ["coverage_table", "engineer_table", "meaning", "parameter_table", "preview_lines", "preview_table", "verdict_lines"]
 
 
 DEFAULT_TERMS = HybridModel.default().terms
@@ -58,6 +59,23 @@ def verdict_lines(result: Mapping[str, Any]) -> list[str]:
         f"tail {sampler['ess_tail_min']:.0f}, R-hat {sampler['rhat_max']:.4f}, {sampler['seconds']:.1f} s.",
     ]
     return lines + [f"Note: {warning}" for warning in fit["warnings"]]
+
+
+def coverage_table(validation: Validation) -> Table:
+    """Share of truths inside their intervals, with its standard error, and whether the ranks stay inside the band."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("quantity", no_wrap=True)
+    coverage = validation.coverage()
+    claimed = [name for name in coverage.columns if not name.startswith("u")]
+    for interval in claimed:
+        table.add_column(f"in {interval} % interval", justify="right", no_wrap=True)
+    table.add_column("ranks", no_wrap=True)
+    for name in validation.names:
+        row = coverage.loc[name]
+        shown = "ln likelihood" if name == LOG_LIKELIHOOD else display_name(name)
+        shares = [f"{100 * row[p]:.1f} ± {100 * row['u' + p]:.1f} %" for p in claimed]
+        table.add_row(shown, *shares, "outside the band" if name in validation.outside else "inside")
+    return table
 
 
 def _three_digits(value: float) -> str:

@@ -1,4 +1,4 @@
-"""Every figure is a function of a posterior that returns a matplotlib Figure."""
+"""Every figure is a function of a posterior (or of another result) that returns a matplotlib Figure."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from ldbb_bayes.report.figures.calibration import rank_ecdf
 from ldbb_bayes.report.figures.chains import chains
 from ldbb_bayes.report.figures.circles import predictive, residuals, traces
 from ldbb_bayes.report.figures.parameters import compliance_against_force, corner, forest
@@ -22,7 +23,9 @@ __all__ = [
     "corner",
     "forest",
     "predictive",
+    "rank_ecdf",
     "residuals",
+    "save_figure",
     "save_figures",
     "traces",
 ]
@@ -44,14 +47,17 @@ def save_figures(
     posterior: xr.DataTree, folder: str | os.PathLike[str], *, formats: tuple[str, ...] = ("png", "svg")
 ) -> list[Path]:
     """Draw every figure into a folder; returns the files written."""
+    return [path for name, draw in FIGURES.items() for path in save_figure(draw(posterior), folder, name, formats=formats)]
+
+
+def save_figure(
+    figure: Figure, folder: str | os.PathLike[str], name: str, *, formats: tuple[str, ...] = ("png", "svg")
+) -> list[Path]:
+    """Write one figure into a folder under a name, the same bytes for the same figure; returns the files written."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name, draw in FIGURES.items():
-        figure = draw(posterior)
-        for kind in formats:
-            path = folder / f"{name}.{kind}"
-            with mpl.rc_context({"svg.hashsalt": "ldbb"}):
-                figure.savefig(path, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else None)
-            written.append(path)
+    written = [folder / f"{name}.{kind}" for kind in formats]
+    for path, kind in zip(written, formats, strict=True):
+        with mpl.rc_context({"svg.hashsalt": "ldbb"}):
+            figure.savefig(path, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else None)
     return written
