@@ -29,6 +29,7 @@ _HOMES = {
     "preview": "ldbb_bayes.analysis.preview",
     "validate": "ldbb_bayes.analysis.validation",
     "log_evidence": "ldbb_bayes.inference.evidence",
+    "marginals": "ldbb_bayes.inference.marginals",
     "verdicts": "ldbb_bayes.analysis.identifiability",
     "save_figures": "ldbb_bayes.report.figures",
     "embedded_campaign": "ldbb_bayes.campaign.embedded",
@@ -60,6 +61,7 @@ __all__ = [
     "embedded_campaign",
     "load",
     "log_evidence",
+    "marginals",
     "mask_angles",
     "mask_reversals",
     "preview",
@@ -88,6 +90,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.inference.ensemble import StoppingRule
     from ldbb_bayes.inference.evidence import log_evidence
+    from ldbb_bayes.inference.marginals import marginals
     from ldbb_bayes.inference.posterior import load, save
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.inference.summary import summarize

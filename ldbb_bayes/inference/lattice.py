@@ -20,6 +20,7 @@ __all__ = ["Lattice", "grow_lattice"]
 Array = NDArray[Any]
 _REACH = 1 << 13
 _CHUNK = 256
+_BEYOND = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +157,7 @@ def grow_lattice(
     while True:
         first, second = (_grow(log_density, centre, root, step, offset, depth, most) for offset in (0.0, 0.5))
         total = np.logaddexp.reduce(np.concatenate([first[0].log_density, second[0].log_density]))
-        left_out = float(np.exp(np.logaddexp(first[1], second[1]) - total))
+        left_out = _BEYOND * float(np.exp(np.logaddexp(first[1], second[1]) - total))
         lattice = Lattice(centre, root, step, (first[0], second[0]), left_out)
         size = len(first[0].key) + len(second[0].key)
         if lattice.error <= tolerance or size * 0.75 ** -len(centre) > most:

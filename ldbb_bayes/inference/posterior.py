@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import arviz_base
+import arviz_stats
 import arviz_stats.base
 import numpy as np
 import xarray as xr
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.ensemble import Assessment
 
-__all__ = ["assess", "build_tree", "diagnose", "load", "save"]
+__all__ = ["assess", "build_tree", "diagnose", "load", "power_sensitivity", "save"]
 
 Array = NDArray[Any]
 _TAILS = (0.05, 0.95)
@@ -36,6 +37,27 @@ def assess(chain: Array) -> Assessment:
     """The worst diagnostics over the last axis, chain (chains, draws, d)."""
     every = np.array([diagnose(chain[..., i]) for i in range(chain.shape[-1])])
     return Assessment(float(every[:, 0].min()), float(every[:, 1].min()), float(every[:, 2].max()))
+
+
+def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -> dict[str, dict[str, float]]:
+    """How much each parameter's posterior changes when a part of the joint density is raised to a power near one.
+
+    Parameters
+    ----------
+    draws : mapping of parameter to ndarray, shape (chains, draws)
+    scaled : mapping of part to its log density, shape (chains, draws)
+
+    Returns
+    -------
+    dict of parameter to dict of part to float
+        Above 0.05 counts as sensitive.
+    """
+    found: dict[str, dict[str, float]] = {name: {} for name in draws}
+    for part, log_density in scaled.items():
+        tree = arviz_base.from_dict({"posterior": dict(draws), "log_prior": {"part": log_density}})
+        for name, value in arviz_stats.psense(tree, group="prior").data_vars.items():
+            found[str(name)][part] = float(value)
+    return found
 
 
 def build_tree(

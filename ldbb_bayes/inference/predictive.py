@@ -22,10 +22,12 @@ __all__ = [
     "fit_quality",
     "machine_coefficients",
     "new_circle_coefficients",
+    "own_covariance",
     "prior_circle_coefficients",
     "residual_coefficients",
     "residuals_mm",
     "shared_coefficients",
+    "shared_draws",
 ]
 
 Array = NDArray[Any]
@@ -66,13 +68,31 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
 def new_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """A new circle at the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
     set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
-    shifted = beta - bound.centre
-    _, conditional = bound.given_interest.conditional(phi, shifted)
+    return shared_draws(bound, phi, beta, rng) + _own_nuisances(bound, phi, rng)
+
+
+def shared_draws(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
+    """Machine plus one posterior draw of the nuisances that tests share, shape (draws, tests, 25) [mm]."""
+    total = machine_coefficients(bound, beta)
     shared = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
-    total = machine_coefficients(bound, beta) + _own_nuisances(bound, phi, rng)
-    if shared:
-        values = np.concatenate([term.values for term in shared], axis=2)
-        total = total + np.einsum("tkq,wq->wtk", values, conditional.draw(rng))
+    if not shared:
+        return total
+    _, conditional = bound.given_interest.conditional(phi, beta - bound.centre)
+    values = np.concatenate([term.values for term in shared], axis=2)
+    return np.asarray(total + np.einsum("tkq,wq->wtk", values, conditional.draw(rng)))
+
+
+def _own_nuisances(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
+    """Fresh draws of what every circle has for itself: random force error, set-up shift, discrepancy."""
+    shape = (len(phi), len(bound.test_names))
+    total = np.zeros((*shape, SIZE))
+    for term in bound.nuisance_columns:
+        scale = _hyper(bound, phi, term.hyper)[:, :, None]
+        if isinstance(term, BasisNoise):
+            total = total + scale * term.sd * rng.standard_normal((*shape, SIZE))
+        elif term.private:
+            drawn = scale * term.sd * rng.standard_normal((*shape, len(term.sd)))
+            total = total + np.einsum("tkv,wtv->wtk", term.values, drawn)
     return total
 
 
@@ -109,17 +129,16 @@ def residual_coefficients(bound: BoundModel, predicted: Array) -> Array:
     return np.array(rows)
 
 
-def _own_nuisances(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
-    """Fresh draws of what every circle has for itself: random force error, set-up shift, discrepancy."""
-    shape = (len(phi), len(bound.test_names))
-    total = np.zeros((*shape, SIZE))
+def own_covariance(bound: BoundModel, phi: Array, r: int) -> Array:
+    """Covariance of what test r has for itself, shape (draws, 25, 25) [mm²]."""
+    total = np.zeros((len(phi), SIZE, SIZE))
     for term in bound.nuisance_columns:
-        scale = _hyper(bound, phi, term.hyper)[:, :, None]
+        square = _hyper(bound, phi, term.hyper)[:, :, None] ** 2
         if isinstance(term, BasisNoise):
-            total = total + scale * term.sd * rng.standard_normal((*shape, SIZE))
+            total = total + square * np.diag(term.sd**2)
         elif term.private:
-            drawn = scale * term.sd * rng.standard_normal((*shape, len(term.sd)))
-            total = total + np.einsum("tkv,wtv->wtk", term.values, drawn)
+            scaled = term.values[r] * term.sd
+            total = total + square * (scaled @ scaled.T)
     return total
 
 

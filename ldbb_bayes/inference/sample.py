@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.inference.checkpoint import Checkpoint
+from ldbb_bayes.inference.diagnostics import PredictiveChecks, predictive_checks, sensitive, verdict
 from ldbb_bayes.inference.ensemble import Progress, StoppingRule
 from ldbb_bayes.inference.evidence import TruncationProbability, log_prob_truncation
 from ldbb_bayes.inference.joint import JointDensity
 from ldbb_bayes.inference.origin import campaign_record
-from ldbb_bayes.inference.posterior import build_tree
+from ldbb_bayes.inference.posterior import build_tree, power_sensitivity
 from ldbb_bayes.inference.predictive import fit_quality
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.inference.samplers import SAMPLERS, run_sampler
@@ -103,7 +104,7 @@ def sample(
     store = None
     if checkpoint is not None and sampler != "quadrature":
         store = Checkpoint(checkpoint, _run_key(bound, sampler, seed, ensembles, walkers, rule), resume=resume)
-    seeds = np.random.SeedSequence(seed).spawn(2)
+    seeds = np.random.SeedSequence(seed).spawn(3)
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
     run, beta, phi = run_sampler(
         sampler, start, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress, store=store
@@ -135,6 +136,15 @@ def sample(
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         },
     }
+    checks, sensitivity = _check(bound, beta, phi, groups, np.random.default_rng(seeds[2]))
+    quality["predictive_checks"], quality["sensitivity"] = checks.as_dict(), sensitivity
+    quality["verdict"] = verdict(
+        converged=run.converged,
+        checks=checks,
+        contradicts=truncation.log_value < np.log(_IMPROBABLE),
+        sensitive_to_prior=sensitive(sensitivity),
+        parameters=len(sensitivity),
+    )
     if not run.converged:
         target = f"ESS ≥ {rule.ess:g} and R-hat ≤ {rule.rhat:g}"
         record["fit"]["warnings"].insert(
@@ -200,6 +210,19 @@ def _fit(bound: BoundModel, beta: Array, phi: Array, truncation: TruncationProba
         "linearisation_error_um": largest_linearisation_error_mm(bound, flat_beta.mean(axis=0)) * 1e3,
         "warnings": list(_warnings(bound, flat_phi, truncation)),
     }
+
+
+def _check(
+    bound: BoundModel, beta: Array, phi: Array, groups: Mapping[str, Mapping[str, Array]], rng: np.random.Generator
+) -> tuple[PredictiveChecks, dict[str, dict[str, float]]]:
+    """Posterior predictive checks, and what scaling prior or likelihood would change."""
+    prior, hyper_prior = groups["log_prior"]["parameters"], groups["log_prior"]["hyper"]
+    jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
+    likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
+    parts = {"prior": prior, "hyper_prior": hyper_prior, "likelihood": likelihood}
+    sensitivity = power_sensitivity(groups["posterior"], parts)
+    checks = predictive_checks(bound, phi.reshape(-1, phi.shape[2]), beta.reshape(-1, beta.shape[2]), rng)
+    return checks, sensitivity
 
 
 def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) -> Iterator[str]:

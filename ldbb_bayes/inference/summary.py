@@ -32,7 +32,8 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns unit, mean, sd, median, ci_low, ci_high, prior_sd, ess_bulk, ess_tail, rhat.
+        Columns unit, mean, sd, median, ci_low, ci_high, prior_sd, ess_bulk, ess_tail, rhat; ``attrs["verdict"]`` says in one
+        line whether the numbers can be used.
 
     Raises
     ------
@@ -58,7 +59,9 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
             "ess_tail": tail,
             "rhat": rhat,
         }
-    return pd.DataFrame.from_dict(rows, orient="index")
+    table = pd.DataFrame.from_dict(rows, orient="index")
+    table.attrs["verdict"] = record_of(posterior)["fit"]["verdict"]
+    return table
 
 
 def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:

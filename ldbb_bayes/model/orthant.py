@@ -8,7 +8,7 @@ exponent bounds ln P from above and is smooth in the Gaussian's parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -121,6 +121,35 @@ class Orthant:
         value = self._by_product(finer)
         return value, np.abs(value - self._by_product(counts))
 
+    def moments(self, size: int = 512, *, seed: int = 0) -> tuple[Array, Array, Array]:
+        """Mean and covariance of the standard normal e behind u = mean + spread e given u ≥ 0, along the axes that matter.
+
+        Returns
+        -------
+        mean : ndarray, shape (w, d)
+        covariance : ndarray, shape (w, d, d)
+        axes : ndarray, shape (w, d, q)
+            Orthonormal; across them e stays standard normal.
+        """
+        d = self._bound.shape[1]
+        if d <= 2:
+            points, log_rule = _two_ended_rule(d)
+        else:
+            points, log_rule = qmc.Sobol(d, rng=np.random.default_rng(seed)).random(size), np.zeros(size)
+        log_weight, x = self._propose(np.broadcast_to(points, (self._w, *points.shape)))
+        log_weight = np.where(self._rest_holds(x), log_weight + log_rule, -np.inf)
+        weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+        weight /= weight.sum(axis=1, keepdims=True)
+        mean = np.einsum("ws,wsd->wd", weight, x)
+        centred = x - mean[:, None, :]
+        return mean, np.einsum("ws,wsd,wse->wde", weight, centred, centred), self.axes
+
+    @cached_property
+    def axes(self) -> Array:
+        """Orthonormal directions of e that the rows near their edge depend on, shape (w, d, q): x = axes e."""
+        core = np.take_along_axis(self._spread, self._core[:, :, None], axis=1)
+        return solve_lower(self._lower, core)
+
     def _counts(self, full: int) -> tuple[int, ...] | None:
         """Nodes of the product rule for every row but the last; None where it would need too many or rows nearly repeat others.
 
@@ -207,17 +236,14 @@ class Orthant:
 
     def log_weight_of(self, white: Array) -> Array:
         """ln (exact density / density it would be drawn with) of given e (w, q), up to ln P; e inside the truncation."""
-        core = np.take_along_axis(self._spread, self._core[:, :, None], axis=1)
-        x = solve_lower(self._lower, np.einsum("wiq,wq->wi", core, white)[..., None])[..., 0]
+        x = np.einsum("wiq,wq->wi", self.axes, white)
         _, tilt = _split_tilt(self._tilt, x.shape[1])
         edge = self._bound - np.einsum("wij,wj->wi", _strict(self._unit), x) - tilt
         return (log_ndtr(-edge) + 0.5 * tilt**2 - x * tilt).sum(axis=1)
 
     def _complete(self, x: Array, normal: Array) -> Array:
         """Standard normal e (w, q) given the standard-normal coordinates x behind the rows near their edge."""
-        core = np.take_along_axis(self._spread, self._core[:, :, None], axis=1)
-        axes = solve_lower(self._lower, core)
-        return normal + np.einsum("wiq,wi->wq", axes, x - np.einsum("wiq,wq->wi", axes, normal))
+        return normal + np.einsum("wiq,wi->wq", self.axes, x - np.einsum("wiq,wq->wi", self.axes, normal))
 
     def _subset(self, index: Array) -> Orthant:
         part = object.__new__(Orthant)
@@ -378,6 +404,16 @@ def _product_rule(counts: tuple[int, ...]) -> tuple[Array, Array]:
         weights.insert(0, 2.0 * weight * s**3 if count > 1 else weight / 2.0)
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
     return points, np.log(np.prod(np.meshgrid(*weights, indexing="ij"), axis=0)).ravel()
+
+
+@cache
+def _two_ended_rule(d: int) -> tuple[Array, Array]:
+    """The same for integrands that change towards both ends of the last coordinate too: u = s³ (10 − 15 s + 6 s²)."""
+    nodes, weight = np.polynomial.legendre.leggauss(2 * _FULL)
+    s = (nodes + 1.0) / 2.0
+    axes, weights = [s**3 * (10.0 - 15.0 * s + 6.0 * s**2)] * d, [15.0 * weight * s**2 * (1.0 - s) ** 2] * d
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1) if d else np.zeros((1, 0))
+    return points, np.log(np.prod(np.meshgrid(*weights, indexing="ij"), axis=0)).ravel() if d else np.zeros(1)
 
 
 def _log_sum(log_values: Array) -> Array:

@@ -51,11 +51,12 @@ def verdict_lines(result: Mapping[str, Any]) -> list[str]:
     campaign, model, sampler, fit = result["campaign"], result["model"], result["sampler"], result["fit"]
     degree = ("constant", "linear in force", "quadratic in force")[model["degree"]]
     lines = [
+        f"Verdict: {fit['verdict']}",
         f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
         f"Compliance {degree}, preset {model['preset']}{_changes(model)}, reference force {model['reference_force_N']:g} N.",
         f"RMSE {fit['rmse_um']:.2f} µm (machine and shared nuisances); linear for exact geometry costs at most "
         f"{fit['linearisation_error_um']:.4f} µm. ln P(T | y) = {fit['log_prob_truncation']:.2f}.",
-        f"{'Converged' if sampler['converged'] else 'NOT CONVERGED'}: ESS bulk {sampler['ess_bulk_min']:.0f}, "
+        f"Sampler {sampler['kind']}: {'' if sampler['converged'] else 'NOT CONVERGED, '}ESS bulk {sampler['ess_bulk_min']:.0f}, "
         f"tail {sampler['ess_tail_min']:.0f}, R-hat {sampler['rhat_max']:.4f}, {sampler['seconds']:.1f} s.",
     ]
     return lines + [f"Note: {warning}" for warning in fit["warnings"]]
