@@ -50,10 +50,14 @@ def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -
     Returns
     -------
     dict of parameter to dict of part to float
-        Above 0.05 counts as sensitive.
+        Above 0.05 counts as sensitive; 0 where the part is constant.
     """
     found: dict[str, dict[str, float]] = {name: {} for name in draws}
     for part, log_density in scaled.items():
+        if np.ptp(log_density) == 0.0:
+            for parts in found.values():
+                parts[part] = 0.0
+            continue
         tree = arviz_base.from_dict({"posterior": dict(draws), "log_prior": {"part": log_density}})
         for name, value in arviz_stats.psense(tree, group="prior").data_vars.items():
             found[str(name)][part] = float(value)

@@ -51,14 +51,3 @@ def test_no_acceptance_rate_hangs_it(sampler: str, recovered: lb.Campaign) -> No
     tree = lb.sample(model, recovered, sampler=sampler, seed=1, rule=StoppingRule(ess=200.0, rhat=1.1, lengths=0.5))
     assert record_of(tree)["fit"]["log_prob_truncation"] == pytest.approx(-1311.03, abs=0.1)
     assert tree["posterior"]["C_CCY"].to_numpy().min() >= 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("degree", [0, 1])
-def test_three_routes_to_one_posterior(recovered: lb.Campaign, degree: int) -> None:
-    model = lb.HybridModel.default(degree)
-    mean, sd = moments(lb.sample(model, recovered, sampler="quadrature", seed=5, rule=StoppingRule(ess=20_000.0)))
-    for sampler in ("joint", "collapsed"):
-        found_mean, found_sd = moments(lb.sample(model, recovered, sampler=sampler, seed=5, rule=StoppingRule(ess=4000.0)))
-        np.testing.assert_allclose((found_mean - mean) / sd, 0.0, atol=0.08)
-        np.testing.assert_allclose(found_sd / sd, 1.0, atol=0.05)

@@ -1,0 +1,97 @@
+"""Simulation-based calibration of every sampler, and of models that are wrong."""
+
+from __future__ import annotations
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from campaigns import plan
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.validation import LOG_LIKELIHOOD, Validation
+from ldbb_bayes.errors import InputError
+
+FORCES_N = (36.0, 238.0, 490.0, 742.0)
+CIRCLES = plan((60,) * 4, forces_N=FORCES_N)
+ARCS = plan((60, 45, 60, 30), forces_N=FORCES_N, arc_deg=240.0, work_deg=40.0)
+CONSTANT = lb.HybridModel.default(0)
+
+
+def made(ranks: np.ndarray, draws: int = 99) -> Validation:
+    return Validation(tuple(f"q{k}" for k in range(ranks.shape[1])), ranks, draws, "quadrature", 0.99, ())
+
+
+def test_uniform_ranks_are_calibrated_and_others_not() -> None:
+    rng = np.random.default_rng(0)
+    uniform = rng.integers(0, 100, (300, 20))
+    assert made(uniform).calibrated
+    shifted = uniform.copy()
+    shifted[:, 3] = np.minimum(shifted[:, 3] + 15, 99)
+    assert made(shifted).outside == ("q3",)
+    assert "the ranks of q3 leave the band" in made(shifted).verdict
+    narrow = uniform.copy()
+    narrow[:, 5] = np.where(rng.random(300) < 0.3, np.where(rng.random(300) < 0.5, 0, 99), narrow[:, 5])
+    assert made(narrow).outside == ("q5",)
+
+
+def test_coverage_counts_intervals() -> None:
+    """All hundred ranks once: exactly what every interval claims."""
+    coverage = made(np.arange(100)[:, None]).coverage().iloc[0]
+    assert (coverage["50"], coverage["80"], coverage["95"]) == pytest.approx((0.5, 0.8, 0.95))
+    assert coverage["u50"] == pytest.approx(0.05)
+
+
+def test_executors_and_workers_change_nothing() -> None:
+    arguments = {"replicates": 10, "draws": 19, "seed": 3}
+    alone = lb.validate(CONSTANT, CIRCLES, **arguments)
+    assert alone.names == (*CONSTANT.bind(CIRCLES).names, "sigma", "delta", "kappa", "tau", LOG_LIKELIHOOD)
+    with ThreadPoolExecutor(3) as threads:
+        np.testing.assert_array_equal(lb.validate(CONSTANT, CIRCLES, executor=threads, **arguments).ranks, alone.ranks)
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
+        np.testing.assert_array_equal(lb.validate(CONSTANT, CIRCLES, executor=processes, **arguments).ranks, alone.ranks)
+
+
+def test_models_and_plans_reach_other_processes() -> None:
+    model = lb.HybridModel(prior=lb.Prior(overrides={"C_XXX": 2e-4}))
+    assert pickle.loads(pickle.dumps(model)) == model
+    assert pickle.loads(pickle.dumps(CIRCLES)).sha256 == CIRCLES.sha256
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"model": lb.HybridModel.paper(0)}, "validation must start from proper priors, got flat ones"),
+        ({"sampler": "nuts"}, "sampler must be one of joint, collapsed, quadrature"),
+        ({"replicates": 3}, "replicates must be at least 10, got 3"),
+        ({"draws": 1}, "draws must be at least 9, got 1"),
+        ({"prob": 99.0}, "prob must lie between 0 and 1, got 99"),
+    ],
+)
+def test_refused(arguments: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lb.validate(**({"model": CONSTANT, "plan": CIRCLES} | arguments))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("planned", [CIRCLES, ARCS], ids=["circles", "arcs"])
+def test_quadrature_is_calibrated(planned: lb.Campaign) -> None:
+    found = lb.validate(lb.HybridModel.default(1), planned, replicates=200, seed=11)
+    assert found.calibrated, found.verdict
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sampler", ["joint", "collapsed"])
+def test_emcee_is_calibrated(sampler: str) -> None:
+    found = lb.validate(CONSTANT, CIRCLES, replicates=100, draws=49, sampler=sampler, seed=12)
+    assert found.calibrated, found.verdict
+
+
+@pytest.mark.slow
+def test_without_the_discrepancy_in_the_model_it_fails() -> None:
+    """The readings have it, the model does not: intervals far too narrow, and the ranks say so."""
+    found = lb.validate(CONSTANT.without("discrepancy"), CIRCLES, generator=CONSTANT, replicates=100, seed=13)
+    assert not found.calibrated
+    assert {"C_CXY", "C_CYY", LOG_LIKELIHOOD} & set(found.outside)

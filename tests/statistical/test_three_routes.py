@@ -1,0 +1,61 @@
+"""Joint, collapsed and quadrature draws against the exact marginals on the recovered experiment and 20 simulated campaigns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from campaigns import HYPER_UM, TRUTH, plan
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.ensemble import StoppingRule
+
+PLANS = {
+    "circles": plan(),
+    "arcs": plan((30, 40, 35, 30), arc_deg=220.0),
+    "work ball clocked": plan(work_deg=40.0),
+    "both balls clocked, arcs": plan((40, 30, 9, 26), work_deg=40.0, tool_deg=-65.0, arc_deg=300.0),
+    "few readings": plan((9, 40, 12, 30)),
+}
+MODELS = {
+    "constant": lb.HybridModel.default(0),
+    "linear": lb.HybridModel.default(1),
+    "constant without ball form": lb.HybridModel.default(0).without("ball-form"),
+    "linear without truncation": lb.HybridModel.default(1).without("truncation"),
+}
+RULE = StoppingRule(ess=5000.0)
+
+
+def differences(model: lb.HybridModel, campaign: lb.Campaign, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of all three: (mean − exact) in Monte Carlo errors, and sd / exact − 1."""
+    exact = lb.marginals(model, campaign)
+    z, ratio = [], []
+    for sampler in ("joint", "collapsed", "quadrature"):
+        found = lb.summarize(lb.sample(model, campaign, sampler=sampler, seed=seed, rule=RULE))
+        z.append((found["mean"] - exact["mean"]) / (exact["sd"] / np.sqrt(found["ess_bulk"])))
+        ratio.append(found["sd"] / exact["sd"] - 1.0)
+    return np.array(z), np.array(ratio)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [0, 1])
+def test_recovered_experiment(recovered: lb.Campaign, degree: int) -> None:
+    z, ratio = differences(lb.HybridModel.default(degree), recovered, 1)
+    assert np.abs(z).max() < 4.0
+    assert np.mean(np.abs(z) > 3.0) < 0.02
+    assert np.abs(ratio).max() < 0.04
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELS)
+def test_simulated_campaigns(name: str) -> None:
+    """Five plans each, 20 in all. Of some thousand differences a few pass three Monte Carlo errors by chance."""
+    every_z, every_ratio = [], []
+    for k, planned in enumerate(PLANS.values()):
+        campaign = lb.HybridModel.default(0).simulate(planned, seed=k, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+        z, ratio = differences(MODELS[name], campaign, k)
+        every_z.append(z.ravel())
+        every_ratio.append(ratio.ravel())
+    z = np.concatenate(every_z)
+    assert np.abs(z).max() < 4.5
+    assert np.mean(np.abs(z) > 3.0) < 0.01
+    assert np.abs(np.concatenate(every_ratio)).max() < 0.04
