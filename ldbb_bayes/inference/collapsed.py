@@ -7,6 +7,7 @@ the check of the joint sampler.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.ensemble import Assessment, BlockStore, EnsembleRun, Progress, StoppingRule, run_ensembles
+from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior, conditional_draws
 
 __all__ = ["draw_parameters_given", "sample_collapsed"]
@@ -21,6 +23,22 @@ __all__ = ["draw_parameters_given", "sample_collapsed"]
 Array = NDArray[Any]
 _WALKERS = 128
 _ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class HyperRedraw:
+    """φ anew, in free coordinates, from the cells of a lattice."""
+
+    lattice: Lattice
+
+    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Points (size, h) and the log density they were drawn with."""
+        free = self.lattice.draw(size, random)
+        return free, self.lattice.log_proposal(free)
+
+    def log_density(self, points: Array) -> Array:
+        """Log density with which the points would be drawn."""
+        return self.lattice.log_proposal(points)
 
 
 def sample_collapsed(
@@ -73,7 +91,16 @@ def sample_collapsed(
         drawn[:] = [_with_parameters(start, chain, np.random.default_rng(drawing))]
         return assess(drawn[0])
 
-    run = run_ensembles(start.log_density, starts, assess_all, rule=rule, seed=sampling, progress=progress, store=store)
+    run = run_ensembles(
+        start.log_density,
+        starts,
+        assess_all,
+        rule=rule,
+        seed=sampling,
+        progress=progress,
+        redraw=HyperRedraw(start.coarse),
+        store=store,
+    )
     everything = drawn[0] if run.converged else _with_parameters(start, run.chain, np.random.default_rng(drawing))
     return run, everything[..., :-d], start.bound.hyper_prior.phi(run.chain)
 

@@ -22,9 +22,10 @@ __all__ = ["Assessment", "Block", "BlockStore", "EnsembleRun", "Progress", "Redr
 
 Array = NDArray[Any]
 _JUMP = 0.1
-_REDRAWN = 0.9
+_REDRAWN = 0.85
 _MOST_DRAWS = 25_000
-_MOST_GROWN = 10
+_BLOCKS_A_LEVEL = 4
+_MOST_DOUBLINGS = 5
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,7 @@ class StoppingRule:
     max_steps : int
         Steps of each ensemble.
     block : int
-        Steps before the first look; later blocks grow with the run.
-    thin : int
-        Steps between two stored draws.
+        Draws stored between two looks. At first every step is stored, later every second, fourth, … of longer blocks.
     discard : float
         Share of the stored draws given up as burn-in at every look.
     lengths : float
@@ -50,15 +49,14 @@ class StoppingRule:
     ess: float = 1000.0
     rhat: float = 1.01
     max_steps: int = 20_000
-    block: int = 50
-    thin: int = 5
+    block: int = 20
     discard: float = 0.25
     lengths: float = 6.0
 
-    def next_block(self, steps: int) -> int:
-        """Steps of the block after so many, a whole number of thinning intervals. The target does not enter."""
-        wanted = min(max(self.block, steps // 4), _MOST_GROWN * self.block)
-        return max(wanted // self.thin, 1) * self.thin
+    def thin(self, steps: int) -> int:
+        """Steps between stored draws in the block that follows so many; a power of two. The target does not enter."""
+        doublings = int(np.log2(1.0 + steps / (_BLOCKS_A_LEVEL * self.block)))
+        return 2 ** min(doublings, _MOST_DOUBLINGS)
 
 
 @dataclass(frozen=True)
@@ -80,17 +78,13 @@ class Assessment:
 
 
 class Redraw(Protocol):
-    """Draws of some coordinates given the others, from a density that can be computed."""
+    """Independent draws from a density near the target, which can be computed."""
 
-    @property
-    def moved(self) -> slice:
-        """The coordinates that are given."""
-
-    def draw(self, moved: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Whole points (n, d) from the given coordinates, and the log density of what was drawn, shape (n,)."""
+    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Points, shape (size, d), and the log density they were drawn with, shape (size,)."""
 
     def log_density(self, points: Array) -> Array:
-        """Log density with which the rest of (n, d) points would be drawn, shape (n,)."""
+        """Log density with which (n, d) points would be drawn, shape (n,); −inf where none is."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +176,7 @@ def run_ensembles(
     redraw: Redraw | None = None,
     store: BlockStore | None = None,
 ) -> EnsembleRun:
-    """Run one ensemble per start until the rule is met: differential-evolution moves, with ``redraw`` mixed with redrawing ones.
+    """Run one ensemble per start until the rule is met: differential evolution, mixed with independent draws from ``redraw``.
 
     Parameters
     ----------
@@ -196,20 +190,21 @@ def run_ensembles(
     """
     walkers = starts.shape[1]
     block = _first_state(starts, seed)
-    parts: list[Array] = []
+    parts: list[tuple[int, Array]] = []
     steps, fresh, clock = 0, 0, time.perf_counter()
     accepted: list[float] = []
     while True:
-        size = rule.next_block(steps)
+        thin = rule.thin(steps)
+        size = rule.block * thin
         kept = store.load(len(parts)) if store is not None else None
         if kept is None:
-            block = _run_block(log_density, block, size // rule.thin, rule.thin, redraw)
+            block = _run_block(log_density, block, rule.block, thin, redraw)
             fresh += size
             if store is not None:
                 store.save(len(parts), block)
         else:
             block, clock = kept, time.perf_counter()
-        parts.append(block.chain)
+        parts.append((thin, block.chain))
         steps += size
         accepted += [block.accepted.sum() / block.chain[..., 0].size]
         chain = _kept_draws(parts, rule)
@@ -219,7 +214,7 @@ def run_ensembles(
             left = _seconds_left(time.perf_counter() - clock, fresh, steps, rule.max_steps, share)
             progress(Progress(steps, rule.max_steps, rule.ess, assessment, left))
         converged = assessment.meets(rule, walkers=len(starts) * walkers)
-        if converged or steps + rule.next_block(steps) > rule.max_steps:
+        if converged or steps + rule.block * rule.thin(steps) > rule.max_steps:
             return EnsembleRun(chain, assessment, converged, steps, walkers, float(np.mean(accepted)))
 
 
@@ -266,13 +261,17 @@ def _moves(redraw: Redraw | None) -> list[tuple[emcee.moves.Move, float]]:
     return [(RedrawMove(redraw), _REDRAWN), *((move, (1.0 - _REDRAWN) * share) for move, share in plain)]
 
 
-def _kept_draws(parts: list[Array], rule: StoppingRule) -> Array:
-    """Draws after burn-in, walker-major, thinned evenly where there are very many."""
-    every = np.concatenate(parts, axis=1)
+def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
+    """Draws after burn-in, walker-major, at the spacing of the last block, wider where there are very many."""
+    every = np.concatenate([_every(parts[-1][0] // thin, chain) for thin, chain in parts], axis=1)
     kept = every[:, int(rule.discard * every.shape[1]) :]
     stride = -(-kept.shape[1] * kept.shape[2] // _MOST_DRAWS)
-    ends = kept[:, ::-1][:, ::stride][:, ::-1]
-    return np.swapaxes(ends, 1, 2).reshape(len(kept), -1, kept.shape[3])
+    return np.swapaxes(_every(stride, kept), 1, 2).reshape(len(kept), -1, kept.shape[3])
+
+
+def _every(stride: int, chain: Array) -> Array:
+    """The last draw and every stride-th before it."""
+    return chain[:, ::-1][:, ::stride][:, ::-1]
 
 
 def _seconds_left(elapsed: float, fresh: int, steps: int, max_steps: int, share: float) -> float | None:
@@ -284,7 +283,7 @@ def _seconds_left(elapsed: float, fresh: int, steps: int, max_steps: int, share:
 
 
 class RedrawMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Some coordinates by differential evolution (ter Braak 2006), the others redrawn given them."""
+    """Independent proposals (Tierney 1994): what was drawn last is accepted by how it compares with the target."""
 
     def __init__(self, redraw: Redraw) -> None:
         super().__init__()
@@ -293,20 +292,13 @@ class RedrawMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
 
     def get_proposal(self, sample: Array, complement: list[Array], random: np.random.RandomState) -> tuple[Array, Array]:
         """Proposals for the walkers of one half, shape (n, d), and ln q(back) − ln q(there), shape (n,)."""
-        others = np.concatenate(complement)[:, self._redraw.moved]
-        n, size = len(sample), len(others)
-        first = random.randint(size, size=n)
-        second = (first + random.randint(1, size, size=n)) % size
-        step = np.where(random.random_sample(n) < _JUMP, 1.0, 2.38 / np.sqrt(2.0 * others.shape[1]))
-        step *= 1.0 + 1e-5 * random.standard_normal(n)
-        moved = sample[:, self._redraw.moved] + step[:, None] * (others[first] - others[second])
         log_back = self._log_density(sample)
-        proposal, log_there = self._redraw.draw(moved, random)
+        proposal, log_there = self._redraw.draw(len(sample), random)
         self._known.update(zip((row.tobytes() for row in proposal), log_there.tolist(), strict=True))
         return proposal, log_back - log_there
 
     def _log_density(self, sample: Array) -> Array:
-        """With which each would be redrawn: remembered where this move made it."""
+        """With which each would be drawn: remembered where this move drew it."""
         keys = [row.tobytes() for row in sample]
         found = np.array([self._known.get(key, np.nan) for key in keys])
         unknown = np.isnan(found)

@@ -67,9 +67,9 @@ def draw_hyper(start: HyperPosterior, size: int, rng: np.random.Generator) -> tu
     scale: float | None = None
     for _ in range(_ROUNDS):
         wanted = max(int(1.2 * _ENVELOPE * (size - used)), _CHUNK)
-        free, log_proposal = lattice.draw(wanted, rng)
+        free = lattice.draw(wanted, rng)
         exact = np.concatenate([start.log_density(part) for part in np.array_split(free, -(-wanted // _CHUNK))])
-        ratio = exact - log_proposal
+        ratio = exact - lattice.log_proposal(free)
         if scale is None:
             scale = float(np.logaddexp.reduce(ratio) - np.log(wanted)) + np.log(_ENVELOPE)
         owed = np.exp(ratio - scale)

@@ -48,35 +48,34 @@ class JointDensity:
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """β given φ: from its exact conditional Gaussian, inside the truncation from the tilted draws that are nearly it."""
+    """(β, φ) anew: φ from the cells of a lattice, β from its exact conditional Gaussian given φ.
+
+    Inside the truncation β comes from the tilted draws that are nearly that Gaussian's part inside.
+    """
 
     density: JointDensity
+    start: HyperPosterior
 
-    @property
-    def moved(self) -> slice:
-        """The free coordinates of φ."""
-        return slice(len(self.density.bound.names), None)
-
-    def draw(self, moved: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Points with given free coordinates, and the log density of their β."""
+    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Points (size, p + h) and the log density they were drawn with."""
         bound = self.density.bound
-        _, given = bound.given(bound.hyper_prior.phi(moved))
+        free = self.start.coarse.draw(size, random)
+        _, given = bound.given(bound.hyper_prior.phi(free))
         white = random.standard_normal(given.mean.shape)
-        log_weight = np.zeros(len(moved))
+        log_weight = np.zeros(size)
         if bound.truncation.active:
-            white, log_weight = given.orthant.propose_spread(
-                random.random_sample((len(moved), len(bound.truncation.rows))), white
-            )
+            white, log_weight = given.orthant.propose_spread(random.random_sample((size, len(bound.truncation.rows))), white)
         beta = given.at(white)
-        return self.density.join(beta, moved), given.log_density(beta) - log_weight
+        log_density = self.start.coarse.log_proposal(free) + given.log_density(beta) - log_weight
+        return self.density.join(beta, free), log_density
 
     def log_density(self, points: Array) -> Array:
-        """Log density with which the β of the points would be drawn."""
+        """Log density with which the points would be drawn."""
         bound = self.density.bound
         beta, free = self.density.split(points)
         _, given = bound.given(bound.hyper_prior.phi(free))
         log_weight = given.orthant.log_weight_of(given.white(beta)) if bound.truncation.active else 0.0
-        return np.asarray(given.log_density(beta) - log_weight)
+        return np.asarray(self.start.coarse.log_proposal(free) + given.log_density(beta) - log_weight)
 
 
 def sample_joint(
@@ -123,7 +122,7 @@ def sample_joint(
         rule=rule or StoppingRule(),
         seed=sampling,
         progress=progress,
-        redraw=LinearRedraw(density),
+        redraw=LinearRedraw(density, start),
         store=store,
     )
     beta, free = density.split(run.chain)

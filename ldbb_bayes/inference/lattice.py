@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -86,28 +87,31 @@ class Lattice:
         """Of the logarithm: the square of the two grids' difference, and what lies beyond the edge."""
         return float((self._halves[0] - self._halves[1]) ** 2 + self.left_out)
 
-    def draw(self, size: int, rng: np.random.Generator, *, temperature: float = 1.0) -> tuple[Array, Array]:
-        """Draws from the density as the lattice sees it, constant in every cell.
+    def draw(self, size: int, rng: np.random.Generator | np.random.RandomState, *, temperature: float = 1.0) -> Array:
+        """Independent draws from the density as the lattice sees it, constant in every cell, shape (size, h).
 
         Parameters
         ----------
         temperature : float
             More than 1 draws from the density's power 1/temperature, which is wider.
-
-        Returns
-        -------
-        free : ndarray, shape (size, h)
-            Stratified over the nodes, in random order.
-        log_proposal : ndarray, shape (size,)
-            Log density they were drawn from, on the scale of f; for temperature 1.
         """
-        tempered = np.exp((self.log_density - self.log_density.max()) / temperature)
-        levels = (rng.random() + np.arange(size)) / size
-        picked = np.minimum(np.searchsorted(np.cumsum(tempered) / tempered.sum(), levels), len(tempered) - 1)
-        index = np.concatenate([grid.index + grid.offset for grid in self.grids])[rng.permutation(picked)]
-        place = index + rng.random(index.shape) - 0.5
-        log_proposal = np.logaddexp(*[grid.at(place) for grid in self.grids]) - np.log(2.0)
-        return _points(self.centre, self.root, self.step, place), log_proposal
+        cumulated = self._cumulated if temperature == 1.0 else np.cumsum(self.weight ** (1.0 / temperature))
+        picked = np.searchsorted(cumulated, cumulated[-1] * rng.uniform(size=size), side="right")
+        place = self._places[np.minimum(picked, len(cumulated) - 1)] + rng.uniform(-0.5, 0.5, (size, len(self.centre)))
+        return _points(self.centre, self.root, self.step, place)
+
+    def log_proposal(self, free: Array) -> Array:
+        """Log density with which `draw` gives points (n, h), on the scale of f, shape (n,); −inf where it never does."""
+        place = np.linalg.solve(self.root, (free - self.centre).T).T / self.step
+        return np.logaddexp(*[grid.at(place) for grid in self.grids]) - np.log(2.0)
+
+    @cached_property
+    def _places(self) -> Array:
+        return np.concatenate([grid.index + grid.offset for grid in self.grids])
+
+    @cached_property
+    def _cumulated(self) -> Array:
+        return np.cumsum(self.weight)
 
     def corrected(self, log_density: Callable[[Array], Array], *, spare: float) -> Lattice:
         """The lattice of a nearby density: evaluated where the nodes matter, but for a share ``spare`` of the integral."""

@@ -97,7 +97,7 @@ class HyperPosterior:
 
     def draw(self, size: int, rng: np.random.Generator, *, temperature: float = 1.0) -> Array:
         """Starting points in free coordinates, shape (size, h): nearly the posterior, or its power 1/temperature."""
-        return self.coarse.draw(size, rng, temperature=temperature)[0]
+        return self.coarse.draw(size, rng, temperature=temperature)
 
     def _locate(self) -> tuple[Array, Array]:
         """Mode and curvature: Newton from the best of many starting points, several basins tried."""

@@ -171,7 +171,6 @@ def _run_key(
         "ensembles": ensembles,
         "walkers": walkers,
         "block": rule.block,
-        "thin": rule.thin,
     }
     return {name: str(value) for name, value in (key | {f"version of {name}": version(name) for name in _VERSIONS}).items()}
 

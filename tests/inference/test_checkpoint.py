@@ -18,7 +18,7 @@ from ldbb_bayes.inference.checkpoint import remove_checkpoint
 from ldbb_bayes.inference.ensemble import Progress, StoppingRule
 
 MODEL = lb.HybridModel.default(0)
-RULE = StoppingRule(ess=250.0, rhat=1.3, block=10, lengths=0.1)
+RULE = StoppingRule(ess=1500.0, rhat=1.3, block=5, lengths=0.1)
 run = partial(lb.sample, walkers=48)
 
 
@@ -59,8 +59,8 @@ def test_resumed_is_uninterrupted_to_the_last_bit(campaign: lb.Campaign, tmp_pat
 
 
 def test_a_raised_target_goes_on_where_the_run_ended(campaign: lb.Campaign, tmp_path: Path) -> None:
-    more = replace(RULE, ess=600.0)
-    run(MODEL, campaign, seed=4, rule=replace(RULE, max_steps=20, ess=1e6), checkpoint=tmp_path / "run")
+    more = replace(RULE, ess=2500.0)
+    run(MODEL, campaign, seed=4, rule=replace(RULE, max_steps=10, ess=1e6), checkpoint=tmp_path / "run")
     further = run(MODEL, campaign, seed=4, rule=more, checkpoint=tmp_path / "run", resume=True)
     assert same(further, run(MODEL, campaign, seed=4, rule=more))
 

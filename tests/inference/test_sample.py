@@ -200,7 +200,7 @@ def test_noise_at_the_floor_is_sampled_without_strays() -> None:
 def test_progress_is_reported(campaign: lb.Campaign) -> None:
     seen: list[Progress] = []
     lb.sample(lb.HybridModel.default(0), campaign, seed=1, rule=QUICK, progress=seen.append)
-    assert [state.steps for state in seen] == [50 * (i + 1) for i in range(len(seen))]
+    assert [state.steps for state in seen] == [20 * (i + 1) for i in range(len(seen))]
     assert all(state.seconds_left is not None and state.seconds_left >= 0.0 for state in seen)
     assert isinstance(seen[-1].assessment, Assessment)
 
