@@ -8,24 +8,22 @@ exponent bounds ln P from above and is smooth in the Gaussian's parameters.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 from scipy.special import log_ndtr, ndtri_exp
 from scipy.stats import qmc
 
+from ldbb_bayes.model.constraints import PUSHED, core_rows, uncertain
+from ldbb_bayes.model.rules import product_rule, two_ended_rule
+from ldbb_bayes.model.tilting import exponent, saddle_point, split_tilt, strict
 from ldbb_bayes.model.triangular import solve_lower
 
 __all__ = ["Orthant", "Truncation"]
 
 Array = NDArray[Any]
-_LOG_2PI = float(np.log(2 * np.pi))
-_DEPENDENT = 1e-7
-_CERTAIN = 12.0
-_PUSHED = -3.0
 _FULL = 12
 _MOST_NEAR = 3
 _MOST_TRIES = 64
@@ -78,11 +76,11 @@ class Orthant:
     """
 
     def __init__(self, mean: Array, spread: Array) -> None:
-        open_ = _uncertain(mean, spread)
+        open_ = uncertain(mean, spread)
         mean, spread = mean[:, open_], spread[:, open_]
         self._w, self._m = mean.shape
         self._mean, self._spread = mean, spread
-        self._core = _core_rows(mean, spread)
+        self._core = core_rows(mean, spread)
         core_mean = np.take_along_axis(mean, self._core, axis=1)
         core_spread = np.take_along_axis(spread, self._core[:, :, None], axis=1)
         lower = np.swapaxes(np.linalg.qr(np.swapaxes(core_spread, 1, 2), mode="r"), 1, 2)
@@ -93,14 +91,14 @@ class Orthant:
         self._lower = lower
         self._unit = lower / self._diagonal[:, :, None]
         self._bound = -core_mean / self._diagonal
-        self._tilt = _saddle_point(self._unit, self._bound)
+        self._tilt = saddle_point(self._unit, self._bound)
 
     @property
     def log_bound(self) -> Array:
         """Upper bound of ln P, tight in the tails, shape (w,). Smooth; exact for one constraint."""
         d = self._bound.shape[1]
-        x, tilt = _split_tilt(self._tilt, d)
-        return _exponent(self._unit, self._bound, x, tilt)
+        x, tilt = split_tilt(self._tilt, d)
+        return exponent(self._unit, self._bound, x, tilt)
 
     def log_value(self, size: int = 256, *, seed: int = 0) -> Array:
         """ln P, shape (w,): a product of Gauss-Legendre rules where it fits, else ``size`` quasi-random points.
@@ -133,7 +131,7 @@ class Orthant:
         """
         d = self._bound.shape[1]
         if d <= 2:
-            points, log_rule = _two_ended_rule(d)
+            points, log_rule = two_ended_rule(d, 2 * _FULL)
         else:
             points, log_rule = qmc.Sobol(d, rng=np.random.default_rng(seed)).random(size), np.zeros(size)
         log_weight, x = self._propose(np.broadcast_to(points, (self._w, *points.shape)))
@@ -161,15 +159,15 @@ class Orthant:
         if d <= 1:
             return ()
         slack = self._distance.min(axis=0)
-        near = d if slack[0] < _PUSHED else int(np.sum(slack <= _HOLDS))
+        near = d if slack[0] < PUSHED else int(np.sum(slack <= _HOLDS))
         counts = tuple(full if j < near else 1 if slack[j] > 1.5 * _HOLDS else 3 for j in range(1, d))
-        steep = near > 1 and np.abs(_strict(self._unit)[:, :near]).max() > _STEEP
+        steep = near > 1 and np.abs(strict(self._unit)[:, :near]).max() > _STEEP
         return None if steep or near > _MOST_NEAR else counts
 
     def _by_product(self, counts: tuple[int, ...]) -> Array:
         if self._bound.shape[1] <= 1:
             return self.log_bound
-        points, log_weight = _product_rule(counts)
+        points, log_weight = product_rule(counts)
         return _log_sum(self._propose(np.broadcast_to(points, (self._w, *points.shape)))[0] + log_weight)
 
     def _by_quasi_random(self, size: int, seed: int) -> tuple[Array, Array]:
@@ -237,8 +235,8 @@ class Orthant:
     def log_weight_of(self, white: Array) -> Array:
         """ln (exact density / density it would be drawn with) of given e (w, q), up to ln P; e inside the truncation."""
         x = np.einsum("wiq,wq->wi", self.axes, white)
-        _, tilt = _split_tilt(self._tilt, x.shape[1])
-        edge = self._bound - np.einsum("wij,wj->wi", _strict(self._unit), x) - tilt
+        _, tilt = split_tilt(self._tilt, x.shape[1])
+        edge = self._bound - np.einsum("wij,wj->wi", strict(self._unit), x) - tilt
         return (log_ndtr(-edge) + 0.5 * tilt**2 - x * tilt).sum(axis=1)
 
     def _complete(self, x: Array, normal: Array) -> Array:
@@ -255,7 +253,7 @@ class Orthant:
     def _propose(self, uniform: Array) -> tuple[Array, Array]:
         """Tilted draws x (w, size, d) from uniform numbers, and their log weights (w, size)."""
         d = self._bound.shape[1]
-        _, tilt = _split_tilt(self._tilt, d)
+        _, tilt = split_tilt(self._tilt, d)
         x = np.zeros(uniform.shape)
         log_weight = np.zeros(uniform.shape[:2])
         for j in range(d):
@@ -279,141 +277,6 @@ class Orthant:
         every = self._mean[:, None, :] + np.einsum("wmi,wsi->wsm", mixing, value)
         scale = np.abs(core_mean).max(axis=1)[:, None, None] + np.abs(value).max(axis=2, keepdims=True)
         return np.all(every >= -1e-9 * scale, axis=-1)
-
-
-def _core_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
-    """Independent rows for every member of the batch, tightest first, shape (w, rank)."""
-    if not mean.shape[1]:
-        return np.zeros(mean.shape, dtype=int)
-    norms = np.linalg.norm(spread, axis=2)
-    tightest = np.argsort(mean / norms, axis=1, kind="stable")
-    rank = np.linalg.matrix_rank(spread[0] / norms[0][:, None], tol=_DEPENDENT)
-    if rank == mean.shape[1]:
-        return tightest
-    return np.array([_binding_rows(mean[k] / norms[k], spread[k] / norms[k][:, None], rank) for k in range(len(mean))])
-
-
-def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
-    """Rows active at the most probable point inside, then the tightest that add a direction.
-
-    The most probable point is a least-distance problem, solved by non-negative least squares (Lawson and Hanson, ch. 23).
-    """
-    stacked = np.vstack([unit.T, -distance / max(1.0, float(np.abs(distance).max()))])
-    force, _ = nnls(stacked, np.append(np.zeros(unit.shape[1]), 1.0))
-    keep: list[int] = []
-    basis = np.zeros((0, unit.shape[1]))
-    for i in np.lexsort((distance, -force)):
-        rest = unit[i] - basis.T @ (basis @ unit[i])
-        size = np.linalg.norm(rest)
-        if size > _DEPENDENT and len(keep) < rank:
-            keep.append(int(i))
-            basis = np.vstack([basis, rest / size])
-    return sorted(keep, key=lambda i: float(distance[i]))
-
-
-def _split_tilt(joined: Array, d: int) -> tuple[Array, Array]:
-    zero = np.zeros((len(joined), min(d, 1)))
-    if d == 0:
-        return zero, zero
-    return np.hstack([joined[:, : d - 1], zero]), np.hstack([joined[:, d - 1 :], zero])
-
-
-def _exponent(unit: Array, bound: Array, x: Array, tilt: Array) -> Array:
-    edge = bound - np.einsum("wij,wj->wi", _strict(unit), x) - tilt
-    return (log_ndtr(-edge) + 0.5 * tilt**2 - x * tilt).sum(axis=1)
-
-
-def _strict(unit: Array) -> Array:
-    return np.tril(unit, -1)
-
-
-def _saddle_point(unit: Array, bound: Array, *, iterations: int = 60) -> Array:
-    """Newton iteration with step halving on the gradient of the tilted exponent, shape (w, 2(d − 1))."""
-    w, d = bound.shape
-    point = np.zeros((w, 2 * max(d - 1, 0)))
-    if d <= 1:
-        return point
-    below = _strict(unit)
-    gradient, hessian = _gradient(below, bound, point)
-    error = np.linalg.norm(gradient, axis=1)
-    for _ in range(iterations):
-        active = error > 1e-9 * (1.0 + np.abs(bound).max(axis=1))
-        if not active.any():
-            break
-        step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
-        length = np.where(active, 1.0, 0.0)
-        best, best_error = point, error
-        for _ in range(12):
-            trial = point - length[:, None] * step
-            trial_gradient, trial_hessian = _gradient(below, bound, trial)
-            trial_error = np.linalg.norm(trial_gradient, axis=1)
-            better = (trial_error < best_error) & (length > 0)
-            best = np.where(better[:, None], trial, best)
-            best_error = np.where(better, trial_error, best_error)
-            gradient = np.where(better[:, None], trial_gradient, gradient)
-            hessian = np.where(better[:, None, None], trial_hessian, hessian)
-            length = np.where(better, 0.0, length / 2.0)
-            if not (length > 1e-4).any():
-                break
-        if np.array_equal(best, point):
-            break
-        point, error = best, best_error
-    return point
-
-
-def _gradient(below: Array, bound: Array, point: Array) -> tuple[Array, Array]:
-    """Gradient and Hessian of the tilted exponent in (x, tilt) without their last entries."""
-    d = bound.shape[1]
-    x, tilt = _split_tilt(point, d)
-    edge = bound - np.einsum("wij,wj->wi", below, x) - tilt
-    mills = np.exp(-0.5 * edge**2 - 0.5 * _LOG_2PI - log_ndtr(-edge))
-    by_x = -tilt + np.einsum("wij,wi->wj", below, mills)
-    by_tilt = tilt - x + mills
-    change = -(mills**2) + edge * mills
-    scaled = change[:, :, None] * below
-    mixed = (-np.eye(d) + scaled)[:, : d - 1, : d - 1]
-    curvature = np.einsum("wij,wik->wjk", below, scaled)[:, : d - 1, : d - 1]
-    diagonal = np.zeros((len(x), d - 1, d - 1))
-    span = np.arange(d - 1)
-    diagonal[:, span, span] = 1.0 + change[:, : d - 1]
-    gradient = np.hstack([by_x[:, : d - 1], by_tilt[:, : d - 1]])
-    hessian = np.concatenate(
-        [np.concatenate([curvature, np.swapaxes(mixed, 1, 2)], axis=2), np.concatenate([mixed, diagonal], axis=2)], axis=1
-    )
-    return gradient, hessian
-
-
-def _uncertain(mean: Array, spread: Array) -> Array:
-    """Rows that may fail anywhere in the batch; all of them where the others are far from holding and could push them."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = mean / np.linalg.norm(spread, axis=2)
-    certain = np.all(distance > _CERTAIN, axis=0)
-    pushed = distance[:, ~certain].min(initial=0.0) < _PUSHED
-    return np.flatnonzero(np.ones_like(certain) if pushed else ~certain)
-
-
-@cache
-def _product_rule(counts: tuple[int, ...]) -> tuple[Array, Array]:
-    """Points of the unit cube and their log weights, Gauss-Legendre in s with u = s⁴: u → 0 is the far tail, where the integrand
-    is no polynomial of u. One more coordinate, on which nothing depends, is added."""
-    axes, weights = [np.array([0.5])], [np.array([1.0])]
-    for count in reversed(counts):
-        nodes, weight = np.polynomial.legendre.leggauss(count)
-        s = (nodes + 1.0) / 2.0
-        axes.insert(0, s**4 if count > 1 else s)
-        weights.insert(0, 2.0 * weight * s**3 if count > 1 else weight / 2.0)
-    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
-    return points, np.log(np.prod(np.meshgrid(*weights, indexing="ij"), axis=0)).ravel()
-
-
-@cache
-def _two_ended_rule(d: int) -> tuple[Array, Array]:
-    """The same for integrands that change towards both ends of the last coordinate too: u = s³ (10 − 15 s + 6 s²)."""
-    nodes, weight = np.polynomial.legendre.leggauss(2 * _FULL)
-    s = (nodes + 1.0) / 2.0
-    axes, weights = [s**3 * (10.0 - 15.0 * s + 6.0 * s**2)] * d, [15.0 * weight * s**2 * (1.0 - s) ** 2] * d
-    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1) if d else np.zeros((1, 0))
-    return points, np.log(np.prod(np.meshgrid(*weights, indexing="ij"), axis=0)).ravel() if d else np.zeros(1)
 
 
 def _log_sum(log_values: Array) -> Array:

@@ -17,7 +17,8 @@ import scipy.special
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.gaussian import Gaussian, NormalGamma, check_between, covariance_root, lower_root
+from ldbb_bayes.model.gaussian import Gaussian, covariance_root, lower_root
+from ldbb_bayes.model.normal_gamma import NormalGamma, check_between
 
 __all__ = ["ScaleMixture", "ScaledLinearGaussian"]
 

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.gaussian import Gaussian, LinearGaussian, NormalGamma, StudentT
+from ldbb_bayes.model.gaussian import Gaussian, LinearGaussian
+from ldbb_bayes.model.normal_gamma import NormalGamma, StudentT
 from ldbb_bayes.model.regression import ScaledLinearGaussian
 
 FOLDER = Path(__file__).resolve().parents[1] / "nist"
