@@ -265,7 +265,8 @@ def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
     """Draws after burn-in, walker-major, at the spacing of the last block, wider where there are very many."""
     every = np.concatenate([_every(parts[-1][0] // thin, chain) for thin, chain in parts], axis=1)
     kept = every[:, int(rule.discard * every.shape[1]) :]
-    stride = -(-kept.shape[1] * kept.shape[2] // _MOST_DRAWS)
+    most = max(_MOST_DRAWS, int(2.0 * rule.ess / len(kept)))
+    stride = -(-kept.shape[1] * kept.shape[2] // most)
     return np.swapaxes(_every(stride, kept), 1, 2).reshape(len(kept), -1, kept.shape[3])
 
 
