@@ -151,7 +151,7 @@ def _tail(residual: Array, covariance: Array) -> float:
 
 
 def sensitive(sensitivity: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
-    """Parameters whose posterior follows the prior's scale (power-scaling sensitivity above 0.05), most first."""
+    """Parameters whose posterior moves with the prior (power-scaling sensitivity above 0.05), most first."""
     found = {name: values["prior"] for name, values in sensitivity.items() if values["prior"] > _SENSITIVE}
     return tuple(sorted(found, key=lambda name: -found[name]))
 
@@ -171,6 +171,6 @@ def verdict(
         fits = f"the model does not expect readings like these ({shown})"
     else:
         fits = f"the model expects readings like these ({count} checks, smallest p = {worst:.2g}, {what})"
-    moved = f"{len(sensitive_to_prior)} of {parameters} numbers follow their prior"
+    moved = f"{len(sensitive_to_prior)} of {parameters} numbers are sensitive to their prior"
     shown = ", ".join(sensitive_to_prior[:_CONFLICT]) + (", …" if len(sensitive_to_prior) > _CONFLICT else "")
     return f"Converged; {fits}; {moved}{f' ({shown})' if sensitive_to_prior else ''}."

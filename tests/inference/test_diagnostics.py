@@ -107,4 +107,4 @@ def test_the_line_puts_first_what_matters_most() -> None:
     given = {"checks": checks, "sensitive_to_prior": ("E_XX1",), "parameters": 17}
     assert verdict(converged=False, contradicts=True, **given) == "NOT CONVERGED: do not use the numbers."
     assert "speak against non-negative compliance" in verdict(converged=True, contradicts=True, **given)
-    assert verdict(converged=True, contradicts=False, **given).endswith("1 of 17 numbers follow their prior (E_XX1).")
+    assert verdict(converged=True, contradicts=False, **given).endswith("1 of 17 numbers are sensitive to their prior (E_XX1).")
