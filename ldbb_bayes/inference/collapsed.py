@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.ensemble import Assessment, BlockStore, EnsembleRun, Progress, StoppingRule, run_ensembles
-from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior, conditional_draws
 
 __all__ = ["draw_parameters_given", "sample_collapsed"]
@@ -29,16 +28,16 @@ _ROUNDS = 20
 class HyperRedraw:
     """φ anew, in free coordinates, from the cells of a lattice."""
 
-    lattice: Lattice
+    start: HyperPosterior
 
-    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Points (size, h) and the log density they were drawn with."""
-        free = self.lattice.draw(size, random)
-        return free, self.lattice.log_proposal(free)
+    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array, Array]:
+        """Points (size, h), the log density they were drawn with and that of the target."""
+        free = self.start.coarse.draw(size, random)
+        return free, self.log_density(free), self.start.log_density(free)
 
     def log_density(self, points: Array) -> Array:
         """Log density with which the points would be drawn."""
-        return self.lattice.log_proposal(points)
+        return self.start.coarse.log_proposal(points)
 
 
 def sample_collapsed(
@@ -83,23 +82,21 @@ def sample_collapsed(
     starts = np.stack([start.draw(count, np.random.default_rng(child), temperature=1.5) for child in starting.spawn(ensembles)])
     drawn: list[Array] = []
 
-    def assess_all(chain: Array) -> Assessment:
-        """The hyper-parameters alone until these have converged: they are what mixes slowly."""
-        assessment = assess(chain)
-        if not assessment.meets(rule, walkers=ensembles * count):
-            return assessment
+    def complete(chain: Array) -> Array:
+        """With β, once the hyper-parameters have converged: they are what mixes slowly."""
         drawn[:] = [_with_parameters(start, chain, np.random.default_rng(drawing))]
-        return assess(drawn[0])
+        return drawn[0]
 
     run = run_ensembles(
         start.log_density,
         starts,
-        assess_all,
+        assess,
         rule=rule,
         seed=sampling,
         progress=progress,
-        redraw=HyperRedraw(start.coarse),
+        redraw=HyperRedraw(start),
         store=store,
+        complete=complete,
     )
     everything = drawn[0] if run.converged else _with_parameters(start, run.chain, np.random.default_rng(drawing))
     return run, everything[..., :-d], start.bound.hyper_prior.phi(run.chain)

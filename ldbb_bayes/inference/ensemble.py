@@ -26,6 +26,8 @@ _REDRAWN = 0.85
 _MOST_DRAWS = 25_000
 _BLOCKS_A_LEVEL = 4
 _MOST_DOUBLINGS = 5
+_DOUBLINGS_STORED = 2
+_STOCK = 256
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class StoppingRule:
     max_steps : int
         Steps of each ensemble.
     block : int
-        Draws stored between two looks. At first every step is stored, later every second, fourth, … of longer blocks.
+        Steps between the first looks; later looks are further apart, and of a long run not every step is stored.
     discard : float
         Share of the stored draws given up as burn-in at every look.
     lengths : float
@@ -53,19 +55,21 @@ class StoppingRule:
     discard: float = 0.25
     lengths: float = 6.0
 
-    def thin(self, steps: int) -> int:
-        """Steps between stored draws in the block that follows so many; a power of two. The target does not enter."""
-        doublings = int(np.log2(1.0 + steps / (_BLOCKS_A_LEVEL * self.block)))
-        return 2 ** min(doublings, _MOST_DOUBLINGS)
+    def next_block(self, steps: int) -> tuple[int, int]:
+        """Draws stored in the block that follows so many steps, and steps between them. The target does not enter."""
+        doublings = min(int(np.log2(1.0 + steps / (_BLOCKS_A_LEVEL * self.block))), _MOST_DOUBLINGS)
+        thin = 2 ** max(doublings - _DOUBLINGS_STORED, 0)
+        return self.block * 2**doublings // thin, thin
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """The worst ESS and R-hat over all parameters."""
+    """The worst ESS and R-hat over all parameters; ``worst`` is the number of the one with the smallest ESS."""
 
     ess_bulk_min: float
     ess_tail_min: float
     rhat_max: float
+    worst: int = 0
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
         """Whether the target is reached by this many walkers in all; false when a diagnostic is not a number."""
@@ -80,8 +84,8 @@ class Assessment:
 class Redraw(Protocol):
     """Independent draws from a density near the target, which can be computed."""
 
-    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Points, shape (size, d), and the log density they were drawn with, shape (size,)."""
+    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array, Array]:
+        """Points, shape (size, d), the log density they were drawn with and that of the target, shape (size,)."""
 
     def log_density(self, points: Array) -> Array:
         """Log density with which (n, d) points would be drawn, shape (n,); −inf where none is."""
@@ -175,6 +179,7 @@ def run_ensembles(
     progress: Callable[[Progress], None] | None = None,
     redraw: Redraw | None = None,
     store: BlockStore | None = None,
+    complete: Callable[[Array], Array] | None = None,
 ) -> EnsembleRun:
     """Run one ensemble per start until the rule is met: differential evolution, mixed with independent draws from ``redraw``.
 
@@ -184,21 +189,25 @@ def run_ensembles(
         (n, d) → (n,); −inf is allowed, NaN is not.
     starts : ndarray, shape (ensembles, walkers, d)
     assess : callable
-        Chain (ensembles, draws, d) → Assessment.
+        Chain (ensembles, draws, d) → Assessment. At most looks only of the coordinate that was worst at the last.
     store : BlockStore, optional
         Blocks found there are taken as they are; new ones are kept there.
+    complete : callable, optional
+        Chain → chain of all that must meet the rule, called once its coordinates do.
     """
     walkers = starts.shape[1]
     block = _first_state(starts, seed)
     parts: list[tuple[int, Array]] = []
     steps, fresh, clock = 0, 0, time.perf_counter()
+    count = len(starts) * walkers
+    looks = _Looks(assess, complete, rule, count)
     accepted: list[float] = []
     while True:
-        thin = rule.thin(steps)
-        size = rule.block * thin
+        draws, thin = rule.next_block(steps)
+        size = draws * thin
         kept = store.load(len(parts)) if store is not None else None
         if kept is None:
-            block = _run_block(log_density, block, rule.block, thin, redraw)
+            block = _run_block(log_density, block, draws, thin, redraw)
             fresh += size
             if store is not None:
                 store.save(len(parts), block)
@@ -208,14 +217,41 @@ def run_ensembles(
         steps += size
         accepted += [block.accepted.sum() / block.chain[..., 0].size]
         chain = _kept_draws(parts, rule)
-        assessment = assess(chain)
-        share = assessment.share(rule, walkers=len(starts) * walkers)
+        last = steps + int(np.prod(rule.next_block(steps))) > rule.max_steps
+        assessment = looks.at(chain, last=last)
+        share = assessment.share(rule, walkers=count)
         if progress is not None:
             left = _seconds_left(time.perf_counter() - clock, fresh, steps, rule.max_steps, share)
             progress(Progress(steps, rule.max_steps, rule.ess, assessment, left))
-        converged = assessment.meets(rule, walkers=len(starts) * walkers)
-        if converged or steps + rule.block * rule.thin(steps) > rule.max_steps:
+        converged = assessment.meets(rule, walkers=count)
+        if converged or last:
             return EnsembleRun(chain, assessment, converged, steps, walkers, float(np.mean(accepted)))
+
+
+class _Looks:
+    """Assessments of one run that spend no time on what cannot yet be enough."""
+
+    def __init__(
+        self,
+        assess: Callable[[Array], Assessment],
+        complete: Callable[[Array], Array] | None,
+        rule: StoppingRule,
+        walkers: int,
+    ) -> None:
+        self._assess, self._complete, self._rule, self._walkers = assess, complete, rule, walkers
+        self._worst: int | None = None
+
+    def at(self, chain: Array, *, last: bool) -> Assessment:
+        """Of the coordinate that was worst while it misses the rule, then of all, then of the completed chain."""
+        if self._worst is not None and not last:
+            found = self._assess(chain[..., [self._worst]])
+            if not found.meets(self._rule, walkers=self._walkers):
+                return found
+        found = self._assess(chain)
+        self._worst = found.worst
+        if self._complete is not None and found.meets(self._rule, walkers=self._walkers):
+            found = self._assess(self._complete(chain))
+        return found
 
 
 def _first_state(starts: Array, seed: np.random.SeedSequence) -> Block:
@@ -236,7 +272,9 @@ def _run_block(log_density: Callable[[Array], Array], before: Block, draws: int,
     """The next stretch of every ensemble. Nothing but ``before`` enters it, so that a resumed run is the same to the last bit."""
     results = []
     for k in range(len(before.coords)):
-        sampler = emcee.EnsembleSampler(*before.coords.shape[1:], log_density, vectorize=True, moves=_moves(redraw))
+        anew = RedrawMove(redraw, log_density) if redraw is not None else None
+        target = anew.target if anew is not None else log_density
+        sampler = emcee.EnsembleSampler(*before.coords.shape[1:], target, vectorize=True, moves=_moves(anew))
         steps = sampler.sample(before.state(k), iterations=draws, thin_by=thin, skip_initial_state_check=True)
         with _interrupt_between_steps() as check:
             for _ in steps:
@@ -254,11 +292,11 @@ def _run_block(log_density: Callable[[Array], Array], before: Block, draws: int,
     )
 
 
-def _moves(redraw: Redraw | None) -> list[tuple[emcee.moves.Move, float]]:
+def _moves(anew: RedrawMove | None) -> list[tuple[emcee.moves.Move, float]]:
     plain = [(emcee.moves.DEMove(), 1.0 - _JUMP), (emcee.moves.DEMove(gamma0=1.0), _JUMP)]
-    if redraw is None:
+    if anew is None:
         return plain
-    return [(RedrawMove(redraw), _REDRAWN), *((move, (1.0 - _REDRAWN) * share) for move, share in plain)]
+    return [(anew, _REDRAWN), *((move, (1.0 - _REDRAWN) * share) for move, share in plain)]
 
 
 def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
@@ -284,29 +322,56 @@ def _seconds_left(elapsed: float, fresh: int, steps: int, max_steps: int, share:
 
 
 class RedrawMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Independent proposals (Tierney 1994): what was drawn last is accepted by how it compares with the target."""
+    """Independent proposals (Tierney 1994): what was drawn last is accepted by how it compares with the target.
 
-    def __init__(self, redraw: Redraw) -> None:
+    Proposals do not depend on the walkers: they are drawn many at a time, and both their densities are remembered.
+    """
+
+    def __init__(self, redraw: Redraw, log_density: Callable[[Array], Array]) -> None:
         super().__init__()
-        self._redraw = redraw
-        self._known: dict[bytes, float] = {}
+        self._redraw, self._log_density = redraw, log_density
+        self._proposed: dict[bytes, float] = {}
+        self._targeted: dict[bytes, float] = {}
+        self._stock = np.zeros((0, 0))
+        self._log_stock = np.zeros(0)
 
     def get_proposal(self, sample: Array, complement: list[Array], random: np.random.RandomState) -> tuple[Array, Array]:
         """Proposals for the walkers of one half, shape (n, d), and ln q(back) − ln q(there), shape (n,)."""
-        log_back = self._log_density(sample)
-        proposal, log_there = self._redraw.draw(len(sample), random)
-        self._known.update(zip((row.tobytes() for row in proposal), log_there.tolist(), strict=True))
+        log_back = _recall(self._proposed, sample, self._redraw.log_density)
+        while len(self._log_stock) < len(sample):
+            self._restock(random)
+        proposal, log_there = self._stock[: len(sample)], self._log_stock[: len(sample)]
+        self._stock, self._log_stock = self._stock[len(sample) :], self._log_stock[len(sample) :]
         return proposal, log_back - log_there
 
-    def _log_density(self, sample: Array) -> Array:
-        """With which each would be drawn: remembered where this move drew it."""
-        keys = [row.tobytes() for row in sample]
-        found = np.array([self._known.get(key, np.nan) for key in keys])
-        unknown = np.isnan(found)
-        if unknown.any():
-            found[unknown] = self._redraw.log_density(sample[unknown])
-            self._known.update(zip((keys[i] for i in np.flatnonzero(unknown)), found[unknown].tolist(), strict=True))
-        return found
+    def target(self, points: Array) -> Array:
+        """Log density of the target, shape (n,): remembered where this move drew the points."""
+        return _recall(self._targeted, points, self._log_density)
+
+    def _restock(self, random: np.random.RandomState) -> None:
+        points, log_proposed, log_target = self._redraw.draw(_STOCK, random)
+        keys = _keys(points)
+        self._proposed.update(zip(keys, log_proposed.tolist(), strict=True))
+        self._targeted.update(zip(keys, log_target.tolist(), strict=True))
+        self._stock = np.concatenate([self._stock.reshape(-1, points.shape[1]), points])
+        self._log_stock = np.concatenate([self._log_stock, log_proposed])
+
+
+def _recall(known: dict[bytes, float], points: Array, compute: Callable[[Array], Array]) -> Array:
+    """Values of points (n, d), shape (n,): looked up, and computed and remembered where they are new."""
+    keys = _keys(points)
+    missing = [i for i, key in enumerate(keys) if key not in known]
+    if missing:
+        known.update(zip([keys[i] for i in missing], compute(points[missing]).tolist(), strict=True))
+    return np.array([known[key] for key in keys])
+
+
+def _keys(points: Array) -> list[bytes]:
+    """One key for each row: its bytes."""
+    rows = np.ascontiguousarray(points)
+    whole = rows.tobytes()
+    width = rows.shape[1] * rows.itemsize
+    return [whole[i : i + width] for i in range(0, len(whole), width)]
 
 
 @contextmanager

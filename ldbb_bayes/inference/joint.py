@@ -56,18 +56,22 @@ class LinearRedraw:
     density: JointDensity
     start: HyperPosterior
 
-    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Points (size, p + h) and the log density they were drawn with."""
+    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array, Array]:
+        """Points (size, p + h), the log density they were drawn with and that of the target: p(y | φ) p(φ) p(β | y, φ)."""
         bound = self.density.bound
         free = self.start.coarse.draw(size, random)
-        _, given = bound.given(bound.hyper_prior.phi(free))
+        log_evidence, given = bound.given(bound.hyper_prior.phi(free))
         white = random.standard_normal(given.mean.shape)
-        log_weight = np.zeros(size)
+        log_weight, inside = np.zeros(size), np.ones(size, dtype=bool)
         if bound.truncation.active:
             white, log_weight = given.orthant.propose_spread(random.random_sample((size, len(bound.truncation.rows))), white)
         beta = given.at(white)
-        log_density = self.start.coarse.log_proposal(free) + given.log_density(beta) - log_weight
-        return self.density.join(beta, free), log_density
+        if bound.truncation.active:
+            inside = bound.truncation.holds(beta)
+        log_given = given.log_density(beta)
+        log_target = bound.hyper_prior.log_density_of_free(free) + log_evidence + log_given - bound.log_prob_truncation_prior
+        log_proposed = self.start.coarse.log_proposal(free) + log_given - log_weight
+        return self.density.join(beta, free), log_proposed, np.where(inside, log_target, -np.inf)
 
     def log_density(self, points: Array) -> Array:
         """Log density with which the points would be drawn."""

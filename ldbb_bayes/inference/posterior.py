@@ -36,7 +36,8 @@ def diagnose(chain: Array) -> tuple[float, float, float]:
 def assess(chain: Array) -> Assessment:
     """The worst diagnostics over the last axis, chain (chains, draws, d)."""
     every = np.array([diagnose(chain[..., i]) for i in range(chain.shape[-1])])
-    return Assessment(float(every[:, 0].min()), float(every[:, 1].min()), float(every[:, 2].max()))
+    worst = int(np.argmin(every[:, :2].min(axis=1)))
+    return Assessment(float(every[:, 0].min()), float(every[:, 1].min()), float(every[:, 2].max()), worst)
 
 
 def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -> dict[str, dict[str, float]]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.model.arrangement import Block, arrange, split
 from ldbb_bayes.model.basis import SIZE
+from ldbb_bayes.model.memory import keep_freed_memory
 from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper
 from ldbb_bayes.model.triangular import factor_and_solve, solve_lower, solve_upper
@@ -90,6 +91,7 @@ class StructuredGaussian:
         offset: Array,
         hypers: Sequence[Hyper],
     ) -> None:
+        keep_freed_memory()
         self.hypers = tuple(hypers)
         self.shared_names = tuple(name for term in shared for name in term.names)
         self._residual_ss = np.array([test.residual_ss for test in reduced])

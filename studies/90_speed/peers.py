@@ -354,6 +354,8 @@ class ReducedNuts:
     chain_method : {"parallel", "vectorized", "sequential"}
         ``parallel``: one XLA host device per chain. They must be asked for before JAX is used for the first time; where they
         are fewer than chains, the chains are vectorized instead.
+    general : bool, optional
+        See `ReducedDensity`.
 
     Attributes
     ----------
@@ -373,6 +375,7 @@ class ReducedNuts:
         dense_mass: bool | None = None,
         adapt_mass: bool | None = None,
         chain_method: ChainMethod = "parallel",
+        general: bool | None = None,
     ) -> None:
         _refuse_truncation(bound)
         self.whitened, self.draws, self.chains = whitened, draws, chains
@@ -381,7 +384,7 @@ class ReducedNuts:
         self.dense_mass = dense_mass if dense_mass is not None else not whitened
         self.adapt_mass = adapt_mass if adapt_mass is not None else not whitened
         self.chain_method: ChainMethod = self._ask_for_devices(chain_method)
-        self.density = ReducedDensity(bound)
+        self.density = ReducedDensity(bound, general=general)
         self.diagnostics: dict[str, float] = {}
         self._compiled: Callable[..., Any] | None = None
 

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.ensemble import StoppingRule
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.inference.samplers import run_sampler
 from ldbb_bayes.model.bound import BoundModel
@@ -54,7 +53,7 @@ def ours(bound: BoundModel, sampler: str, ess: float) -> Run:
     def run(seed: int) -> tuple[Array, float]:
         clock = time.perf_counter()
         start = HyperPosterior(bound, truncated=False, seed=seed)
-        _, beta, phi = run_sampler(sampler, start, rule=StoppingRule(ess=ess), seed=np.random.SeedSequence(seed))
+        _, beta, phi = run_sampler(sampler, start, rule=lb.StoppingRule(ess=ess), seed=np.random.SeedSequence(seed))
         return np.concatenate([beta, phi], axis=2), time.perf_counter() - clock
 
     return run
@@ -68,13 +67,19 @@ def contenders(bound: BoundModel, *, quick: bool, repeats: int) -> list[Contende
         return found
     if _installed("numpyro", "jax"):
         nuts = _peers().ReducedNuts
-        plain, whitened = nuts(bound, whitened=False), nuts(bound)
-        for peer in (plain, whitened):
+        variants = {
+            REFERENCE: nuts(bound, whitened=False, dense_mass=False, target_accept=0.8),
+            "NumPyro NUTS, dense mass matrix": nuts(bound, whitened=False),
+            "NumPyro NUTS, whitened by hand": nuts(bound),
+            "NumPyro NUTS, dense, density for any sampling": nuts(bound, whitened=False, general=True, draws=500),
+        }
+        for name, peer in variants.items():
             peer.prepare()
-        found += [Contender(REFERENCE, plain.run, repeats), Contender("NumPyro NUTS, whitened by hand", whitened.run, repeats)]
+            found.append(Contender(name, peer.run, repeats))
     if _installed("pymc", "nutpie"):
-        for name, parametrisation in (("PyMC/nutpie, plain", "noncentred"), ("PyMC/nutpie, rearranged by hand", "hierarchical")):
-            peer = _peers().PlainNutpie(bound, parametrisation=parametrisation)
+        plain = {"parametrisation": "noncentred", "low_rank": False}
+        for name, settings in (("PyMC/nutpie, plain", plain), ("PyMC/nutpie, rearranged by hand", {})):
+            peer = _peers().PlainNutpie(bound, **settings)
             peer.prepare()
             found.append(Contender(name, peer.run, repeats))
     return found
