@@ -113,7 +113,8 @@ def test_diagnostics_are_arvizs(posterior: xr.DataTree) -> None:
     record = record_of(posterior)["sampler"]
     assert record["converged"]
     assert record["ess_bulk_min"] == pytest.approx(table["ess_bulk"].min())
-    assert record["rhat_max"] == pytest.approx(table["rhat"].max())
+    # The two middle draws are equally far from the median but for rounding, which orders them one way or the other.
+    assert record["rhat_max"] == pytest.approx(table["rhat"].max(), abs=1e-5)
     assert table["ess_bulk"].min() >= 300.0
     assert table["ess_tail"].min() >= 300.0
 
