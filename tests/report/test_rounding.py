@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.report.rounding import display_name, display_unit, round_uncertainty, value_and_uncertainty
+from ldbb_bayes.report.rounding import round_uncertainty, value_and_uncertainty
+from ldbb_bayes.units import display_name, display_unit
 
 
 @pytest.mark.parametrize(

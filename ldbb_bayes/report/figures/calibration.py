@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis.validation import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, new_figure, styled
-from ldbb_bayes.report.rounding import display_name
+from ldbb_bayes.units import display_name
 
 __all__ = ["rank_ecdf"]
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.origin import bound_of, draws_of, record_of
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
-from ldbb_bayes.report.rounding import display_name, display_unit, value_and_uncertainty
+from ldbb_bayes.report.rounding import value_and_uncertainty
+from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["compliance_against_force", "corner", "forest"]
 

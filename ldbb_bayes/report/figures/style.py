@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, cast
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from ldbb_bayes.report.rounding import display_name, display_unit
+from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["ACCENT", "GREY", "PALETTE", "axis_label", "force_colours", "new_figure", "styled"]
 
