@@ -30,6 +30,9 @@ _HOMES = {
     "validate": "ldbb_bayes.analysis.validation",
     "log_evidence": "ldbb_bayes.inference.evidence",
     "marginals": "ldbb_bayes.inference.marginals",
+    "Identifiability": "ldbb_bayes.analysis.identifiability",
+    "ParameterIdentifiability": "ldbb_bayes.analysis.identifiability",
+    "identify": "ldbb_bayes.analysis.identifiability",
     "verdicts": "ldbb_bayes.analysis.identifiability",
     "save_figures": "ldbb_bayes.report.figures",
     "embedded_campaign": "ldbb_bayes.campaign.embedded",
@@ -50,15 +53,18 @@ __all__ = [
     "CircularTest",
     "ForceLaw",
     "HybridModel",
+    "Identifiability",
     "InputError",
     "Machine",
     "MountCompensation",
+    "ParameterIdentifiability",
     "Plan",
     "Prior",
     "StoppingRule",
     "__version__",
     "compensate_mount",
     "embedded_campaign",
+    "identify",
     "load",
     "log_evidence",
     "marginals",
@@ -78,7 +84,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from ldbb_bayes.analysis.identifiability import verdicts
+    from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, identify, verdicts
     from ldbb_bayes.analysis.preview import preview
     from ldbb_bayes.analysis.validation import validate
     from ldbb_bayes.campaign.campaign import Campaign, Plan

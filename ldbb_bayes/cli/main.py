@@ -13,6 +13,7 @@ from ldbb_bayes import __version__
 from ldbb_bayes.cli.check import check
 from ldbb_bayes.cli.demo import demo
 from ldbb_bayes.cli.fit import fit
+from ldbb_bayes.cli.identify import identify
 from ldbb_bayes.cli.simulate import simulate
 from ldbb_bayes.cli.summarize import summarize
 from ldbb_bayes.cli.validate import validate
@@ -29,7 +30,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, check, fit, simulate, summarize, validate):
+for command in (demo, check, fit, identify, simulate, summarize, validate):
     app.command()(command)
 
 

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.console import Console
 
+    from ldbb_bayes.analysis.identifiability import Identifiability
     from ldbb_bayes.analysis.validation import Validation
+    from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.inference.ensemble import Progress
 
 __all__ = [
@@ -102,6 +104,31 @@ def write_validation(validation: Validation, record: Mapping[str, Any], folder: 
     (folder / "validation.json").write_text(json_text(record), encoding="utf-8")
     pd.DataFrame(validation.ranks, columns=list(validation.names)).to_csv(folder / "ranks.csv", index_label="replicate")
     save_figure(rank_ecdf(validation), folder, "rank_ecdf")
+
+
+def write_identifiability(result: Identifiability, record: Mapping[str, Any], campaign: Campaign, folder: Path) -> None:
+    """The result, its tables and figures, and the atlases of the campaign's machine."""
+    from ldbb_bayes.report.figures import (
+        alias_map,
+        compliance_atlas,
+        correlation_map,
+        geometric_atlas,
+        nuisance_costs,
+        prior_and_posterior,
+        save_figure,
+    )
+
+    (folder / "identify.json").write_text(json_text(record), encoding="utf-8")
+    result.table().to_csv(folder / "parameters.csv", index_label="parameter")
+    result.alias.to_csv(folder / "alias.csv", index_label="parameter")
+    result.correlation.to_csv(folder / "correlation.csv", index_label="coefficient")
+    save_figure(correlation_map(result), folder, "correlation")
+    save_figure(prior_and_posterior(result), folder, "prior_and_posterior")
+    save_figure(alias_map(result), folder, "alias")
+    save_figure(nuisance_costs(result), folder, "nuisance_costs")
+    machine, circle = campaign.machine(), campaign.tests[0].circle
+    save_figure(compliance_atlas(machine, circle), folder, "compliance_atlas")
+    save_figure(geometric_atlas(machine, circle), folder, "geometric_atlas")
 
 
 @contextmanager

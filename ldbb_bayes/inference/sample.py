@@ -28,8 +28,8 @@ from ldbb_bayes.inference.posterior import build_tree, power_sensitivity
 from ldbb_bayes.inference.predictive import fit_quality
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.inference.samplers import SAMPLERS, run_sampler
-from ldbb_bayes.model.aliases import degeneracies
 from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.degeneracies import degeneracies, sentences, standing_degeneracies
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.linearisation import largest_linearisation_error_mm
 from ldbb_bayes.model.simulate import draw_parameters
@@ -246,7 +246,9 @@ def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) 
                 f"Misfit: {name} = {median * 1e3:.3g} µm lies far above what its prior expects ({top * 1e3:.3g} µm at 99.9 %). "
                 "The model misses something in these readings."
             )
-    yield from degeneracies(bound)
+    found = degeneracies(bound)
+    yield from sentences(found)
+    yield from standing_degeneracies(bound, found)
 
 
 def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator) -> dict[str, dict[str, Array]]:

@@ -7,13 +7,24 @@ from typing import Any
 
 from rich.table import Table
 
-from ldbb_bayes.analysis.identifiability import Verdict
+from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability
 from ldbb_bayes.analysis.preview import CampaignPreview
 from ldbb_bayes.analysis.validation import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.report.rounding import display_name, display_unit, round_like, round_uncertainty, value_and_uncertainty
+from ldbb_bayes.report.rounding import round_like, round_uncertainty, value_and_uncertainty
+from ldbb_bayes.units import display_name, display_unit
 
-__all__ = ["coverage_table", "engineer_table", "meaning", "parameter_table", "preview_lines", "preview_table", "verdict_lines"]
+__all__ = [
+    "coverage_table",
+    "engineer_table",
+    "identifiability_lines",
+    "identifiability_table",
+    "meaning",
+    "parameter_table",
+    "preview_lines",
+    "preview_table",
+    "verdict_lines",
+]
 
 
 DEFAULT_TERMS = HybridModel.default().terms
@@ -79,6 +90,44 @@ def coverage_table(validation: Validation) -> Table:
     return table
 
 
+def identifiability_table(result: Identifiability) -> Table:
+    """Prior and posterior sd, contraction, information and verdict of every parameter."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("parameter", "prior sd", "sd", "unit", "contraction", "gain (nat)"):
+        right = name in ("prior sd", "sd", "contraction", "gain (nat)")
+        table.add_column(name, justify="right" if right else "left", no_wrap=True)
+    table.add_column("verdict")
+    for name, entry in result.parameters.items():
+        factor, unit = display_unit(entry.unit)
+        spread, _ = round_uncertainty(entry.sd * factor)
+        proper = entry.prior_sd < float("inf")
+        table.add_row(
+            display_name(name),
+            _three_digits(entry.prior_sd * factor) if proper else "flat",
+            spread,
+            unit,
+            f"{entry.contraction:.4f}" if proper else "",
+            f"{entry.information_gain:.1f}" if proper else "",
+            entry.text,
+        )
+    return table
+
+
+def identifiability_lines(result: Identifiability) -> list[str]:
+    """What the table rests on, the degeneracies with their cures, and the standing ones."""
+    lines = [
+        result.basis,
+        f"The readings determine {result.effective_parameters:.1f} of {len(result.parameters)} parameters; condition number "
+        f"{result.condition_number:.2g} as it stands, {result.scaled_condition_number:.2g} in units of the prior sd.",
+        "Contraction 1 − (sd / prior sd)²; a term's share is what knowing it would take from the variance.",
+    ]
+    if result.degeneracies:
+        lines += ["", "No reading of this campaign can tell apart:"]
+        for degeneracy, cure in zip(result.degeneracies, result.cures, strict=True):
+            lines += [f"- {degeneracy.statement}", f"  What would: {cure}"]
+    return [*lines, *(f"- {note}" for note in result.notes)]
+
+
 def _three_digits(value: float) -> str:
     return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
 
@@ -93,7 +142,7 @@ def _changes(model: Mapping[str, Any]) -> str:
     return f" {' and '.join(said)}" if said else ""
 
 
-def engineer_table(result: Mapping[str, Any], verdicts: Mapping[str, Verdict]) -> Table:
+def engineer_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability]) -> Table:
     """Value ± expanded uncertainty U (k = 2), unit, stiffness for the direct compliances, and the verdict in words."""
     table = Table(box=None, pad_edge=False)
     for name, right in (

@@ -1,64 +1,312 @@
-"""Verdicts and confounding fractions."""
+"""What comes from the readings, what from the prior, and what are two names for one thing."""
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from campaigns import oracle_of, plan, simulated
+from scipy import integrate, stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.identifiability import confounding_fractions
+from ldbb_bayes.analysis.confounding import Confounding, Spectrum
+from ldbb_bayes.analysis.identifiability import overlap
 from ldbb_bayes.inference.ensemble import StoppingRule
+from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
-TERMS = {"BallForm": "form", "BarLength": "length", "Mount": "mount"}
+LINEAR = lb.HybridModel.default(1)
+
+
+def clocked(turns: tuple[tuple[float, float], ...]) -> lb.Campaign:
+    angle = np.arange(60) * 6.0
+    forces = (36.0, 238.0, 490.0, 742.0)
+    tests = [lb.CircularTest(f, angle, work_ball_deg=w, tool_ball_deg=t) for w, t in turns for f in forces]
+    return lb.Campaign(tuple(tests))
+
+
+def two(angle: float, *, readings: int = 100, noise: float = 1.0, sd: tuple[float, float] = (10.0, 2.0)) -> Information:
+    """E and a form whose columns enclose an angle [rad]."""
+    rows = np.zeros((readings, 2))
+    rows[:, 0] = 1.0
+    rows[0::2, 1], rows[1::2, 1] = np.cos(angle) + np.sin(angle), np.cos(angle) - np.sin(angle)
+    return Information(("E", "form"), (OWN, "BallForm"), np.array(sd), False, (rows,), ({NOISE: noise**2 * np.eye(readings)},))
+
+
+# Two parameters
+
+
+def test_the_limit_of_two_aliased_parameters() -> None:
+    """E ~ N(0, 10²), form ~ N(0, 2²), noise 1, many readings: Var(E | y) → 100 · 4 / 104 (MODEL: closed form)."""
+    information = two(0.0, readings=2_000_000 // 1000)
+    information = replace(information, noise=({NOISE: 1e-9 * np.eye(2000)},))
+    confounding = Confounding(information)
+    covariance = information.covariance()
+    assert 1.0 - confounding.variance[0] == pytest.approx(100.0 / 104.0, abs=1e-6)
+    assert 1.0 - confounding.variance[0] == pytest.approx(0.96154, abs=1e-5)
+    assert confounding.fraction["BallForm"][0] == pytest.approx(1.0, abs=1e-6)
+    assert confounding.sensitivity["BallForm"][0] == pytest.approx(100.0 / 104.0, abs=1e-5)
+    assert covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]) == pytest.approx(-1.0, abs=1e-6)
+
+
+def test_two_parameters_at_any_noise() -> None:
+    """Var(E | y) = 1 / (1/100 + 1/(4 + v)), known form: 1 / (1/100 + 1/v), v = 1/100 the variance of a mean of 100 readings."""
+    confounding = Confounding(two(0.0))
+    given, known = 1.0 / (0.01 + 1.0 / 4.01), 1.0 / (0.01 + 1.0 / 0.01)
+    assert confounding.variance[0] * 100.0 == pytest.approx(given)
+    assert confounding.fraction["BallForm"][0] == pytest.approx(1.0 - known / given)
+    assert confounding.shares["BallForm"][0] + confounding.shares[NOISE][0] == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("angle", [1e-1, 1e-2, 1e-3, 1e-8, 0.0])
+def test_near_collinear_designs_are_graded(angle: float) -> None:
+    """The share of E's variance in prior-dominated directions falls as the columns come apart; nothing breaks."""
+    information = two(angle)
+    weak = Spectrum.of(information).weak_share()[0]
+    fraction = Confounding(information).fraction["BallForm"][0]
+    expected = np.linalg.inv(np.diag([0.01, 0.25]) + information.design[0].T @ information.design[0])[0, 0]
+    assert information.variances()[0] * 100.0 == pytest.approx(expected, rel=1e-6)
+    assert 0.0 <= fraction <= 1.0
+    assert bool(weak > 0.5) is (angle < 0.05)
+    assert fraction > 0.5
+
+
+# Shares
+
+
+@pytest.mark.parametrize("planned", [plan(), plan(work_deg=40.0, tool_deg=-25.0), plan((9, 40, 12, 30), arc_deg=220.0)])
+def test_shapley_shares_sum_to_one(planned: lb.Campaign) -> None:
+    for degree in (0, 1):
+        for entry in lb.identify(lb.HybridModel.default(degree), planned).parameters.values():
+            assert sum(entry.shapley.values()) == pytest.approx(1.0, abs=1e-9)
+            assert min(entry.shapley.values()) > -1e-9
+            assert sum(entry.sensitivity.values()) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_shapley_shares_by_all_orders() -> None:
+    """Averaged over all 6! orders in which the terms become known."""
+    from itertools import permutations
+
+    information = information_of(LINEAR.bind(plan()), PHI)
+    confounding = Confounding(information)
+    terms = confounding.terms
+    worth: dict[frozenset[str], np.ndarray] = {}
+
+    def of(known: frozenset[str]) -> np.ndarray:
+        if known not in worth:
+            worth[known] = 1.0 - information.variances(known) / confounding.variance
+        return worth[known]
+
+    total = {term: np.zeros(len(confounding.variance)) for term in terms}
+    orders = list(permutations(terms))
+    for order in orders:
+        for i, term in enumerate(order):
+            total[term] += of(frozenset(order[: i + 1])) - of(frozenset(order[:i]))
+    for term in terms:
+        np.testing.assert_allclose(confounding.shares[term], total[term] / len(orders), atol=1e-12)
 
 
 @pytest.mark.parametrize("planned", [plan(), plan(work_deg=40.0), plan((9, 40, 12, 30), arc_deg=220.0)])
-@pytest.mark.parametrize("term", TERMS)
-def test_confounding_fraction_by_the_oracle(planned: lb.Campaign, term: str) -> None:
+@pytest.mark.parametrize(("term", "name"), [("BallForm", "form"), ("BarLength", "length"), ("Mount", "mount")])
+def test_confounding_fraction_by_the_oracle(planned: lb.Campaign, term: str, name: str) -> None:
     """1 − Var(β | y, g) / Var(β | y): knowing a zero-mean term is leaving it out of the covariance."""
     campaign = simulated(planned)
-    bound, oracle = lb.HybridModel.default(1).bind(campaign), oracle_of(campaign, 1)
+    bound, oracle = LINEAR.bind(campaign), oracle_of(campaign, 1)
     every = np.diag(oracle.given(PHI)[2])
-    value = dict(zip(oracle.hypers, PHI, strict=True))
     if term == "BallForm":
-        value["tau"] = 0.0
-        known = np.diag(oracle.given(np.array([value[h] for h in oracle.hypers]))[2])
+        known = np.diag(oracle.given(PHI * [1, 1, 1, 0])[2])
     else:
-        terms = tuple(t for t in ("form", "length", "mount", "force", "setup", "discrepancy") if t != TERMS[term])
+        terms = tuple(t for t in ("form", "length", "mount", "force", "setup", "discrepancy") if t != name)
         known = np.diag(oracle_of(campaign, 1, terms=terms).given(PHI)[2])
-    found = confounding_fractions(bound, PHI)
-    np.testing.assert_allclose([found[name][term] for name in bound.names], np.clip(1.0 - known / every, 0.0, 1.0), atol=1e-6)
+    found = Confounding(information_of(bound, PHI)).fraction[term]
+    np.testing.assert_allclose(found, np.clip(1.0 - known / every, 0.0, 1.0), atol=1e-5)
 
 
-def test_verdicts_on_the_recovered_experiment(recovered: lb.Campaign) -> None:
-    tree = lb.sample(lb.HybridModel.default(1), recovered, rule=StoppingRule(ess=300.0, lengths=1.0))
-    found = lb.verdicts(tree)
-    for name in ("E_YX2", "E_XY2", "E_C0YX"):
-        assert (found[name].word, found[name].partners) == ("aliased", ("BallForm",))
-        assert re.fullmatch(r"aliased with ball form \(\d\d %\)", found[name].text)
+# The recovered experiment
+
+
+@pytest.fixture(scope="module")
+def identified(recovered: lb.Campaign) -> lb.Identifiability:
+    return lb.identify(LINEAR, recovered)
+
+
+def test_geometry_is_aliased_with_length_and_form(identified: lb.Identifiability) -> None:
+    entries = identified.parameters
     for name in ("E_XX1", "E_YY1"):
-        assert found[name].word == "aliased"
-        assert "BarLength" in found[name].partners
+        assert entries[name].verdict.word == "aliased"
+        assert "BarLength" in entries[name].verdict.partners
+    for name in ("E_YX2", "E_XY2", "E_C0YX"):
+        assert (entries[name].verdict.word, entries[name].verdict.partners[0]) == ("aliased", "BallForm")
+        assert entries[name].confounding["BallForm"] > 0.9
+    assert entries["C_XYX"].verdict.word == "identified"
+
+
+def test_differences_are_not(recovered: lb.Campaign) -> None:
+    """E_XX1 − E_YY1 is not confounded with the length, C_XXX − C_YYY not with the mount, though each of them is."""
+    bound = LINEAR.bind(recovered)
+    information = information_of(bound, PHI)
+
+    def share(first: str, second: str, term: str) -> tuple[float, float]:
+        i, j = bound.names.index(first), bound.names.index(second)
+        step = np.zeros(len(information.names))
+        step[i], step[j] = information.scale[i], -information.scale[j]
+
+        def of(known: list[str], direction: np.ndarray) -> float:
+            return float(direction @ information.covariance(known) @ direction)
+
+        alone = np.where(np.arange(len(step)) == i, step, 0.0)
+        return 1.0 - of([term], alone) / of([], alone), 1.0 - of([term], step) / of([], step)
+
+    alone, difference = share("E_XX1", "E_YY1", "BarLength")
+    assert alone > 0.5
+    assert difference < 1e-6
+    alone, difference = share("C_XXX", "C_YYY", "Mount")
+    assert alone > 0.2
+    assert difference < 1e-3
+    gain = Confounding(information).fraction["ForceError"]
+    assert gain[bound.names.index("C_XXX")] > 0.05
+
+
+def test_four_lobes_are_separated_from_rotation_by_force_only(recovered: lb.Campaign) -> None:
+    def weak(campaign: lb.Campaign, degree: int) -> lb.ParameterIdentifiability:
+        return lb.identify(lb.HybridModel.default(degree), campaign).parameters["C_CCY"]
+
+    one = replace(recovered.plan(), tests=(recovered.plan().tests[-1],))
+    assert "BallForm" in weak(one, 0).verdict.partners
+    assert weak(one, 0).confounding["BallForm"] > 0.9
+    assert weak(recovered.plan(), 0).confounding["BallForm"] < 0.9
+    assert weak(recovered.plan(), 0).verdict.word == "identified"
+
+
+def test_verdicts_of_a_posterior(recovered: lb.Campaign) -> None:
+    tree = lb.sample(LINEAR, recovered, rule=StoppingRule(ess=300.0, lengths=1.0))
+    found = lb.verdicts(tree)
+    assert re.fullmatch(r"aliased with ball form \(\d\d %\)", found["E_C0YX"].text)
     assert found["C_XYX"].text == "known from the readings"
-    assert "Mount" in found["C_XXX"].partners
-    assert found["C_CXY"].confounding["BallForm"] < 0.2
-    assert 0.0 < found["C_XXX"].contraction < 1.0
+    draws = tree["posterior"]["C_XXX"].to_numpy()
+    assert found["C_XXX"].sd == pytest.approx(draws.std())
+    assert found["C_XXX"].contraction == pytest.approx(1.0 - draws.var() / tree["prior"]["C_XXX"].to_numpy().var())
 
 
 def test_what_the_prior_decides_is_called_so() -> None:
     """A prior far narrower than the readings can tell leaves nothing to them."""
     model = replace(lb.HybridModel.default(0), prior=replace(lb.Prior.default(), cross_mm_per_N=1e-8))
-    tree = lb.sample(model, simulated(plan()), rule=StoppingRule(ess=300.0, lengths=1.0))
-    verdict = lb.verdicts(tree)["C_XYX"]
-    assert (verdict.word, verdict.text) == ("prior-limited", "mostly the prior")
-    assert verdict.contraction < 0.2
+    entry = lb.identify(model, plan()).parameters["C_XYX"]
+    assert (entry.verdict.word, entry.text) == ("prior-limited", "mostly the prior")
+    assert entry.contraction < 0.2
+    assert entry.overlap > 0.8
 
 
 def test_a_term_left_out_bounds_nothing() -> None:
-    tree = lb.sample(lb.HybridModel.default(0).without("ball-form"), simulated(plan()), rule=StoppingRule(ess=300.0, lengths=1.0))
-    assert lb.verdicts(tree)["E_C0YX"].text == "aliased with ball form (left out)"
+    entry = lb.identify(lb.HybridModel.default(0).without("ball-form"), plan()).parameters["E_C0YX"]
+    assert entry.text == "aliased with ball form (left out)"
+    paper = lb.identify(lb.HybridModel.paper(0), simulated(plan()))
+    assert paper.parameters["E_XX1"].verdict.word == "aliased"
+    assert paper.effective_parameters == len(paper.parameters)
+    record = json.loads(json.dumps(paper.as_dict(), allow_nan=False))
+    assert record["parameters"]["E_XX1"]["contraction"] is None
+
+
+# Plans
+
+
+def test_clocking_both_balls_ends_the_alias() -> None:
+    before = lb.identify(LINEAR, clocked(((0.0, 0.0),))).parameters
+    after = lb.identify(LINEAR, clocked(((0.0, 0.0), (45.0, 45.0), (90.0, 90.0)))).parameters
+    for name in ("E_YX2", "E_XY2", "E_C0YX"):
+        assert before[name].verdict.word == "aliased"
+        assert after[name].verdict.word == "identified"
+        assert "BallForm" not in after[name].verdict.partners
+        assert after[name].sd < 0.6 * before[name].sd
+    one = lb.identify(LINEAR, clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))))
+    assert one.parameters["E_C0YX"].verdict.word == "aliased"
+    assert any("the tool ball's 2-lobe form" in d.statement for d in one.degeneracies)
+    half = lb.identify(LINEAR, clocked(((0.0, 0.0), (180.0, 180.0)))).parameters
+    assert half["E_C0YX"].verdict.word == "aliased"
+    assert half["E_YX2"].verdict.word == "identified"
+
+
+def test_near_collinear_plans_are_never_called_identified() -> None:
+    """Clockings too small to matter: 1e-3 and 1e-8 rad."""
+    for turn in (np.rad2deg(1e-3), np.rad2deg(1e-8)):
+        entry = lb.identify(lb.HybridModel.default(0), clocked(((0.0, 0.0), (turn, turn)))).parameters["E_C0YX"]
+        assert entry.verdict.word == "aliased"
+        assert "BallForm" in entry.verdict.partners
+
+
+def test_readings_change_nothing_but_the_hyper_parameters(recovered: lb.Campaign, identified: lb.Identifiability) -> None:
+    assert identified.measured
+    assert not lb.identify(LINEAR, recovered.plan()).measured
+    exact = lb.marginals(LINEAR.without("truncation"), recovered)
+    for name in ("C_XYX", "E_XX1", "E_C0YX"):
+        assert identified.parameters[name].mean == pytest.approx(exact.loc[name, "mean"], abs=0.3 * exact.loc[name, "sd"])
+        assert identified.parameters[name].sd == pytest.approx(exact.loc[name, "sd"], rel=0.25)
+
+
+# The other numbers
+
+
+def test_effective_parameters_and_directions(identified: lb.Identifiability, recovered: lb.Campaign) -> None:
+    gains = np.array([d.gain for d in identified.directions])
+    assert identified.effective_parameters == pytest.approx((gains / (1.0 + gains)).sum())
+    assert np.all(np.diff(gains) <= 1e-6 * gains[:-1])
+    phi = np.array([identified.hyper_um[h] for h in ("sigma", "delta", "kappa", "tau")]) * 1e-3
+    oracle = oracle_of(recovered, 1)
+    covariance = oracle.given(phi)[2]
+    inverse = np.linalg.inv(covariance / np.outer(oracle.sd, oracle.sd))
+    np.testing.assert_allclose(np.sort(gains), np.sort(np.linalg.eigvalsh(inverse - np.eye(len(inverse)))), rtol=1e-4, atol=1e-6)
+    for direction in identified.directions:
+        assert np.linalg.norm(list(direction.loadings.values())) == pytest.approx(1.0)
+
+
+def test_variance_inflation_and_correlations_by_definition(recovered: lb.Campaign) -> None:
+    information = information_of(LINEAR.bind(recovered), PHI)
+    covariance = information.covariance()
+    precision = np.linalg.inv(covariance)
+    entries = lb.identify(LINEAR, recovered)
+    sd = np.sqrt(np.diag(covariance))
+    assert np.all(np.diag(covariance) * np.diag(precision) >= 1.0 - 1e-9)
+    assert entries.parameters["E_XX1"].variance_inflation > 2.0
+    assert max(map(abs, entries.parameters["E_C0YX"].correlations.values())) > 0.9
+    assert "form_sin2" in entries.parameters["E_C0YX"].correlations
+    np.testing.assert_allclose(np.diag(entries.correlation), 1.0)
+    assert np.isfinite(sd).all()
+
+
+def test_alias_matrix_by_least_squares(identified: lb.Identifiability, recovered: lb.Campaign) -> None:
+    """One prior sd of a nuisance left out, pushed through numpy's least squares on all readings."""
+    oracle = oracle_of(recovered, 1)
+    scaled = oracle.J * oracle.sd
+    length = np.full(len(scaled), 9.4e-3)
+    expected = np.linalg.lstsq(scaled, length, rcond=None)[0] * oracle.sd
+    np.testing.assert_allclose(identified.alias["bar_length"], expected, atol=1e-9 * oracle.sd.max())
+    assert identified.alias.loc["E_XX1", "bar_length"] == pytest.approx(9.4e-3 / 150.0, rel=1e-6)
+
+
+def test_condition_numbers(recovered: lb.Campaign) -> None:
+    found = lb.identify(lb.HybridModel.default(0), recovered)
+    oracle = oracle_of(recovered, 0)
+    assert found.condition_number == pytest.approx(np.linalg.cond(oracle.J), rel=1e-6)
+    assert found.scaled_condition_number == pytest.approx(np.linalg.cond(oracle.J * oracle.sd), rel=1e-6)
+    assert found.scaled_condition_number < 1e-3 * found.condition_number
+
+
+@pytest.mark.parametrize(
+    ("mean", "sd"), [(0.0, 0.2), (1.5, 0.3), (0.0, 1.0), (2.0, 1.0), (0.3, 0.999999), (-4.0, 0.01), (1.0, 2.0)]
+)
+def test_overlap_by_quadrature(mean: float, sd: float) -> None:
+    both = [stats.norm(0.0, 1.0), stats.norm(mean, sd)]
+    points = sorted({mean - 8 * sd, mean, mean + 8 * sd, -1.0, 0.0, 1.0})
+    area = integrate.quad(lambda x: min(d.pdf(x) for d in both), -12.0, 12.0, points=points, limit=400)[0]
+    assert overlap(mean, sd) == pytest.approx(area, abs=1e-6)
+
+
+def test_it_prints(identified: lb.Identifiability) -> None:
+    text = str(identified)
+    assert "E_C(0Y)X" in text
+    assert "looks exactly like" in text
+    assert "posterior mean" in text
+    assert "<table>" in identified._repr_html_()

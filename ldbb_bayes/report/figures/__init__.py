@@ -11,18 +11,26 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
+from ldbb_bayes.report.figures.atlas import compliance_atlas, geometric_atlas
 from ldbb_bayes.report.figures.calibration import rank_ecdf
 from ldbb_bayes.report.figures.chains import chains
 from ldbb_bayes.report.figures.circles import predictive, residuals, traces
+from ldbb_bayes.report.figures.identifiability import alias_map, correlation_map, nuisance_costs, prior_and_posterior
 from ldbb_bayes.report.figures.parameters import compliance_against_force, corner, forest
 
 __all__ = [
     "FIGURES",
+    "alias_map",
     "chains",
     "compliance_against_force",
+    "compliance_atlas",
     "corner",
+    "correlation_map",
     "forest",
+    "geometric_atlas",
+    "nuisance_costs",
     "predictive",
+    "prior_and_posterior",
     "rank_ecdf",
     "residuals",
     "save_figure",
