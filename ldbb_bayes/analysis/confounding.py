@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.model.information import NOISE, Information
 
-__all__ = ["Confounding", "Spectrum"]
+__all__ = ["Confounding"]
 
 Array = NDArray[Any]
+_TENTH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,31 +79,16 @@ class Confounding:
         """d ln sd(β) / d ln(prior scale of the term), each shape (p,); parameters' own priors and reading noise too."""
         return self.information.contributions()
 
+    @cached_property
+    def unseen_share(self) -> Array:
+        """Share of the variance along directions in which the priors outweigh the readings tenfold, shape (p,).
 
-@dataclass(frozen=True, eq=False)
-class Spectrum:
-    """Directions of the coefficients by how much the readings add to the prior: 1 + λ is the gain in precision along each.
-
-    Attributes
-    ----------
-    gain : ndarray, shape (m,)
-        λ ≥ 0: below one the prior outweighs the readings.
-    vectors : ndarray, shape (m, m)
-        Orthonormal columns in units of the prior sd.
-    """
-
-    gain: Array
-    vectors: Array
-
-    @classmethod
-    def of(cls, information: Information) -> Spectrum:
-        """Of all coefficients, parameters and nuisances, with proper priors."""
-        rows = information.rows()
+        Directions of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors of the
+        whitened design, along which the readings add the squared singular value to a prior precision of one.
+        """
+        rows = self.information.rows()
         missing = max(rows.shape[1] - len(rows), 0)
         _, singular, right = np.linalg.svd(np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False)
-        return cls(singular**2, right.T)
-
-    def weak_share(self) -> Array:
-        """Share of every coefficient's variance along directions where the prior outweighs the readings, shape (m,)."""
-        parts = self.vectors**2 / (1.0 + self.gain)
-        return np.asarray(parts[:, self.gain < 1.0].sum(axis=1) / parts.sum(axis=1))
+        gain = singular[:, None] ** 2
+        parts = right[:, self.information.own] ** 2 / (1.0 + gain)
+        return np.asarray(np.where(gain < _TENTH, parts, 0.0).sum(axis=0) / parts.sum(axis=0))

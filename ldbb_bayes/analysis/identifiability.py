@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from ldbb_bayes.analysis.confounding import Confounding, Spectrum
+from ldbb_bayes.analysis.confounding import Confounding
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.origin import bound_of, draws_of
 from ldbb_bayes.inference.quadrature import HyperPosterior
@@ -48,10 +48,10 @@ class Verdict:
     The rule, in this order:
 
     1. *aliased*, when a nuisance that the model leaves out looks exactly like it: nothing bounds it then.
-    2. *aliased*, when more than half of its variance lies along directions in which the priors outweigh the readings, and more
-       than half of its variance would vanish if the nuisance terms, or one other parameter, were known.
-    3. *prior-limited*, when that half lies there without such a partner, or the contraction is below 0.75 (the posterior sd is
-       more than half of the prior sd).
+    2. *aliased*, when more than half of its variance lies along directions in which the priors outweigh the readings tenfold, and
+       more than half would vanish if something else were known: the nuisance terms, and with them the parameters that no reading
+       tells it from; or, where no nuisance counts, the parameter it is correlated with most.
+    3. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of the prior sd.
     4. *identified* otherwise.
 
     Attributes
@@ -74,7 +74,7 @@ class Verdict:
         named = [f"{term_words(partner)} ({self._share(partner)})" for partner in self.partners]
         if self.word == "aliased":
             return "aliased with " + " and ".join(named)
-        words = {"identified": "known from the readings", "prior-limited": "mostly the prior"}[self.word]
+        words = {"identified": "from the readings", "prior-limited": "mostly the prior"}[self.word]
         plain = ", ".join(f"{term_words(partner)} {self._share(partner)}" for partner in self.partners)
         return f"{words} ({plain})" if plain else words
 
@@ -110,8 +110,8 @@ class ParameterIdentifiability:
         Var(β | y) over what it would be if every other coefficient were known.
     correlations : mapping of name to float
         The largest posterior correlations with parameters and nuisances.
-    prior_share : float
-        Share of the variance along directions in which the priors outweigh the readings.
+    unseen_share : float
+        Share of the variance along directions in which the priors outweigh the readings tenfold.
     verdict : Verdict
     """
 
@@ -128,7 +128,7 @@ class ParameterIdentifiability:
     sensitivity: Mapping[str, float]
     variance_inflation: float
     correlations: Mapping[str, float]
-    prior_share: float
+    unseen_share: float
     verdict: Verdict
 
     @property
@@ -154,7 +154,7 @@ class ParameterIdentifiability:
             "sensitivity": dict(self.sensitivity),
             "variance_inflation": self.variance_inflation,
             "correlations": dict(self.correlations),
-            "prior_share": self.prior_share,
+            "unseen_share": self.unseen_share,
         }
 
 
@@ -203,7 +203,8 @@ class Identifiability:
     effective_parameters : float
         Σ λ / (1 + λ): how many parameters the readings determine.
     condition_number, scaled_condition_number : float
-        Of the design of the parameters of interest, in inside units (as the paper quotes it) and in units of the prior sd.
+        Of the design of the parameters of interest, in inside units (as the paper quotes it) and in units of the prior sd;
+        infinite when columns depend on one another.
     hyper_um : dict of name to float
         φ it holds at [µm].
     measured : bool
@@ -259,8 +260,8 @@ class Identifiability:
             "directions": [{"gain": d.gain, "loadings": dict(d.loadings)} for d in self.directions],
             "alias": self.alias.to_dict(orient="index"),
             "correlation": self.correlation.to_dict(orient="index"),
-            "condition_number": self.condition_number,
-            "scaled_condition_number": self.scaled_condition_number,
+            "condition_number": _or_none(self.condition_number),
+            "scaled_condition_number": _or_none(self.scaled_condition_number),
             "hyper_um": self.hyper_um,
             "measured": self.measured,
         }
@@ -321,8 +322,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         _correlation(information, covariance),
         directions,
         effective,
-        float(np.linalg.cond(rows)),
-        float(np.linalg.cond(rows * bound.scale)),
+        _condition(rows),
+        _condition(rows * bound.scale),
         {name: float(value * 1e3) for name, value in zip(bound.hyper_prior.names, phi, strict=True)},
         not campaign.is_plan,
     )
@@ -367,8 +368,7 @@ def _parameters(
     confounding = Confounding(information)
     covariance = information.covariance()
     own, proper = information.own, not information.flat
-    weak = Spectrum.of(information).weak_share()[own] if proper else np.zeros(len(own))
-    every = confounding.lost_by_knowing(confounding.terms)
+    unseen = confounding.unseen_share if proper else np.zeros(len(own))
     root, _ = information.root()
     precision = (root**2).sum(axis=0)
     correlation = _correlation(information, covariance)
@@ -382,7 +382,8 @@ def _parameters(
         others = correlation[parameter.name].drop(parameter.name)
         largest = others.reindex(others.abs().sort_values(ascending=False).index)[:_SHOWN]
         rivals = {name: float(others[name] ** 2) for name in bound.names if name != parameter.name}
-        verdict = _verdict(parameter.name, fraction, float(every[i]), rivals, float(weak[i]), 1.0 - ratio, found)
+        mine = tuple(d for d in found if parameter.name in d.parameters)
+        verdict = _verdict(confounding, i, rivals, float(unseen[i]), 1.0 - ratio, mine)
         entries[parameter.name] = ParameterIdentifiability(
             parameter.name,
             parameter.unit,
@@ -397,37 +398,37 @@ def _parameters(
             {source: float(values[i]) for source, values in confounding.sensitivity.items()},
             float(covariance[k, k] * precision[k]),
             {str(name): float(value) for name, value in largest.items()},
-            float(weak[i]),
+            float(unseen[i]),
             verdict,
         )
     return entries
 
 
 def _verdict(
-    name: str,
-    fraction: Mapping[str, float],
-    together: float,
+    confounding: Confounding,
+    i: int,
     rivals: Mapping[str, float],
-    weak: float,
+    unseen: float,
     contraction: float,
-    found: tuple[Degeneracy, ...],
+    mine: tuple[Degeneracy, ...],
 ) -> Verdict:
-    """See `Verdict` for the rule."""
-    mine = [d for d in found if name in d.parameters]
-    left_out = tuple(dict.fromkeys(d.term for d in mine if not d.modelled))
-    heavy = tuple(sorted((t for t in fraction if fraction[t] > _NAMED), key=lambda t: -fraction[t]))
+    """See `Verdict` for the rule. ``rivals``: squared correlations with the other parameters; ``mine``: its degeneracies."""
+    share = {term: float(values[i]) for term, values in confounding.fraction.items()} | dict(rivals)
+    shared = confounding.information.shared_terms
+    heavy = tuple(sorted((t for t in shared if share[t] > _NAMED), key=lambda t: -share[t]))
     alike = {d.term for d in mine if d.modelled}
     exact = tuple(term for term in heavy if term in alike)
+    left_out = tuple(dict.fromkeys(d.term for d in mine if not d.modelled))
     if left_out:
-        return Verdict("aliased", (*left_out, *exact), fraction)
-    rival = max(rivals, key=lambda other: rivals[other], default="")
-    if weak > _HALF and together > _HALF:
-        return Verdict("aliased", exact or heavy, fraction)
-    if weak > _HALF and rival and rivals[rival] > _HALF:
-        return Verdict("aliased", (rival,), {**fraction, rival: rivals[rival]})
-    if weak > _HALF or contraction < _CONTRACTED:
-        return Verdict("prior-limited", exact, fraction)
-    return Verdict("identified", exact, fraction)
+        return Verdict("aliased", (*left_out, *exact), share)
+    if unseen > _HALF:
+        twins = sorted({n for d in mine if not d.term for n in d.parameters if n in rivals}, key=lambda n: -rivals[n])
+        nearest = [n for n in (max(rivals, key=lambda n: rivals[n], default=""),) if n and not twins and not heavy]
+        for partners, named in (((*shared, *twins), (*(exact or heavy), *twins)), (nearest, nearest)):
+            told = tuple(name for name in named if share[name] > _NAMED)
+            if told and confounding.lost_by_knowing(partners)[i] > _HALF:
+                return Verdict("aliased", told, share)
+    return Verdict("prior-limited" if contraction < _CONTRACTED else "identified", exact, share)
 
 
 def overlap(mean: float, sd: float) -> float:
@@ -454,6 +455,16 @@ def _directions(information: Information, covariance: Array) -> tuple[tuple[Dire
         sign = np.sign(vector[np.argmax(np.abs(vector))])
         found.append(Direction(float(1.0 / value - 1.0), dict(zip(names, (sign * vector).tolist(), strict=True))))
     return tuple(found), float((1.0 - kept).sum())
+
+
+def _condition(rows: Array) -> float:
+    singular = np.linalg.svd(rows, compute_uv=False)
+    dependent = len(rows) < rows.shape[1] or singular[-1] <= np.finfo(float).eps * max(rows.shape) * singular[0]
+    return np.inf if dependent else float(singular[0] / singular[-1])
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _alias_matrix(information: Information, rows: Array) -> pd.DataFrame:

@@ -95,6 +95,8 @@ def fit(
     checkpoint = None if out is None else out.with_name(out.name + ".checkpoint")
     if checkpoint is not None and force and not resume:
         remove_checkpoint(checkpoint)
+    if resume and not (checkpoint and checkpoint.exists()):
+        typer.echo(f"{checkpoint} holds no unfinished run: this one begins anew.", err=True)
     rule = StoppingRule(ess=ess, max_steps=max_steps)
     try:
         with sampling_progress(quiet) as progress:

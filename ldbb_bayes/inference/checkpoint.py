@@ -19,6 +19,7 @@ from ldbb_bayes.inference.ensemble import Block
 __all__ = ["Checkpoint", "remove_checkpoint"]
 
 _PATTERN = "block-*.npz"
+_REASON = 80
 _FIELDS = tuple(field.name for field in fields(Block))
 
 
@@ -69,9 +70,9 @@ class Checkpoint:
                 block = Block(**{name: file[name] for name in _FIELDS})
                 found, before = dict(header["key"]), str(header["before"])
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise InputError(
-                f"{path} must be a block of a run, got a damaged file ({error}). Remove it to go on from the block before."
-            ) from None
+            reason = str(error).split(". ")[0].split("\n")[0][:_REASON]
+            cure = "Remove it to go on from the block before" if number else "Remove it to begin anew"
+            raise InputError(f"{path} must be a block of a run, got a damaged file ({reason}). {cure}.") from None
         self._check_key(path, found)
         if before != self._last:
             raise InputError(f"{path} must follow the block before it, got one of another run. Remove it and all later ones.")

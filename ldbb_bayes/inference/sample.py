@@ -148,7 +148,9 @@ def sample(
     if not run.converged:
         target = f"ESS ≥ {rule.ess:g} and R-hat ≤ {rule.rhat:g}"
         record["fit"]["warnings"].insert(
-            0, f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers."
+            0,
+            f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers; "
+            "allow more steps (--max-steps; with --resume --force a run kept by --out goes on).",
         )
     return build_tree(
         groups,

@@ -91,7 +91,7 @@ class Degeneracy:
             verb, said = "looks exactly like", looks + self._difference({name: -change for name, change in changes.items()})
         else:
             subject = _joined([_change_words(name, change, self.units[name]) for name, change in changes.items()])
-            verb, said = "together change", "no reading"
+            verb, said = "together change" if len(changes) > 1 else "changes", "no reading"
         left_out = "" if self.modelled else "; the model leaves it out, and the intervals do not cover it"
         return f"{subject} {verb} {said}{left_out}."
 
@@ -124,7 +124,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     limit = 0.1 * bound.campaign.resolution_um * _MICROMETRE
     p = len(bound.names)
     found = []
-    for vector in _sparse(scaled, p, limit):
+    for vector in _Design(scaled, p, limit).sparse():
         moving = np.flatnonzero(vector)
         own = [i for i in moving if i < p]
         effect = np.abs(scaled * vector).max(axis=0)
@@ -183,7 +183,10 @@ def sentences(found: Sequence[Degeneracy]) -> tuple[str, ...]:
     said = []
     for term, members in by_term.items():
         if not term:
-            said += [f"{' and '.join(m.parameters)} cannot be told apart by these readings." for m in members]
+            for member in members:
+                together = _joined([display_name(name) for name in member.parameters])
+                alone = "changes no reading as far as its prior lets it"
+                said.append(f"{together} {alone if len(member.parameters) == 1 else 'cannot be told apart by these readings'}.")
             continue
         alike: dict[tuple[str, ...], list[str]] = {}
         for member in members:
@@ -256,58 +259,66 @@ def _effects(bound: BoundModel, values: Array) -> Array:
     return np.concatenate(rows)
 
 
-def _null_space(scaled: Array, limit: float) -> Array:
-    """Orthonormal directions, shape (m, k), along which one prior sd moves no reading by more than the limit."""
-    _, singular, right = np.linalg.svd(scaled, full_matrices=False)
-    vectors = right[singular <= limit * np.sqrt(len(scaled))].T
-    while vectors.shape[1] and np.abs(scaled @ vectors).max() > limit:
-        vectors = vectors[:, 1:]
-    return vectors
+class _Design:
+    """Columns in units of the prior sd, the first p of them parameters of interest, and what is too small to be seen."""
 
+    def __init__(self, scaled: Array, p: int, limit: float) -> None:
+        self.scaled, self.p, self.limit = scaled, p, limit
+        stacked: Any = scaled
+        self._triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
 
-def _sparse(scaled: Array, p: int, limit: float) -> list[Array]:
-    """A basis of the null space in units of the prior sd.
+    def sparse(self) -> list[Array]:
+        """A basis of the null space.
 
-    First what parameters do among themselves, then every nuisance that the other parameters imitate by themselves, then
-    what is left of the null space. Each vector has a pivot that the others lack.
-    """
-    own = np.arange(p)
-    found = _independent(scaled, own, own < p, limit)
-    own = np.setdiff1d(own, list(found))
-    for j in range(p, scaled.shape[1]):
-        vector = _imitation(scaled, j, own, limit)
-        if vector is not None:
-            found[j] = vector
-    left = np.setdiff1d(np.arange(scaled.shape[1]), list(found))
-    found |= _independent(scaled, left, left >= p, limit)
-    return [found[j] for j in sorted(found, key=lambda j: (j < p, j))]
+        First what parameters do among themselves, then every nuisance that the other parameters imitate by themselves, then
+        what is left of the null space. Each vector has a pivot that the others lack.
+        """
+        own = np.arange(self.p)
+        every = np.arange(self.scaled.shape[1])
+        found = self._independent(own, own < self.p)
+        own = np.setdiff1d(own, list(found))
+        for j in every[self.p :]:
+            vector = self._imitation(int(j), own)
+            if vector is not None:
+                found[int(j)] = vector
+        left = np.setdiff1d(every, list(found))
+        found |= self._independent(left, left >= self.p)
+        return [found[j] for j in sorted(found, key=lambda j: (j < self.p, j))]
 
+    def _independent(self, columns: NDArray[np.intp], preferred: NDArray[np.bool_]) -> dict[int, Array]:
+        """A basis of the null space of some columns, by pivot."""
+        pivots = columns[_pivots(self._null_space(columns), preferred)]
+        others = np.setdiff1d(columns, pivots)
+        vectors = {int(pivot): self._imitation(int(pivot), others) for pivot in pivots}
+        return {pivot: vector for pivot, vector in vectors.items() if vector is not None}
 
-def _independent(scaled: Array, columns: NDArray[np.intp], preferred: NDArray[np.bool_], limit: float) -> dict[int, Array]:
-    """A basis of the null space of some columns, by pivot."""
-    null = _null_space(scaled[:, columns], limit)
-    pivots = columns[_pivots(null, preferred)]
-    others = np.setdiff1d(columns, pivots)
-    vectors = {int(pivot): _imitation(scaled, int(pivot), others, limit) for pivot in pivots}
-    return {pivot: vector for pivot, vector in vectors.items() if vector is not None}
+    def _null_space(self, columns: NDArray[np.intp]) -> Array:
+        """Orthonormal directions, shape (columns, k), along which one prior sd moves no reading by more than the limit."""
+        _, singular, right = np.linalg.svd(self._triangle[:, columns])
+        singular = np.append(singular, np.zeros(len(columns) - len(singular)))
+        vectors = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
+        while vectors.shape[1] and np.abs(self.scaled[:, columns] @ vectors).max() > self.limit:
+            vectors = vectors[:, 1:]
+        return vectors
 
+    def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
+        """One of the target and the least of the others that undo it, or None when they cannot."""
+        solved = self._undone(target, others)
+        if np.abs(self.scaled @ solved).max() > self.limit * np.linalg.norm(solved):
+            return None
+        effect = np.abs(self.scaled * solved).max(axis=0)
+        for cut in _CUTS:
+            vector = self._undone(target, others[effect[others] > cut * effect.max()])
+            if np.abs(self.scaled @ vector).max() <= _STRICT * self.limit:
+                return vector
+        return solved
 
-def _imitation(scaled: Array, target: int, others: NDArray[np.intp], limit: float) -> Array | None:
-    """One of the target and the least of the others that undo it, or None when they cannot."""
-    solved = np.zeros(scaled.shape[1])
-    solved[others] = -np.linalg.lstsq(scaled[:, others], scaled[:, target], rcond=1e-12)[0]
-    solved[target] = 1.0
-    if np.abs(scaled @ solved).max() > limit * np.linalg.norm(solved):
-        return None
-    effect = np.abs(scaled * solved).max(axis=0)
-    for cut in _CUTS:
-        kept = others[effect[others] > cut * effect.max()]
-        vector = np.zeros(scaled.shape[1])
-        vector[kept] = -np.linalg.lstsq(scaled[:, kept], scaled[:, target], rcond=1e-12)[0]
+    def _undone(self, target: int, others: NDArray[np.intp]) -> Array:
+        """One of the target with the others by least squares."""
+        vector = np.zeros(self.scaled.shape[1])
+        vector[others] = -np.linalg.lstsq(self._triangle[:, others], self._triangle[:, target], rcond=1e-12)[0]
         vector[target] = 1.0
-        if np.abs(scaled @ vector).max() <= _STRICT * limit:
-            return vector
-    return solved
+        return vector
 
 
 def _pivots(null: Array, preferred: NDArray[np.bool_]) -> list[int]:

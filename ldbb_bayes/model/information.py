@@ -67,13 +67,19 @@ class Information:
         in_noise = (source for block in self.noise for source in block)
         return tuple(name for name in dict.fromkeys([*self.owners, *in_noise]) if name not in (OWN, NOISE))
 
+    @property
+    def shared_terms(self) -> tuple[str, ...]:
+        """The nuisance terms with coefficients of their own."""
+        return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
+
     def rows(self, known: Collection[str] = ()) -> Array:
         """A, shape (k, m): the design whitened by the noise that is not known, columns in units of the prior sd."""
         return np.concatenate([self._whitened(known, block) for block in range(len(self.design))])
 
     def root(self, known: Collection[str] = ()) -> tuple[Array, NDArray[np.intp]]:
         """Upper triangular R with RᵀR = prior + readings' precision of the coefficients left, and which these are."""
-        left = np.flatnonzero([owner not in known for owner in self.owners])
+        pairs = zip(self.owners, self.names, strict=True)
+        left = np.flatnonzero([owner not in known and name not in known for owner, name in pairs])
         rows = self.rows(known)[:, left]
         stacked: Any = np.concatenate([rows, np.diag(self._prior_precision[left])])
         return np.asarray(np.linalg.qr(stacked, mode="r")), left
@@ -83,8 +89,8 @@ class Information:
 
         Parameters
         ----------
-        known : collection of terms
-            Taken as known, nuisance columns and noise alike.
+        known : collection of str
+            Terms, nuisance columns and noise alike, and single coefficients taken as known.
         """
         root, left = self.root(known)
         inverse = _inverse_upper(root)

@@ -90,7 +90,9 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} must be a readable TOML file, got: {error}. Check the path.") from None
+        raise InputError(
+            f"{path} must be a readable TOML file, got: {getattr(error, 'strerror', None) or error}. Check the path."
+        ) from None
     try:
         return model_from_toml(text, degree=degree)
     except InputError as error:

@@ -47,7 +47,7 @@ def test_without_truncation_the_draw_is_the_conditional_itself() -> None:
 def test_the_weights_are_nearly_even_and_average_to_the_evidence(name: str) -> None:
     """E_q[p / q] = Z; an effective share of more than half keeps most proposals."""
     density, redraw = redraw_of(MODELS[name])
-    points, log_density, _ = redraw.draw(6000, np.random.RandomState(3))
+    points, log_density, _ = redraw.draw(1500, np.random.RandomState(3))
     weight = density(points) - log_density
     level = np.exp(weight - weight.max())
     mean, error = level.mean(), level.std() / np.sqrt(len(level))

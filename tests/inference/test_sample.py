@@ -159,10 +159,10 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
 
 
 def test_a_run_that_misses_its_target_says_so(campaign: lb.Campaign) -> None:
-    rule = StoppingRule(ess=1e6, max_steps=200)
+    rule = StoppingRule(ess=1e6, max_steps=60)
     result = result_json(lb.sample(lb.HybridModel.default(0), campaign, seed=1, rule=rule))
     assert not result["sampler"]["converged"]
-    assert result["fit"]["warnings"][0].startswith("Not converged: ESS ≥ 1e+06 and R-hat ≤ 1.01 was not reached in 200 steps")
+    assert result["fit"]["warnings"][0].startswith("Not converged: ESS ≥ 1e+06 and R-hat ≤ 1.01 was not reached in 60 steps")
 
 
 def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
