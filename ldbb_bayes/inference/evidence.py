@@ -17,6 +17,7 @@ from ldbb_bayes.model.hybrid import HybridModel
 __all__ = ["Evidence", "TruncationProbability", "evidence_of", "log_evidence", "log_prob_truncation"]
 
 Array = NDArray[Any]
+_NEARLY_ONE = 0.1
 _CHECKED = 64
 
 
@@ -82,7 +83,13 @@ def log_prob_truncation(plain: HyperPosterior, truncated: HyperPosterior) -> Tru
     """ln P(T | y): the ratio of the integrals with and without the truncation, from coarse lattices."""
     inside, every = truncated.brief, plain.brief
     error = inside.error + every.error + _orthant_error(truncated, inside)
-    return TruncationProbability(min(inside.log_integral - every.log_integral, 0.0), error)
+    log_value = inside.log_integral - every.log_integral
+    if log_value > _NEARLY_ONE + error:
+        raise InputError(
+            f"the probability of physical compliances must not exceed one, got ln P = {log_value:.3g} ± {error:.2g}: readings "
+            "out of reach of double precision. Check their sign, the mount compensation and the forces."
+        )
+    return TruncationProbability(min(log_value, 0.0), error)
 
 
 def _orthant_error(posterior: HyperPosterior, lattice: Lattice) -> float:

@@ -40,7 +40,7 @@ def marginals(
     tolerance : float
         Relative error of the integrals behind means and standard deviations.
     seed : int
-        Of the points behind the quantiles, which are good to about half a per cent of probability.
+        Of the points behind the quantiles; where a compliance is bounded their standard error is half a per cent of probability.
 
     Returns
     -------

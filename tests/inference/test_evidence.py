@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaigns import oracle_of, plan, simulated
 from oracle import Oracle
+from pairs import pair_by_quadrature
 from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.evidence import evidence_of
+from ldbb_bayes.inference.evidence import evidence_of, log_prob_truncation
 from ldbb_bayes.inference.origin import record_of
 from ldbb_bayes.inference.quadrature import HyperPosterior
 
@@ -92,3 +95,39 @@ def test_truncation_raises_the_evidence_of_what_it_allows(recovered: lb.Campaign
 def test_refused(campaign: lb.Campaign, model: lb.HybridModel, planned: bool, tolerance: float, message: str) -> None:
     with pytest.raises(InputError, match=message):
         lb.log_evidence(model, plan() if planned else campaign, tolerance=tolerance)
+
+
+@pytest.mark.parametrize(("degree", "without"), [(2, ()), (1, ("discrepancy",)), (1, ("setup-shift", "discrepancy"))])
+def test_readings_of_the_wrong_sign(recovered: lb.Campaign, degree: int, without: tuple[str, ...]) -> None:
+    """All compliances negative and strongly correlated through the mount: far from physical, and said so at once."""
+    flipped = replace(recovered, tests=tuple(t.with_reading_um(-np.asarray(t.reading_um)) for t in recovered.tests))
+    bound = lb.HybridModel.default(degree).without(*without).bind(flipped)
+    plain, truncated = HyperPosterior(bound, truncated=False), HyperPosterior(bound, truncated=True)
+    found = log_prob_truncation(plain, truncated)
+    assert -2000.0 < found.log_value < -50.0
+    assert found.error < 0.5
+    assert truncated.log_density(truncated.mode[None])[0] < plain.log_density(plain.mode[None])[0] - 40.0
+
+
+def test_a_strong_contradiction_by_one_dimensional_quadrature() -> None:
+    """Two direct compliances far below zero, σ the only hyper-parameter: dense oracle and a plain sum over σ."""
+    terms = ("setup-shift", "discrepancy", "ball-form", "force-error")
+    planned = plan((60,) * 6, forces_N=(36.0, 100.0, 250.0, 400.0, 600.0, 742.0))
+    model = lb.HybridModel.default(0).without(*terms)
+    truth = {"C_XXX": -2e-5, "C_YYY": -8e-5, "C_CCY": 4e-10}
+    campaign = model.simulate(planned, seed=4, parameters=truth, hyper_um={"sigma": 0.1}).campaign
+    oracle = oracle_of(campaign, 0, terms=("length", "mount"))
+    bound = model.bind(campaign)
+    free = np.log(1e-3) + np.linspace(-9.0, 1.5, 211)
+    log_density = np.empty(len(free))
+    for i, value in enumerate(free):
+        phi = bound.hyper_prior.phi(np.array([[value]]))[0]
+        log_evidence, mean, covariance = oracle.given(phi)
+        rows = bound.physical.rows[:2]
+        spread = rows @ covariance @ rows.T
+        sd = np.sqrt(np.diag(spread))
+        pair = pair_by_quadrature(tuple(rows @ mean / sd), float(spread[0, 1] / sd.prod()))
+        log_density[i] = log_evidence + bound.hyper_prior.log_density_of_free(np.array([[value]]))[0] + pair
+    top = log_density.max()
+    expected = top + np.log(np.trapezoid(np.exp(log_density - top), free)) - 3.0 * np.log(0.5)
+    assert lb.log_evidence(model, campaign).log_value == pytest.approx(expected, abs=5e-3)

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from pairs import pair_by_quadrature
 from scipy import stats
 from scipy.integrate import quad
 from scipy.special import log_ndtr
@@ -159,3 +160,44 @@ def test_a_certain_row_is_kept_when_the_others_push_it() -> None:
     alone = Orthant(np.array([[-30.0]]), np.ones((1, 1, 1))).log_value()[0]
     both = Orthant(np.array([[-30.0, 20.0]]), spread[None]).log_value()[0]
     assert both < alone - 100.0
+
+
+@pytest.mark.parametrize(
+    ("mean", "rho"),
+    [
+        ((-12.0, -43.658), 0.999),
+        ((-2.5, -40.7), 0.999),
+        ((-8.5, 0.0), 0.999),
+        ((0.0, -8.3), 0.999),
+        ((-29.5, 0.0), -0.999),
+        ((-5.0, -20.0), 0.99),
+        ((-30.0, -31.0), 0.99999),
+        ((-5.0, -20.0), 0.9),
+    ],
+)
+def test_rows_that_nearly_repeat_each_other(mean: tuple[float, float], rho: float) -> None:
+    """Violated together: a Newton iteration on the gradient alone stalls here."""
+    spread = np.linalg.cholesky(np.array([[1.0, rho], [rho, 1.0]]))
+    orthant = Orthant(np.array([mean]), spread[None])
+    expected = pair_by_quadrature(mean, rho)
+    assert orthant.log_probability(1 << 13)[0][0] == pytest.approx(expected, rel=2e-6, abs=2e-3)
+    assert expected - 1e-3 <= orthant.log_bound[0] <= expected + 1.0
+
+
+@pytest.mark.parametrize("d", [2, 3, 5, 8])
+def test_the_bound_is_one(d: int) -> None:
+    """No log weight exceeds it, down to ln P = −10⁷ and rows that nearly repeat each other: rejection stays exact."""
+    rng = np.random.default_rng(d)
+    seen = []
+    for k in range(120):
+        spread = rng.standard_normal((1, d, d)) * np.logspace(0.0, -rng.uniform(0.0, 4.0) * (k % 2), d)
+        spread /= np.linalg.norm(spread, axis=2, keepdims=True)
+        orthant = Orthant(rng.uniform(-60.0, 5.0, (1, d)) * rng.choice([0.1, 1.0, 3.0]), spread)
+        bound = float(orthant.log_bound[0])
+        if bound < -1e7:
+            continue
+        _, log_weight = orthant.propose_spread(rng.random((1, d)), rng.standard_normal((1, d)))
+        assert log_weight[0] <= bound + 1e-8 * (1.0 + abs(bound))
+        seen.append(bound)
+    assert min(seen) < -1e4
+    assert len(seen) > 60
