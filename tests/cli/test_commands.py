@@ -69,7 +69,7 @@ def test_without_out_nothing_is_written(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_missed_target_is_exit_code_1(folder: Path, tmp_path: Path) -> None:
-    done = run("fit", folder, "--ess", "1e6", "--max-steps", 100, "--degree", 0, "--out", tmp_path / "r")
+    done = run("fit", folder, "--ess", "1e6", "--max-steps", 200, "--degree", 0, "--out", tmp_path / "r")
     assert done.returncode == 1
     assert "NOT CONVERGED" in done.stdout
     assert not json.loads((tmp_path / "r" / "summary.json").read_text())["sampler"]["converged"]
