@@ -41,7 +41,7 @@ _HOMES = {
     "HybridModel": "ldbb_bayes.model.hybrid",
     "Prior": "ldbb_bayes.model.prior",
     "read_model": "ldbb_bayes.model.spec",
-    "StoppingRule": "ldbb_bayes.inference.ensemble",
+    "StoppingRule": "ldbb_bayes.inference.stopping",
     "load": "ldbb_bayes.inference.posterior",
     "sample": "ldbb_bayes.inference.sample",
     "save": "ldbb_bayes.inference.posterior",
@@ -94,11 +94,11 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
     from ldbb_bayes.campaign.prepare import compensate_mount, mask_angles, mask_reversals, trim_overshoot
     from ldbb_bayes.errors import InputError
-    from ldbb_bayes.inference.ensemble import StoppingRule
     from ldbb_bayes.inference.evidence import log_evidence
     from ldbb_bayes.inference.marginals import marginals
     from ldbb_bayes.inference.posterior import load, save
     from ldbb_bayes.inference.sample import sample
+    from ldbb_bayes.inference.stopping import StoppingRule
     from ldbb_bayes.inference.summary import summarize
     from ldbb_bayes.machine.chain import Circle, Machine
     from ldbb_bayes.model.hybrid import HybridModel

@@ -71,8 +71,8 @@ def fit(
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.checkpoint import remove_checkpoint
-    from ldbb_bayes.inference.ensemble import StoppingRule
     from ldbb_bayes.inference.sample import sample
+    from ldbb_bayes.inference.stopping import StoppingRule
     from ldbb_bayes.inference.summary import check_probability
 
     check_probability(ci)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.collapsed import draw_parameters_given
-from ldbb_bayes.inference.ensemble import Assessment, EnsembleRun, Progress, StoppingRule
+from ldbb_bayes.inference.ensemble import EnsembleRun, Progress
 from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.inference.stopping import Assessment, StoppingRule
 
 __all__ = ["draw_hyper", "sample_quadrature"]
 

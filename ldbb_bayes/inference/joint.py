@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.ensemble import Assessment, BlockStore, EnsembleRun, Progress, StoppingRule, run_ensembles
+from ldbb_bayes.inference.ensemble import BlockStore, EnsembleRun, Progress, run_ensembles
 from ldbb_bayes.inference.quadrature import HyperPosterior, conditional_draws
+from ldbb_bayes.inference.stopping import Assessment, StoppingRule
 from ldbb_bayes.model.bound import BoundModel
 
 __all__ = ["JointDensity", "sample_joint"]

@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.ensemble import Assessment
+from ldbb_bayes.inference.stopping import Assessment
 
 __all__ = ["assess", "build_tree", "diagnose", "load", "power_sensitivity", "save"]
 

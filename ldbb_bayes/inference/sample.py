@@ -20,7 +20,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.inference.checkpoint import Checkpoint
 from ldbb_bayes.inference.diagnostics import PredictiveChecks, predictive_checks, sensitive, verdict
-from ldbb_bayes.inference.ensemble import Progress, StoppingRule
+from ldbb_bayes.inference.ensemble import Progress
 from ldbb_bayes.inference.evidence import TruncationProbability, log_prob_truncation
 from ldbb_bayes.inference.joint import JointDensity
 from ldbb_bayes.inference.origin import campaign_record
@@ -28,6 +28,7 @@ from ldbb_bayes.inference.posterior import build_tree, power_sensitivity
 from ldbb_bayes.inference.predictive import fit_quality
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.inference.samplers import SAMPLERS, run_sampler
+from ldbb_bayes.inference.stopping import StoppingRule
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.degeneracies import degeneracies, sentences, standing_degeneracies
 from ldbb_bayes.model.hybrid import HybridModel

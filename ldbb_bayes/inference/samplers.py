@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.inference.collapsed import draw_parameters_given, sample_collapsed
-from ldbb_bayes.inference.ensemble import BlockStore, EnsembleRun, Progress, StoppingRule
+from ldbb_bayes.inference.ensemble import BlockStore, EnsembleRun, Progress
 from ldbb_bayes.inference.independent import draw_hyper, sample_quadrature
 from ldbb_bayes.inference.joint import sample_joint
 from ldbb_bayes.inference.posterior import assess
 from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.inference.stopping import StoppingRule
 
 __all__ = ["SAMPLERS", "Sampler", "draw", "run_sampler"]
 

@@ -14,7 +14,7 @@ from scipy import integrate, stats
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.confounding import Confounding
 from ldbb_bayes.analysis.identifiability import overlap
-from ldbb_bayes.inference.ensemble import StoppingRule
+from ldbb_bayes.inference.stopping import StoppingRule
 from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])

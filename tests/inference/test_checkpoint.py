@@ -15,7 +15,8 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.checkpoint import remove_checkpoint
-from ldbb_bayes.inference.ensemble import Progress, StoppingRule
+from ldbb_bayes.inference.ensemble import Progress
+from ldbb_bayes.inference.stopping import StoppingRule
 
 MODEL = lb.HybridModel.default(0)
 RULE = StoppingRule(ess=1500.0, rhat=1.3, block=5, lengths=0.1)

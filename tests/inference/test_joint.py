@@ -7,9 +7,10 @@ import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.ensemble import Assessment, StoppingRule, run_ensembles
+from ldbb_bayes.inference.ensemble import run_ensembles
 from ldbb_bayes.inference.joint import JointDensity, LinearRedraw
 from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.inference.stopping import Assessment, StoppingRule
 
 MODELS = {
     "truncated": lb.HybridModel.default(1),

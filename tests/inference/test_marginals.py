@@ -9,7 +9,7 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.ensemble import StoppingRule
+from ldbb_bayes.inference.stopping import StoppingRule
 from ldbb_bayes.model.orthant import Orthant
 
 

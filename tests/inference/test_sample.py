@@ -12,9 +12,10 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.ensemble import Assessment, Progress, StoppingRule, run_ensembles
+from ldbb_bayes.inference.ensemble import Progress, run_ensembles
 from ldbb_bayes.inference.origin import bound_of, campaign_of, record_of
 from ldbb_bayes.inference.posterior import assess
+from ldbb_bayes.inference.stopping import Assessment, StoppingRule
 from ldbb_bayes.inference.summary import result_json
 
 QUICK = StoppingRule(ess=300.0, rhat=1.05, lengths=1.0)

@@ -8,8 +8,8 @@ import xarray as xr
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.ensemble import StoppingRule
 from ldbb_bayes.inference.origin import bound_of, draws_of, record_of
+from ldbb_bayes.inference.stopping import StoppingRule
 
 QUICK = StoppingRule(ess=150.0, rhat=1.1, lengths=0.3)
 

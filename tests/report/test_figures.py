@@ -14,7 +14,7 @@ from matplotlib.text import Text
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.ensemble import StoppingRule
+from ldbb_bayes.inference.stopping import StoppingRule
 from ldbb_bayes.report.figures import FIGURES, chains, corner, save_figures
 
 QUICK = StoppingRule(ess=100.0, rhat=1.5, lengths=0.2)

@@ -8,7 +8,7 @@ from campaigns import oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.inference.ensemble import StoppingRule
+from ldbb_bayes.inference.stopping import StoppingRule
 
 CASES = {
     "full circles": plan((40, 40, 40, 40)),

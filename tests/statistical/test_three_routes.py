@@ -7,7 +7,7 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, plan
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.ensemble import StoppingRule
+from ldbb_bayes.inference.stopping import StoppingRule
 
 PLANS = {
     "circles": plan(),

@@ -1,0 +1,91 @@
+"""The null space of a design in the sense of what a readout can see, as a sparse basis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["NullSpace"]
+
+Array = NDArray[Any]
+_CUTS = (0.02, 1e-3, 1e-5, 0.0)
+_OF_ITSELF = 0.05
+_STRICT = 0.5
+
+
+class NullSpace:
+    """Columns in units of the prior sd, the first p of them parameters of interest, and what is too small to be seen."""
+
+    def __init__(self, scaled: Array, p: int, limit: float) -> None:
+        self.scaled, self.p, self.limit = scaled, p, limit
+        stacked: Any = scaled
+        self._triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+
+    def sparse(self) -> list[Array]:
+        """A basis of the null space.
+
+        First what parameters do among themselves, then every nuisance that the other parameters imitate by themselves, then
+        what is left of the null space. Each vector has a pivot that the others lack.
+        """
+        own = np.arange(self.p)
+        every = np.arange(self.scaled.shape[1])
+        found = self._independent(own, own < self.p)
+        own = np.setdiff1d(own, list(found))
+        for j in every[self.p :]:
+            vector = self._imitation(int(j), own)
+            if vector is not None:
+                found[int(j)] = vector
+        left = np.setdiff1d(every, list(found))
+        found |= self._independent(left, left >= self.p)
+        return [found[j] for j in sorted(found, key=lambda j: (j < self.p, j))]
+
+    def _independent(self, columns: NDArray[np.intp], preferred: NDArray[np.bool_]) -> dict[int, Array]:
+        """A basis of the null space of some columns, by pivot."""
+        pivots = columns[_pivots(self._null_space(columns), preferred)]
+        others = np.setdiff1d(columns, pivots)
+        vectors = {int(pivot): self._imitation(int(pivot), others) for pivot in pivots}
+        return {pivot: vector for pivot, vector in vectors.items() if vector is not None}
+
+    def _null_space(self, columns: NDArray[np.intp]) -> Array:
+        """Orthonormal directions, shape (columns, k), along which one prior sd moves no reading by more than the limit."""
+        _, singular, right = np.linalg.svd(self._triangle[:, columns])
+        singular = np.append(singular, np.zeros(len(columns) - len(singular)))
+        vectors = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
+        while vectors.shape[1] and np.abs(self.scaled[:, columns] @ vectors).max() > self.limit:
+            vectors = vectors[:, 1:]
+        return vectors
+
+    def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
+        """One of the target and the least of the others that undo it, or None when they cannot."""
+        solved = self._undone(target, others)
+        if np.abs(self.scaled @ solved).max() > self.limit * np.linalg.norm(solved):
+            return None
+        effect = np.abs(self.scaled * solved).max(axis=0)
+        for cut in _CUTS:
+            vector = self._undone(target, others[effect[others] > cut * effect.max()])
+            if np.abs(self.scaled @ vector).max() <= _STRICT * self.limit:
+                return vector
+        return solved
+
+    def _undone(self, target: int, others: NDArray[np.intp]) -> Array:
+        """One of the target with the others by least squares."""
+        vector = np.zeros(self.scaled.shape[1])
+        vector[others] = -np.linalg.lstsq(self._triangle[:, others], self._triangle[:, target], rcond=1e-12)[0]
+        vector[target] = 1.0
+        return vector
+
+
+def _pivots(null: Array, preferred: NDArray[np.bool_]) -> list[int]:
+    """As many rows of the null space as it has dimensions, as independent as can be, preferred ones first."""
+    pivots: list[int] = []
+    rest = null.copy()
+    while len(pivots) < null.shape[1]:
+        length = np.linalg.norm(rest, axis=1)
+        wanted = np.round(np.where(preferred, length, 0.0), 6)
+        pivot = int(np.argmax(wanted if wanted.max(initial=0.0) > _OF_ITSELF else length))
+        pivots.append(pivot)
+        unit = rest[pivot] / length[pivot]
+        rest = rest - np.outer(rest @ unit, unit)
+    return pivots
