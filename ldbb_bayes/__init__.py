@@ -30,8 +30,8 @@ _HOMES = {
     "validate": "ldbb_bayes.analysis.validation",
     "log_evidence": "ldbb_bayes.inference.evidence",
     "marginals": "ldbb_bayes.inference.marginals",
-    "Identifiability": "ldbb_bayes.analysis.identifiability",
-    "ParameterIdentifiability": "ldbb_bayes.analysis.identifiability",
+    "Identifiability": "ldbb_bayes.analysis.identified",
+    "ParameterIdentifiability": "ldbb_bayes.analysis.identified",
     "identify": "ldbb_bayes.analysis.identifiability",
     "verdicts": "ldbb_bayes.analysis.identifiability",
     "save_figures": "ldbb_bayes.report.figures",
@@ -84,7 +84,8 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, identify, verdicts
+    from ldbb_bayes.analysis.identifiability import identify, verdicts
+    from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiability
     from ldbb_bayes.analysis.preview import preview
     from ldbb_bayes.analysis.validation import validate
     from ldbb_bayes.campaign.campaign import Campaign, Plan

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.console import Console
 
-    from ldbb_bayes.analysis.identifiability import Identifiability
+    from ldbb_bayes.analysis.identified import Identifiability
     from ldbb_bayes.analysis.validation import Validation
     from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.inference.ensemble import Progress

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.table import Table
 
-from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability
+from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiability
 from ldbb_bayes.analysis.preview import CampaignPreview
 from ldbb_bayes.analysis.validation import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.model.hybrid import HybridModel

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis.identifiability import Identifiability
+from ldbb_bayes.analysis.identified import Identifiability
 from ldbb_bayes.analysis.verdict import term_words
 from ldbb_bayes.model.information import NOISE
 from ldbb_bayes.report.figures.style import GREY, PALETTE, new_figure, styled
