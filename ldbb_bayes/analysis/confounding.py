@@ -19,7 +19,6 @@ from ldbb_bayes.model.information import NOISE, Information
 __all__ = ["Confounding"]
 
 Array = NDArray[Any]
-_TENTH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +78,8 @@ class Confounding:
         """d ln sd(β) / d ln(prior scale of the term), each shape (p,); parameters' own priors and reading noise too."""
         return self.information.contributions()
 
-    @cached_property
-    def unseen_share(self) -> Array:
-        """Share of the variance along directions in which the priors outweigh the readings tenfold, shape (p,).
+    def unseen_share(self, least: float = 1.0) -> Array:
+        """Share of the variance along directions in which the readings add less than ``least`` times the prior, shape (p,).
 
         Directions of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors of the
         whitened design, along which the readings add the squared singular value to a prior precision of one.
@@ -91,4 +89,4 @@ class Confounding:
         _, singular, right = np.linalg.svd(np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False)
         gain = singular[:, None] ** 2
         parts = right[:, self.information.own] ** 2 / (1.0 + gain)
-        return np.asarray(np.where(gain < _TENTH, parts, 0.0).sum(axis=0) / parts.sum(axis=0))
+        return np.asarray(np.where(gain < least, parts, 0.0).sum(axis=0) / parts.sum(axis=0))

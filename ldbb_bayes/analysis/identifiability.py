@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from ldbb_bayes.analysis.confounding import Confounding
 from ldbb_bayes.analysis.identified import Direction, Identifiability, ParameterIdentifiability
-from ldbb_bayes.analysis.verdict import verdict_of
+from ldbb_bayes.analysis.verdict import TENTH, verdict_of
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.origin import bound_of, draws_of
 from ldbb_bayes.inference.quadrature import HyperPosterior
@@ -108,7 +108,7 @@ def _parameters(
     confounding = Confounding(information)
     covariance = information.covariance()
     own, proper = information.own, not information.flat
-    unseen = confounding.unseen_share if proper else np.zeros(len(own))
+    unseen = np.stack([confounding.unseen_share(least) if proper else np.zeros(len(own)) for least in (1.0, TENTH)])
     root, _ = information.root()
     precision = (root**2).sum(axis=0)
     correlation = _correlation(information, covariance)
@@ -123,7 +123,7 @@ def _parameters(
         largest = others.reindex(others.abs().sort_values(ascending=False).index)[:_SHOWN]
         rivals = {name: float(others[name] ** 2) for name in bound.names if name != parameter.name}
         mine = tuple(d for d in found if parameter.name in d.parameters)
-        verdict = verdict_of(confounding, i, rivals, float(unseen[i]), 1.0 - ratio, mine)
+        verdict = verdict_of(confounding, i, rivals, unseen[:, i], 1.0 - ratio, mine)
         entries[parameter.name] = ParameterIdentifiability(
             parameter.name,
             parameter.unit,
@@ -138,7 +138,7 @@ def _parameters(
             {source: float(values[i]) for source, values in confounding.sensitivity.items()},
             float(covariance[k, k] * precision[k]),
             {str(name): float(value) for name, value in largest.items()},
-            float(unseen[i]),
+            float(unseen[0, i]),
             verdict,
         )
     return entries

@@ -49,7 +49,7 @@ class ParameterIdentifiability:
     correlations : mapping of name to float
         The largest posterior correlations with parameters and nuisances.
     unseen_share : float
-        Share of the variance along directions in which the priors outweigh the readings tenfold.
+        Share of the variance along directions in which the priors outweigh the readings.
     verdict : Verdict
     """
 

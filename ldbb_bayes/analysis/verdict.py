@@ -5,15 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.confounding import Confounding
 from ldbb_bayes.model.degeneracies import Degeneracy
 from ldbb_bayes.units import display_name
 
-__all__ = ["Verdict", "term_words", "verdict_of"]
+__all__ = ["TENTH", "Verdict", "term_words", "verdict_of"]
 
+Array = NDArray[Any]
 Word = Literal["identified", "prior-limited", "aliased"]
+TENTH = 0.1
 _HALF = 0.5
 _CONTRACTED = 0.75
 _NAMED = 0.05
@@ -26,9 +30,9 @@ class Verdict:
     The rule, in this order:
 
     1. *aliased*, when a nuisance that the model leaves out looks exactly like it: nothing bounds it then.
-    2. *aliased*, when more than half of its variance lies along directions in which the priors outweigh the readings tenfold, and
-       more than half would vanish if something else were known: the nuisance terms, and with them the parameters that no reading
-       tells it from; or, where no nuisance counts, the parameter it is correlated with most.
+    2. *aliased*, when more than half of its variance lies along directions in which the priors outweigh the readings, and more
+       than half would vanish if something else were known: the nuisance terms, and with them the parameters that no reading
+       tells it from; or, where the priors outweigh the readings tenfold, the parameter it is correlated with most.
     3. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of the prior sd.
     4. *identified* otherwise.
 
@@ -36,8 +40,8 @@ class Verdict:
     ----------
     word : {"identified", "prior-limited", "aliased"}
     partners : tuple of str
-        Terms (then parameters) that it cannot be told from, the heaviest first. Partners of an identified parameter are terms
-        that look exactly like it in part and hold at least 5 % of its variance.
+        Terms (then parameters) that it cannot be told from, the heaviest first; of a parameter that is not aliased the terms
+        that hold at least 5 % of its variance all the same.
     share : mapping of partner to float
         Of the variance; what the model leaves out has none.
     """
@@ -64,11 +68,15 @@ def verdict_of(
     confounding: Confounding,
     i: int,
     rivals: Mapping[str, float],
-    unseen: float,
+    unseen: Array,
     contraction: float,
     mine: tuple[Degeneracy, ...],
 ) -> Verdict:
-    """See `Verdict` for the rule. ``rivals``: squared correlations with the other parameters; ``mine``: its degeneracies."""
+    """See `Verdict` for the rule.
+
+    ``rivals``: squared correlations with the other parameters; ``unseen``: share of the variance where the priors outweigh the
+    readings, once and tenfold; ``mine``: its degeneracies.
+    """
     share = {term: float(values[i]) for term, values in confounding.fraction.items()} | dict(rivals)
     shared = confounding.information.shared_terms
     heavy = tuple(sorted((t for t in shared if share[t] > _NAMED), key=lambda t: -share[t]))
@@ -77,14 +85,14 @@ def verdict_of(
     left_out = tuple(dict.fromkeys(d.term for d in mine if not d.modelled))
     if left_out:
         return Verdict("aliased", (*left_out, *exact), share)
-    if unseen > _HALF:
-        twins = sorted({n for d in mine if not d.term for n in d.parameters if n in rivals}, key=lambda n: -rivals[n])
-        nearest = [n for n in (max(rivals, key=lambda n: rivals[n], default=""),) if n and not twins and not heavy]
-        for partners, named in (((*shared, *twins), (*(exact or heavy), *twins)), (nearest, nearest)):
-            told = tuple(name for name in named if share[name] > _NAMED)
-            if told and confounding.lost_by_knowing(partners)[i] > _HALF:
-                return Verdict("aliased", told, share)
-    return Verdict("prior-limited" if contraction < _CONTRACTED else "identified", exact, share)
+    twins = sorted({n for d in mine if not d.term for n in d.parameters if n in rivals}, key=lambda n: -rivals[n])
+    told = tuple(name for name in (*(exact or heavy), *twins) if share[name] > _NAMED)
+    if unseen[0] > _HALF and told and confounding.lost_by_knowing((*shared, *twins))[i] > _HALF:
+        return Verdict("aliased", told, share)
+    rival = max(rivals, key=lambda n: rivals[n], default="")
+    if unseen[1] > _HALF and rival and rivals[rival] > _HALF:
+        return Verdict("aliased", (rival,), share)
+    return Verdict("prior-limited" if contraction < _CONTRACTED else "identified", heavy, share)
 
 
 def term_words(term: str) -> str:

@@ -17,6 +17,7 @@ from ldbb_bayes.model.degeneracies import Degeneracy, degeneracies, joined
 __all__ = ["cures"]
 
 _FULL_DEG = 355.0
+_MANY = 36
 _CALIBRATIONS: Mapping[str, str] = {
     "BallForm": "a calibration of the balls' form",
     "BarLength": "a calibration of the bar's length",
@@ -47,10 +48,12 @@ def _with_tests(bound: BoundModel, tests: Sequence[CircularTest]) -> BoundModel:
 
 
 def _same(one: Degeneracy, other: Degeneracy) -> bool:
-    """Whether another plan still has it: the same term, in the same pattern, and a parameter in common."""
-    if one.term != other.term or not set(one.parameters) & set(other.parameters):
+    """Whether another plan still has it: the nuisance in the same pattern, or parameters two of which it shares."""
+    if one.term != other.term:
         return False
-    return not one.term or _order(one.nuisances[0]) == _order(other.nuisances[0])
+    if one.term:
+        return _order(one.nuisances[0]) == _order(other.nuisances[0])
+    return len(set(one.parameters) & set(other.parameters)) >= min(2, len(one.parameters))
 
 
 def _further_tests(plan: Campaign) -> dict[str, list[CircularTest]]:
@@ -66,16 +69,16 @@ def _further_tests(plan: Campaign) -> dict[str, list[CircularTest]]:
             if work or tool or turn == 45.0
         ]
 
-    new_force = _force(last) * 0.6 if plan.force_levels == 1 else 0.5 * (_force(first) + _force(last)) * 1.037
+    levels = [round(factor * _force(test), 3) for factor, test in ((0.5, first), (1.5, last))]
     further = {
-        "another force level": [replace(first, force_N=new_force, pressure_bar=None)],
+        "other force levels": [replace(first, force_N=level, pressure_bar=None) for level in levels],
         "clocking the work ball (0/45/90°)": again(1.0, 0.0),
         "clocking the tool ball (0/45/90°)": again(0.0, 1.0),
         "clocking both balls (0/45/90°)": again(1.0, 1.0),
         "a second radius": [replace(test, radius_mm=round(radius * 2.0 / 3.0, 1)) for test in plan.tests],
     }
-    if min(test.arc_deg for test in plan.tests) < _FULL_DEG:
-        further["full circles"] = [replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests]
+    if any(test.arc_deg < _FULL_DEG or len(np.unique(np.round(test.angle_deg % 360.0, 6))) < _MANY for test in plan.tests):
+        further["full circles of more readings"] = [replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests]
     return further
 
 

@@ -28,6 +28,7 @@ Array = NDArray[Any]
 _ANGLES = 240
 _NEGLIGIBLE = 0.02
 _COMPANY = 3
+_HIDDEN = 1e-3
 _SMALL = 0.01
 _MICROMETRE = 1e-3
 _NATURAL: Mapping[str, tuple[float, str]] = {"ForceError": (0.01, "1 % of force gain")}
@@ -176,11 +177,10 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
     """Degeneracies with effects that are not terms of the model, and what is told apart by force alone, in sentences."""
     said = []
     cross = [display_name(name.label) for name in bound.compliances if name.kind == "cross"]
-    directions = {test.direction for test in bound.campaign.tests}
-    if cross and not {"CW", "CCW"} <= directions:
+    if cross and _friction_is_hidden(bound):
         said.append(
             f"Friction in the bar or lost motion in proportion to force looks exactly like {joined(cross)} "
-            "in circles of one direction. Run both directions."
+            "in these directions. Run both directions at the same forces."
         )
     direct = [display_name(name.label) for name in bound.compliances if name.kind == "direct"]
     if bound.model.degree and len(direct) == 2:
@@ -188,9 +188,22 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
             f"A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {joined(direct)}."
         )
     rotary = [display_name(name.label) for name in bound.compliances if name.kind == "rotation_for_moment"]
-    if rotary and any(d.term == "BallForm" for d in found) and bound.campaign.force_levels > 1:
+    once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1 and bound.campaign.force_levels > 1
+    four = any(name.endswith(("cos4", "sin4")) for d in found for name in d.nuisances)
+    if rotary and once and not four and any(d.term == "BallForm" for d in found):
         said.append(f"{rotary[0]} and the 4-lobe form of the balls are told apart by force alone.")
     return tuple(said)
+
+
+def _friction_is_hidden(bound: BoundModel) -> bool:
+    """Whether a pattern like the cross compliance, turned with the direction of travel, is one of the parameters' own."""
+    by_name = {test.name: test for test in bound.campaign.tests}
+    sign = np.array([-1.0 if by_name[name].direction == "CCW" else 1.0 for name in bound.test_names])
+    cross = [j for j, name in enumerate(bound.compliances) if name.kind == "cross"]
+    columns = _effects(bound, np.concatenate([bound.interest, bound.interest[:, :, cross] * sign[:, None, None]], axis=2))
+    own, turned = columns[:, : len(bound.names)] * bound.scale, columns[:, len(bound.names) :]
+    rest = turned - own @ np.linalg.lstsq(own, turned, rcond=1e-10)[0]
+    return bool((np.abs(rest).max(axis=0) < _HIDDEN * np.abs(turned).max(axis=0)).any())
 
 
 def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array]:
@@ -217,8 +230,9 @@ def _effects(bound: BoundModel, values: Array) -> Array:
     by_name = {test.name: test for test in bound.campaign.tests}
     for r, name in enumerate(bound.test_names):
         angle = by_name[name].angles_rad()
+        angle = np.unique(np.round(np.remainder(angle, 2.0 * np.pi), 9))
         if len(angle) > _ANGLES:
-            angle = angle[np.linspace(0, len(angle) - 1, _ANGLES).astype(int)]
+            angle = np.random.default_rng(0).choice(angle, _ANGLES, replace=False)
         rows.append(basis(angle) @ values[r])
     return np.concatenate(rows)
 

@@ -13,6 +13,7 @@ Array = NDArray[Any]
 _CUTS = (0.02, 1e-3, 1e-5, 0.0)
 _OF_ITSELF = 0.05
 _STRICT = 0.5
+_EXACTLY = 0.05
 
 
 class NullSpace:
@@ -26,14 +27,16 @@ class NullSpace:
     def sparse(self) -> list[Array]:
         """A basis of the null space.
 
-        First what parameters do among themselves, then every nuisance that the other parameters imitate by themselves, then
-        what is left of the null space. Each vector has a pivot that the others lack.
+        Nuisances that no reading sees by themselves are left aside. First what parameters do among themselves, then every
+        nuisance that the other parameters imitate by themselves, then what is left of the null space. Each vector has a pivot
+        that the others lack.
         """
         own = np.arange(self.p)
-        every = np.arange(self.scaled.shape[1])
+        seen = np.abs(self.scaled).max(axis=0) > self.limit
+        every = np.flatnonzero(seen | (np.arange(len(seen)) < self.p))
         found = self._independent(own, own < self.p)
         own = np.setdiff1d(own, list(found))
-        for j in every[self.p :]:
+        for j in every[every >= self.p]:
             vector = self._imitation(int(j), own)
             if vector is not None:
                 found[int(j)] = vector
@@ -60,9 +63,10 @@ class NullSpace:
     def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
         """One of the target and the least of the others that undo it, or None when they cannot."""
         solved = self._undone(target, others)
-        if np.abs(self.scaled @ solved).max() > self.limit * np.linalg.norm(solved):
-            return None
+        change = np.abs(self.scaled @ solved).max()
         effect = np.abs(self.scaled * solved).max(axis=0)
+        if change > self.limit * np.linalg.norm(solved) or change > _EXACTLY * effect[target]:
+            return None
         for cut in _CUTS:
             vector = self._undone(target, others[effect[others] > cut * effect.max()])
             if np.abs(self.scaled @ vector).max() <= _STRICT * self.limit:

@@ -65,7 +65,7 @@ def test_two_parameters_at_any_noise() -> None:
 def test_near_collinear_designs_are_graded(angle: float) -> None:
     """The share of E's variance where priors outweigh readings tenfold falls as the columns come apart; nothing breaks."""
     information = two(angle)
-    unseen = Confounding(information).unseen_share[0]
+    unseen = Confounding(information).unseen_share()[0]
     fraction = Confounding(information).fraction["BallForm"][0]
     expected = np.linalg.inv(np.diag([0.01, 0.25]) + information.design[0].T @ information.design[0])[0, 0]
     assert information.variances()[0] * 100.0 == pytest.approx(expected, rel=1e-6)
@@ -227,6 +227,17 @@ def test_clocking_both_balls_ends_the_alias() -> None:
     half = lb.identify(LINEAR, clocked(((0.0, 0.0), (180.0, 180.0)))).parameters
     assert half["E_C0YX"].verdict.word == "aliased"
     assert half["E_YX2"].verdict.word == "identified"
+
+
+@pytest.mark.parametrize(("turn", "word"), [(0.0, "aliased"), (1.0, "aliased"), (5.0, "aliased"), (20.0, "identified")])
+def test_the_partner_is_always_named(turn: float, word: str) -> None:
+    """From no clocking to enough of it: form holds most of the variance of E_C(0Y)X long before it is told apart, and after."""
+    angle = np.arange(60) * 6.0
+    tests = [lb.CircularTest(f, angle, work_ball_deg=p, tool_ball_deg=p) for p in (0.0, turn) for f in (36.0, 390.0, 742.0)]
+    entry = lb.identify(LINEAR, lb.Campaign(tuple(tests))).parameters["E_C0YX"]
+    assert entry.verdict.word == word
+    assert entry.verdict.partners[0] == "BallForm"
+    assert entry.confounding["BallForm"] > 0.5
 
 
 def test_near_collinear_plans_are_never_called_identified() -> None:

@@ -178,7 +178,12 @@ def test_cures_are_found_by_trying() -> None:
     lonely = lb.HybridModel.default(0).bind(plan((40,), forces_N=(300.0,)))
     every = degeneracies(lonely)
     cure = dict(zip([d.nuisances[0] for d in every if d.term], cures(lonely, every), strict=False))
-    assert "nother force level" in cure["form_cos4"]
+    assert cure["form_cos4"].startswith("Other force levels")
+    assert "force levels" not in cure["form_cos2"]
+    near = lb.HybridModel.default(0).bind(plan((40, 40), forces_N=(390.0, 390.1)))
+    every = degeneracies(near)
+    cure = dict(zip([d.parameters for d in every], cures(near, every), strict=True))
+    assert "Other force levels" in cure["C_XXX", "E_XX1"]
 
 
 def test_sentences_name_the_partner_and_the_cure(recovered: lb.Campaign) -> None:
@@ -194,8 +199,8 @@ def test_sentences_name_the_partner_and_the_cure(recovered: lb.Campaign) -> None
         "Calibrate the force.",
     )
     assert standing_degeneracies(bound, every) == (
-        "Friction in the bar or lost motion in proportion to force looks exactly like C_XYX in circles of one direction. "
-        "Run both directions.",
+        "Friction in the bar or lost motion in proportion to force looks exactly like C_XYX in these directions. "
+        "Run both directions at the same forces.",
         "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of C_XXX and C_YYY.",
         "C_CCY and the 4-lobe form of the balls are told apart by force alone.",
     )
@@ -206,6 +211,51 @@ def test_what_the_model_leaves_out_is_said_too(recovered: lb.Campaign) -> None:
     assert not any(d.modelled for d in every)
     assert "the model leaves it out, and the intervals do not cover it" in every[0].statement
     assert all("The model leaves it out: the intervals do not cover it." in sentence for sentence in sentences(every)[:4])
+
+
+@pytest.mark.parametrize("readings", [9, 12, 20, 24])
+def test_what_no_reading_sees_has_no_partner(readings: int) -> None:
+    """sin 12θ is zero at 24 uniform angles: that is not a likeness with compliances that are zero as well."""
+    campaign = plan((readings,) * 4)
+    for degeneracy in degeneracies(lb.HybridModel.default(1).bind(campaign)):
+        largest = max(abs(change) for change in degeneracy.combination.values())
+        assert largest < 1.0
+        assert exact_change_um(campaign, replace(degeneracy, combination=lead_of(degeneracy))) > 0.024
+    bare = degeneracies(lb.HybridModel.default(1).without("ball-form").bind(plan((24,) * 4)))
+    assert {name for d in bare if d.term == "BallForm" for name in d.parameters}.isdisjoint({"C_XXX", "C_YYY", "C_CCY"})
+
+
+def lead_of(degeneracy: Degeneracy) -> dict[str, float]:
+    """The first coefficient alone, at the length of one prior sd along the whole."""
+    name = next(iter(degeneracy.combination))
+    return {name: degeneracy.combination[name]}
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_likenesses_hold_at_the_amount_stated(recovered: lb.Campaign, degree: int) -> None:
+    """What is left over is at most a twentieth of what the nuisance does."""
+    for degeneracy in degeneracies(lb.HybridModel.default(degree).bind(recovered)):
+        lead = exact_change_um(recovered, replace(degeneracy, combination=lead_of(degeneracy)))
+        assert degeneracy.change_um < 0.05 * lead, degeneracy.statement
+
+
+@pytest.mark.parametrize("readings", [3585, 3586, 3600])
+def test_several_turns_of_the_same_angles(readings: int) -> None:
+    angle = np.arange(readings) * 3.0
+    campaign = lb.Campaign(tuple(lb.CircularTest(f, angle) for f in (36.0, 390.0, 742.0)))
+    assert len(degeneracies(lb.HybridModel.default(1).without("ball-form").bind(campaign))) == 7
+
+
+def test_both_directions_at_the_same_forces_show_friction() -> None:
+    angle = np.arange(40) * 9.0
+
+    def notes(pairs: tuple[tuple[float, str], ...]) -> bool:
+        bound = lb.HybridModel.default(0).bind(lb.Campaign(tuple(lb.CircularTest(f, angle, direction=d) for f, d in pairs)))
+        return any("Friction" in note for note in standing_degeneracies(bound, degeneracies(bound)))
+
+    assert notes(((36.0, "CW"), (742.0, "CW")))
+    assert notes(((36.0, "CW"), (742.0, "CCW")))
+    assert not notes(((36.0, "CW"), (36.0, "CCW"), (742.0, "CW"), (742.0, "CCW")))
 
 
 def test_another_machine_and_plane() -> None:
