@@ -80,7 +80,7 @@ class Degeneracy:
             verb, said = "looks exactly like", looks + self._difference({name: -change for name, change in changes.items()})
         else:
             subject = joined([_change_words(name, change, self.units[name]) for name, change in changes.items()])
-            verb, said = "together change" if len(changes) > 1 else "changes", "no reading"
+            verb, said = "together change", "no reading"
         left_out = "" if self.modelled else "; the model leaves it out, and the intervals do not cover it"
         return f"{subject} {verb} {said}{left_out}."
 
@@ -150,8 +150,7 @@ def sentences(found: Sequence[Degeneracy]) -> tuple[str, ...]:
         if not term:
             for member in members:
                 together = joined([display_name(name) for name in member.parameters])
-                alone = "changes no reading as far as its prior lets it"
-                said.append(f"{together} {alone if len(member.parameters) == 1 else 'cannot be told apart by these readings'}.")
+                said.append(f"{together} cannot be told apart by these readings.")
             continue
         alike: dict[tuple[str, ...], list[str]] = {}
         for member in members:
@@ -232,7 +231,7 @@ def _effects(bound: BoundModel, values: Array) -> Array:
         angle = by_name[name].angles_rad()
         angle = np.unique(np.round(np.remainder(angle, 2.0 * np.pi), 9))
         if len(angle) > _ANGLES:
-            angle = np.random.default_rng(0).choice(angle, _ANGLES, replace=False)
+            angle = angle[np.linspace(0, len(angle) - 1, _ANGLES).astype(int)]
         rows.append(basis(angle) @ values[r])
     return np.concatenate(rows)
 

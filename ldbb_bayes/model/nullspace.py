@@ -68,7 +68,7 @@ class NullSpace:
         if change > self.limit * np.linalg.norm(solved) or change > _EXACTLY * effect[target]:
             return None
         for cut in _CUTS:
-            vector = self._undone(target, others[effect[others] > cut * effect.max()])
+            vector = np.where(effect > cut * effect.max(), solved, 0.0)
             if np.abs(self.scaled @ vector).max() <= _STRICT * self.limit:
                 return vector
         return solved
