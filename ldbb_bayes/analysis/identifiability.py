@@ -33,6 +33,7 @@ Array = NDArray[Any]
 
 _HALF = 0.5
 _SHOWN = 3
+_ROUNDING = 1e-12
 
 
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
@@ -182,7 +183,9 @@ def _alias_matrix(information: Information, rows: Array) -> pd.DataFrame:
     every = np.concatenate(information.design)
     moved = [least_squares(rows, every[:, j] * information.scale[j], information.scale[own]) for j in others]
     names = [information.names[i] for i in own]
-    return pd.DataFrame(np.array(moved).reshape(len(others), len(own)).T, names, [information.names[j] for j in others])
+    table = np.array(moved).reshape(len(others), len(own)).T
+    table[np.abs(table) < _ROUNDING * information.scale[own, None]] = 0.0
+    return pd.DataFrame(table, names, [information.names[j] for j in others])
 
 
 def _correlation(information: Information, covariance: Array) -> pd.DataFrame:

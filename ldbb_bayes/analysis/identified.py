@@ -69,6 +69,10 @@ class ParameterIdentifiability:
     unseen_share: float
     verdict: Verdict
 
+    def __repr__(self) -> str:
+        factor, unit = display_unit(self.unit)
+        return f"{self.name}: sd {self.sd * factor:.2g} {unit}, {self.text}"
+
     @property
     def text(self) -> str:
         """The verdict in words."""
@@ -211,7 +215,7 @@ class Identifiability:
             table,
             "",
             self.basis,
-            f"Effective number of parameters: {self.effective_parameters:.1f} of {len(self.parameters)}.",
+            f"Effective number of parameters, against the priors: {self.effective_parameters:.1f} of {len(self.parameters)}.",
         ]
         if self.degeneracies:
             lines += ["", "What no reading of this campaign can tell apart:"]

@@ -126,7 +126,7 @@ def _test_remarks(
     test: CircularTest, campaign: Campaign, travel: str | None, gap: float, noise: float | None, start_end: float | None
 ) -> list[str]:
     found = []
-    if test.direction and travel and test.direction != travel:
+    if not campaign.is_plan and test.direction and travel and test.direction != travel:
         found.append(f"stated {test.direction}, but the angles run {travel}")
     if test.arc_deg < _FULL:
         found.append(f"arc of {test.arc_deg:.0f}° only: harmonics mix")

@@ -56,9 +56,8 @@ class Verdict:
         named = [f"{term_words(partner)} ({self._share(partner)})" for partner in self.partners]
         if self.word == "aliased":
             return "aliased with " + " and ".join(named)
-        words = {"identified": "from the readings", "prior-limited": "mostly the prior"}[self.word]
         plain = ", ".join(f"{term_words(partner)} {self._share(partner)}" for partner in self.partners)
-        return f"{words} ({plain})" if plain else words
+        return f"{self.word} ({plain})" if plain else self.word
 
     def _share(self, partner: str) -> str:
         return f"{100.0 * self.share[partner]:.0f} %" if partner in self.share else "left out"

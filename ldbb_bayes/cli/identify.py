@@ -63,6 +63,7 @@ def identify(
         print_json(record)
         return
     console = reading_console()
+    console.print(f"Compliance {('constant', 'linear', 'quadratic')[chosen.degree]} in force.")
     console.print(identifiability_table(result))
     console.print()
     for line in identifiability_lines(result):

@@ -117,7 +117,8 @@ def identifiability_lines(result: Identifiability) -> list[str]:
     """What the table rests on, the degeneracies with their cures, and the standing ones."""
     lines = [
         result.basis,
-        f"The readings determine {result.effective_parameters:.1f} of {len(result.parameters)} parameters; condition number "
+        f"Effective number of parameters {result.effective_parameters:.1f} of {len(result.parameters)} (what the readings narrow "
+        "against the priors; an aliased parameter may be narrowed and still not known); condition number of their design "
         f"{result.condition_number:.2g} as it stands, {result.scaled_condition_number:.2g} in units of the prior sd.",
         "Contraction 1 − (sd / prior sd)²; a term's share is what knowing it would take from the variance.",
     ]

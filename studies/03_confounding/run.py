@@ -113,8 +113,8 @@ def draw(results: dict[str, Any]) -> Figure:
         axes.set_xlabel(f"sd ({SHOWN[name][1]})", fontsize=8)
         axes.tick_params(labelsize=7)
     figure.suptitle(
-        "Top: 95 % intervals by model; red line: published. Bottom: predicted sd of the same six circles by plan; "
-        "red: aliased, green: identified",
+        "Top: 95 % intervals by model; orange line: published. Bottom: predicted sd of the same six circles by plan; "
+        "orange: aliased, green: identified",
         fontsize=9,
     )
     return figure
@@ -151,8 +151,12 @@ def main() -> None:
     for name, entry in results["parameters"].items():
         values = [f"{label} {entry[label]['mean']:.3g} ± {entry[label]['sd']:.2g}" for label in FITS]
         print(f"{name}: {'; '.join(values)} {entry['unit']}")
+    for label, plan in results["plans"].items():
+        values = [f"{name} {plan[name]['sd']:.3g} {SHOWN[name][1]}" for name in NAMES]
+        print(f"{label}: predicted sd {', '.join(values)}")
     if wrong:
         sys.exit("Not reproduced:\n" + "\n".join(wrong))
+    print("Reproduced.")
 
 
 if __name__ == "__main__":

@@ -185,7 +185,7 @@ def test_verdicts_of_a_posterior(recovered: lb.Campaign) -> None:
     tree = lb.sample(LINEAR, recovered, rule=StoppingRule(ess=300.0, lengths=1.0))
     found = lb.verdicts(tree)
     assert re.fullmatch(r"aliased with ball form \(\d\d %\)", found["E_C0YX"].text)
-    assert found["C_XYX"].text == "from the readings"
+    assert found["C_XYX"].text == "identified"
     draws = tree["posterior"]["C_XXX"].to_numpy()
     assert found["C_XXX"].sd == pytest.approx(draws.std())
     assert found["C_XXX"].contraction == pytest.approx(1.0 - draws.var() / tree["prior"]["C_XXX"].to_numpy().var())
@@ -195,7 +195,7 @@ def test_what_the_prior_decides_is_called_so() -> None:
     """A prior far narrower than the readings can tell leaves nothing to them."""
     model = replace(lb.HybridModel.default(0), prior=replace(lb.Prior.default(), cross_mm_per_N=1e-8))
     entry = lb.identify(model, plan()).parameters["C_XYX"]
-    assert (entry.verdict.word, entry.text) == ("prior-limited", "mostly the prior")
+    assert (entry.verdict.word, entry.text) == ("prior-limited", "prior-limited")
     assert entry.contraction < 0.2
     assert entry.overlap > 0.8
 

@@ -42,7 +42,7 @@ def test_demo_says_what_it_found(demo: tuple[Path, str]) -> None:
         "± U (k = 2)",
         "N/µm",
         "aliased with ball form",
-        "from the readings",
+        "identified",
     ):
         assert expected in words
     assert "With constant compliance C_XXX = 0.05" in words
