@@ -146,10 +146,10 @@ def _parameters(
 
 
 def overlap(mean: float, sd: float) -> float:
-    """Area common to N(0, 1) and N(mean, sd²)."""
+    """Area common to N(0, 1) and N(mean, sd²), 0 … 1; mean and sd in units of the prior sd."""
     if abs(sd - 1.0) < 1e-9:
         return float(2.0 * ndtr(-abs(mean) / 2.0))
-    # The densities cross where x² (1 − sd²) − … = 0: (x − mean)² / sd² + 2 ln sd = x².
+    # The densities cross where (x − mean)² / sd² + 2 ln sd = x².
     a, b, c = 1.0 / sd**2 - 1.0, -2.0 * mean / sd**2, mean**2 / sd**2 + 2.0 * np.log(sd)
     low, high = sorted(((-b - np.sqrt(b * b - 4 * a * c)) / (2 * a), (-b + np.sqrt(b * b - 4 * a * c)) / (2 * a)))
     wide = ndtr(high) - ndtr(low)

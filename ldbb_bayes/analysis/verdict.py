@@ -73,8 +73,8 @@ def verdict_of(
 ) -> Verdict:
     """See `Verdict` for the rule.
 
-    ``rivals``: squared correlations with the other parameters; ``unseen``: share of the variance where the priors outweigh the
-    readings, once and tenfold; ``mine``: its degeneracies.
+    ``i``: its number among the parameters; ``rivals``: squared correlations with the other parameters; ``unseen``: shares of the
+    variance where the priors outweigh the readings, once and tenfold, shape (2,); ``mine``: its degeneracies.
     """
     share = {term: float(values[i]) for term, values in confounding.fraction.items()} | dict(rivals)
     shared = confounding.information.shared_terms

@@ -66,7 +66,6 @@ def _further_tests(plan: Campaign) -> dict[str, list[CircularTest]]:
             replace(test, work_ball_deg=test.work_ball_deg + work * turn, tool_ball_deg=test.tool_ball_deg + tool * turn)
             for test in plan.tests
             for turn in (45.0, 90.0)
-            if work or tool or turn == 45.0
         ]
 
     levels = [round(factor * _force(test), 3) for factor, test in ((0.5, first), (1.5, last))]

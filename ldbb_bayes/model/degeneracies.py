@@ -1,8 +1,9 @@
 """What a campaign or plan cannot tell apart whatever the readings: the null space of its joint design, and what would end it.
 
 Columns are all parameters of interest and all shared nuisances, modelled or not, without priors. A combination is degenerate
-when one prior sd along it changes no reading by more than a tenth of the readout's resolution. The null space is brought to
-a sparse form: one nuisance each, and the parameters that imitate it.
+when one prior sd along it changes no reading by more than a tenth of the readout's resolution, and by no more than a twentieth
+of what its first coefficient does. The null space is brought to a sparse form: one nuisance each, and the parameters that
+imitate it.
 """
 
 from __future__ import annotations

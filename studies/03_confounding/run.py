@@ -102,7 +102,8 @@ def draw(results: dict[str, Any]) -> Figure:
         axes.axhline(entry["published"], color="#D55E00", linewidth=1.0)
         axes.set_xticks([0, 1, 2], ["white\nnoise", "no\nform", "with\nform"])
         axes.set_xlim(-0.6, 2.6)
-        axes.set_title(f"{name}\n({entry['unit']})", fontsize=9)
+        shown = name.replace("E_C0YX", "E_C(0Y)X")
+        axes.set_title(f"{shown}\n({entry['unit']})", fontsize=9)
         axes.tick_params(labelsize=7)
     for axes, name in zip(panels[1], NAMES, strict=True):
         sds = [plan[name]["sd"] for plan in results["plans"].values()]

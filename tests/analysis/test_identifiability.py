@@ -122,7 +122,7 @@ def test_confounding_fraction_by_the_oracle(planned: lb.Campaign, term: str, nam
         terms = tuple(t for t in ("form", "length", "mount", "force", "setup", "discrepancy") if t != name)
         known = np.diag(oracle_of(campaign, 1, terms=terms).given(PHI)[2])
     found = Confounding(information_of(bound, PHI)).fraction[term]
-    np.testing.assert_allclose(found, np.clip(1.0 - known / every, 0.0, 1.0), atol=1e-5)
+    np.testing.assert_allclose(found, np.clip(1.0 - known / every, 0.0, 1.0), atol=1e-6)
 
 
 # The recovered experiment
