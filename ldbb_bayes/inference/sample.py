@@ -328,6 +328,7 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
         "sha256": model_sha256(bound.model),
         "toml": model_to_toml(bound.model),
         "prior_sd": finite,
+        "fixed": list(bound.model.fixed),
         "groups": {p.name: p.group for p in bound.parameters},
     }
 

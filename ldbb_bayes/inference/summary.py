@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.origin import record_of
 from ldbb_bayes.inference.posterior import diagnose
+from ldbb_bayes.model.terms import HYPERS
 
 __all__ = ["check_probability", "result_json", "summarize"]
 
 Array = NDArray[Any]
-_HYPERS = ("sigma", "delta", "kappa", "tau")
 
 
 def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
@@ -73,7 +73,7 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
     parameters: dict[str, Any] = {}
     hyper: dict[str, Any] = {}
     for name, variable in posterior["posterior"].data_vars.items():
-        is_hyper = name in _HYPERS
+        is_hyper = name in HYPERS
         factor = 1e3 if is_hyper else 1.0
         numbers = _numbers(variable.to_numpy() * factor, ci_prob)
         known = prior_sd[str(name)]

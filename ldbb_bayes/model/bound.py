@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.jacobian import (
     ComplianceName,
     geometric_jacobian,
@@ -45,12 +45,19 @@ _PLANNED_COMPLIANCE = 5e-5
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of interest: name, unit, prior sd (infinite when flat) and group."""
+    """One parameter of interest: name, unit, prior sd (infinite when flat), group, and of a compliance the power of force it
+    goes with."""
 
     name: str
     unit: str
     prior_sd: float
     group: Group
+    degree: int = 0
+
+    @property
+    def compliance(self) -> str:
+        """The compliance that a slope belongs to: C_XXX for C_XXX_1."""
+        return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
 
 
 class BoundModel:
@@ -88,8 +95,11 @@ class BoundModel:
         self.geometric_errors: tuple[str, ...] = geometric_names(machine)
         reduced = tuple(_reduced(test, plan=campaign.is_plan) for test in campaign.tests)
         whole = _setting(model, campaign, self.compliances)
-        self.parameters = self._list_parameters(whole.force_range_N)
-        self.physical = Truncation(self._physical_rows(campaign, whole))
+        every = self._list_parameters(whole.force_range_N)
+        check_known("fixed parameter", model.fixed, [parameter.name for parameter in every])
+        self._free = np.array([parameter.name not in model.fixed for parameter in every])
+        self.parameters = tuple(parameter for parameter in every if parameter.name not in model.fixed)
+        self.physical = Truncation(self._physical_rows(campaign, whole.reference_force_N))
         self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.parameters))))
         whole = replace(whole, compliance_estimate=self._estimate(whole, reduced))
         rows = _rows(campaign, keep)
@@ -108,6 +118,16 @@ class BoundModel:
         """Names of the parameters of interest."""
         return tuple(parameter.name for parameter in self.parameters)
 
+    def compliance_at(self, force_N: float, *, reference_force_N: float | None = None) -> Array:
+        """Rows A with C(F) = A β, one per kept compliance, shape (compliances, p)."""
+        reference = self.setting.reference_force_N if reference_force_N is None else reference_force_N
+        labels = [name.label for name in self.compliances]
+        rows = np.zeros((len(labels), len(self.parameters)))
+        for column, parameter in enumerate(self.parameters):
+            if parameter.group != "geometric":
+                rows[labels.index(parameter.compliance), column] = (force_N - reference) ** parameter.degree
+        return rows
+
     @cached_property
     def prior_sd(self) -> Array:
         """Prior sd of the parameters, shape (p,); infinite when flat."""
@@ -116,7 +136,9 @@ class BoundModel:
     @cached_property
     def scale(self) -> Array:
         """Typical size of every parameter, shape (p,): its prior sd, or the default prior's when flat."""
-        return self.prior_sd if not self.model.prior.flat else self._sd_of(Prior.default(), self.setting.force_range_N)
+        if not self.model.prior.flat:
+            return self.prior_sd
+        return self._sd_of(Prior.default(), self.setting.force_range_N)[self._free]
 
     @cached_property
     def centre(self) -> Array:
@@ -200,7 +222,7 @@ class BoundModel:
 
     def _interest(self, setting: Setting) -> Array:
         by_degree = Compliance(self.model.degree).columns(setting)
-        return np.concatenate([*by_degree, GeometricErrors().columns(setting)], axis=2)
+        return np.concatenate([*by_degree, GeometricErrors().columns(setting)], axis=2)[:, :, self._free]
 
     def _estimate(self, setting: Setting, reduced: Sequence[Reduced]) -> Array:
         """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, minimum norm in units of the prior sd."""
@@ -225,14 +247,14 @@ class BoundModel:
         sd = self._sd_of(self.model.prior, force_range_N)
         if self.model.prior.flat:
             sd = np.full(len(sd), np.inf)
-        names: list[tuple[str, str, Group]] = []
+        names: list[tuple[str, str, Group, int]] = []
         for k in range(self.model.degree + 1):
             group: Group = "slope" if k else "compliance"
             suffix = f"_{k}" if k else ""
-            names += [(c.label + suffix, compliance_unit(c, k), group) for c in self.compliances]
+            names += [(c.label + suffix, compliance_unit(c, k), group, k) for c in self.compliances]
         kinds = zip(self.geometric_errors, geometric_kinds(), strict=True)
-        names += [(name, geometric_unit(kind), "geometric") for name, kind in kinds]
-        parameters = tuple(Parameter(n, u, float(s), g) for (n, u, g), s in zip(names, sd, strict=True))
+        names += [(name, geometric_unit(kind), "geometric", 0) for name, kind in kinds]
+        parameters = tuple(Parameter(n, u, float(s), g, k) for (n, u, g, k), s in zip(names, sd, strict=True))
         self.model.prior.check_names([parameter.name for parameter in parameters])
         return parameters
 
@@ -241,24 +263,17 @@ class BoundModel:
         compliance = [prior.compliance_sd(self.compliances, k, force_range_N) for k in degrees]
         return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors, geometric_kinds())])
 
-    def _physical_rows(self, campaign: Campaign, setting: Setting) -> Array:
+    def _physical_rows(self, campaign: Campaign, reference_force_N: float) -> Array:
         """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind."""
-        p = len(self.parameters)
         forces = np.unique(campaign.forces_N)
         if self.model.degree == 0:
             forces = forces[:1]
         elif self.model.degree == 1:
             forces = forces[[0, -1]]
-        rows = []
-        for j, name in enumerate(self.compliances):
-            if name.kind not in ("direct", "rotation_for_moment"):
-                continue
-            for force in forces:
-                row = np.zeros(p)
-                for k in range(self.model.degree + 1):
-                    row[k * len(self.compliances) + j] = (force - setting.reference_force_N) ** k
-                rows.append(row)
-        return np.array(rows)
+        bounded = [j for j, name in enumerate(self.compliances) if name.kind in ("direct", "rotation_for_moment")]
+        at = [self.compliance_at(force, reference_force_N=reference_force_N) for force in forces]
+        rows = [tuple(rows[j]) for j in bounded for rows in at]
+        return np.array([row for row in dict.fromkeys(rows) if any(row)]).reshape(-1, len(self.parameters))
 
 
 def _check(model: HybridModel, campaign: Campaign) -> None:
@@ -314,6 +329,7 @@ def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[Complian
         reference_force_N=float((forces.min() + forces.max()) / 2.0) if reference is None else float(reference),
         force_range_N=float(forces.max() - forces.min()),
         two_balls=_clocked(clockings),
+        radii_mm=np.unique(np.array([test.radius_mm for test in campaign.tests], dtype=float)),
         compliance_estimate=np.zeros(len(compliances)),
         compensated=campaign.mount.compensated,
         deflection_um_per_bar=campaign.mount.deflection_um_per_bar,

@@ -183,7 +183,7 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
             "in these directions. Run both directions at the same forces."
         )
     direct = [display_name(name.label) for name in bound.compliances if name.kind == "direct"]
-    if bound.model.degree and len(direct) == 2:
+    if len(direct) == 2 and all(f"{label}_1" in bound.names for label in direct):
         said.append(
             f"A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {joined(direct)}."
         )
@@ -199,7 +199,8 @@ def _friction_is_hidden(bound: BoundModel) -> bool:
     """Whether a pattern like the cross compliance, turned with the direction of travel, is one of the parameters' own."""
     by_name = {test.name: test for test in bound.campaign.tests}
     sign = np.array([-1.0 if by_name[name].direction == "CCW" else 1.0 for name in bound.test_names])
-    cross = [j for j, name in enumerate(bound.compliances) if name.kind == "cross"]
+    labels = [name.label for name in bound.compliances if name.kind == "cross"]
+    cross = [j for j, name in enumerate(bound.names) if name in labels]
     columns = _effects(bound, np.concatenate([bound.interest, bound.interest[:, :, cross] * sign[:, None, None]], axis=2))
     own, turned = columns[:, : len(bound.names)] * bound.scale, columns[:, len(bound.names) :]
     rest = turned - own @ np.linalg.lstsq(own, turned, rcond=1e-10)[0]

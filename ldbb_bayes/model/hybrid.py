@@ -44,7 +44,6 @@ NUISANCES: Mapping[str, type[Nuisance]] = {
     "setup-shift": SetupShift,
     "discrepancy": Discrepancy,
 }
-_HYPER_OF: Mapping[type, Hyper] = {SetupShift: "delta", Discrepancy: "kappa", BallForm: "tau"}
 
 
 @dataclass(frozen=True)
@@ -61,6 +60,8 @@ class HybridModel:
         F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally.
     preset : {"default", "paper"}
         Where the model started from.
+    fixed : tuple of str
+        Parameters fixed at zero, for example ``("C_XYX_1",)``; their names are checked when the model meets a campaign.
 
     Raises
     ------
@@ -73,8 +74,10 @@ class HybridModel:
     prior: Prior = field(default_factory=Prior.default)
     reference_force_N: float | None = None
     preset: Preset = "default"
+    fixed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "fixed", tuple(sorted(set(self.fixed))))
         if self.degree not in (0, 1, 2):
             raise InputError(f"degree must be 0, 1 or 2, got {self.degree}. Choose constant, linear or quadratic compliance.")
         if self.reference_force_N is not None and not np.isfinite(self.reference_force_N):
@@ -108,8 +111,13 @@ class HybridModel:
         return cls.paper(degree) if preset == "paper" else cls.default(degree)
 
     def with_degree(self, degree: int) -> HybridModel:
-        """The same model with another degree."""
-        return replace(self, degree=degree)
+        """The same model with another degree; what is fixed at zero stays fixed where the new degree has it."""
+        kept = tuple(name for name in self.fixed if _degree_of(name) <= degree)
+        return replace(self, degree=degree, fixed=kept)
+
+    def fixing(self, *names: str) -> HybridModel:
+        """The same model with the named parameters fixed at zero."""
+        return replace(self, fixed=(*self.fixed, *names))
 
     def without(self, *names: str) -> HybridModel:
         """The same model without the named terms (``ball-form`` … ``discrepancy``, ``truncation``).
@@ -127,7 +135,7 @@ class HybridModel:
     @property
     def hypers(self) -> tuple[Hyper, ...]:
         """Active hyper-parameters; σ always, the others with their term."""
-        active = {"sigma", *(_HYPER_OF[type(term)] for term in self.nuisances if type(term) in _HYPER_OF)}
+        active = {"sigma", *(name for term in self.nuisances for name in term.hypers)}
         return tuple(name for name in HYPERS if name in active)
 
     @property
@@ -172,3 +180,9 @@ class HybridModel:
         from ldbb_bayes.model.simulate import simulate
 
         return simulate(self, plan, seed=seed, parameters=parameters, hyper_um=hyper_um, exact=exact)
+
+
+def _degree_of(parameter: str) -> int:
+    """Power of force a compliance goes with: 1 for C_XXX_1, 0 for what is no slope."""
+    stem, _, last = parameter.rpartition("_")
+    return int(last) if stem.startswith("C_") and last.isdigit() else 0

@@ -149,7 +149,8 @@ class Prior:
 
     def hyper(self, active: Sequence[Hyper], resolution_um: float) -> HyperPrior:
         """Priors of the active hyper-parameters; σ is restricted to σ ≥ resolution/√12."""
-        scale = {"sigma": self.sigma_um, "delta": self.delta_um, "kappa": self.kappa_um, "tau": self.tau_um}
+        scale = {"sigma": self.sigma_um, "kappa": self.kappa_um, "tau": self.tau_um}
+        scale |= dict.fromkeys(("delta", "delta_0", "delta_1"), self.delta_um)
         names = tuple(name for name in HYPERS if name in active)
         lower = np.array([resolution_um / np.sqrt(12.0) if name == "sigma" else 0.0 for name in names])
         return HyperPrior(names, np.array([scale[name] for name in names]) * 1e-3, lower * 1e-3)

@@ -78,7 +78,7 @@ def simulate(
     beta = _parameters(bound, parameters, rng)
     phi = _hyper(bound, hyper_um, rng)
     names, hypers = bound.names, bound.hyper_prior.names
-    truth = replace(bound.setting, compliance_estimate=beta[: len(bound.compliances)])
+    truth = replace(bound.setting, compliance_estimate=bound.compliance_at(bound.setting.reference_force_N) @ beta)
     coefficients = bound.interest @ beta + bound.known_offset
     by_name = dict(zip(hypers, phi, strict=True))
     for term in model.nuisances:

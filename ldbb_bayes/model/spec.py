@@ -27,8 +27,9 @@ class _SpecFile(BaseModel):
     preset: Literal["default", "paper"] = "default"
     degree: Literal[0, 1, 2] | None = None
     reference_force_N: float | None = None
+    fixed: list[str] = Field(default_factory=list)
     prior: dict[str, float | bool | dict[str, float]] = Field(default_factory=dict)
-    terms: dict[str, dict[str, float]] | None = None
+    terms: dict[str, dict[str, float | str]] | None = None
 
 
 def model_to_toml(model: HybridModel) -> str:
@@ -39,6 +40,8 @@ def model_to_toml(model: HybridModel) -> str:
     content: dict[str, Any] = {"schema": SCHEMA, "preset": model.preset, "degree": model.degree}
     if model.reference_force_N is not None:
         content["reference_force_N"] = model.reference_force_N
+    if model.fixed:
+        content["fixed"] = list(model.fixed)
     content["prior"] = prior
     content["terms"] = {type(term).__name__: asdict(term) for term in model.nuisances}  # type: ignore[call-overload]
     return tomli_w.dumps(content)
@@ -61,7 +64,7 @@ def model_from_toml(text: str, *, degree: int | None = None) -> HybridModel:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"model must be valid TOML, got: {error}. Correct that place.") from None
-    check_known("model key", content, ("schema", "preset", "degree", "reference_force_N", "prior", "terms"))
+    check_known("model key", content, ("schema", "preset", "degree", "reference_force_N", "fixed", "prior", "terms"))
     try:
         spec = _SpecFile.model_validate(content)
     except ValidationError as error:
@@ -70,7 +73,8 @@ def model_from_toml(text: str, *, degree: int | None = None) -> HybridModel:
         raise InputError(f"model {place!r} must be valid, got {first['input']!r}: {first['msg']}. Correct it.") from None
     model = HybridModel.paper() if spec.preset == "paper" else HybridModel.default()
     chosen = spec.degree if spec.degree is not None else degree
-    model = replace(model, degree=model.degree if chosen is None else chosen, reference_force_N=spec.reference_force_N)
+    degree = model.degree if chosen is None else chosen
+    model = replace(model, degree=degree, reference_force_N=spec.reference_force_N, fixed=tuple(spec.fixed))
     check_known("prior key", spec.prior, [field.name for field in fields(Prior)])
     prior = replace(model.prior, **_checked_prior(spec.prior))
     if spec.terms is None:
@@ -81,7 +85,7 @@ def model_from_toml(text: str, *, degree: int | None = None) -> HybridModel:
     for name, term in known.items():
         if name in spec.terms:
             check_known(f"{name} key", spec.terms[name], [field.name for field in fields(term)])  # type: ignore[arg-type]
-            terms.append(term(**spec.terms[name]))
+            terms.append(term(**_checked_term(name, spec.terms[name])))
     return replace(model, prior=prior, nuisances=tuple(terms))
 
 
@@ -102,6 +106,14 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
 def model_sha256(model: HybridModel) -> str:
     """SHA-256 of the model's TOML."""
     return hashlib.sha256(model_to_toml(model).encode()).hexdigest()
+
+
+def _checked_term(name: str, given: dict[str, Any]) -> dict[str, Any]:
+    for key, value in given.items():
+        wanted = str if (name, key) == ("SetupShift", "moves") else float
+        if not isinstance(value, wanted):
+            raise InputError(f"{name} {key} must be a {wanted.__name__}, got {value!r}. Correct it.")
+    return given
 
 
 def _checked_prior(given: dict[str, Any]) -> dict[str, Any]:

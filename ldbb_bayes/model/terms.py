@@ -7,12 +7,12 @@ columns are shared by all tests or stand for each test apart.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.model.basis import MAX_ORDER, ORDERS, SIZE, harmonic_index
 
 __all__ = [
@@ -27,14 +27,16 @@ __all__ = [
     "GeometricErrors",
     "Hyper",
     "Mount",
+    "Moves",
     "Nuisance",
     "Setting",
     "SetupShift",
 ]
 
 Array = NDArray[Any]
-Hyper = Literal["sigma", "delta", "kappa", "tau"]
-HYPERS: tuple[Hyper, ...] = ("sigma", "delta", "kappa", "tau")
+Hyper = Literal["sigma", "delta", "delta_0", "delta_1", "kappa", "tau"]
+HYPERS: tuple[Hyper, ...] = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau")
+Moves = Literal["together", "apart", "zero", "centre"]
 FORM_ORDERS = range(2, MAX_ORDER + 1)
 
 
@@ -54,6 +56,8 @@ class Setting:
         F0 and F_max − F_min.
     two_balls : bool
         Whether the clocking of either ball differs between tests.
+    radii_mm : ndarray
+        Different radii of the whole campaign; every one has its own bar length.
     compliance_estimate : ndarray, shape (compliances,)
         Ĉ, used only to linearise the force error.
     compensated : bool
@@ -70,6 +74,7 @@ class Setting:
     reference_force_N: float
     force_range_N: float
     two_balls: bool
+    radii_mm: Array
     compliance_estimate: Array
     compensated: bool
     deflection_um_per_bar: float
@@ -116,6 +121,11 @@ class BasisNoise:
 class Nuisance(Protocol):
     """A nuisance term: its class name is its name everywhere."""
 
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """Hyper-parameters that scale it."""
+        ...
+
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
         """Columns of the term in a setting."""
         ...
@@ -149,6 +159,11 @@ class BallForm:
     While no ball is clocked the two forms are one sum. As soon as a clocking differs between tests there are two terms,
     the work ball at θ − ψ_work and the tool ball, touched on its far side, at θ + 180° − ψ_tool, each with τ/(n √2).
     """
+
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """τ."""
+        return ("tau",)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Columns, hyper-parameter τ [mm]."""
@@ -184,9 +199,14 @@ class BarLength:
     def __post_init__(self) -> None:
         _check_positive(self)
 
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """None."""
+        return ()
+
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column per radius [1]."""
-        radii = np.unique(setting.radius_mm)
+        radii = setting.radii_mm
         values = np.zeros((setting.tests, SIZE, len(radii)))
         values[:, 0, :] = setting.radius_mm[:, None] == radii
         names = ("bar_length",) if len(radii) == 1 else tuple(f"bar_length_{radius:g}" for radius in radii)
@@ -201,6 +221,11 @@ class Mount:
 
     def __post_init__(self) -> None:
         _check_positive(self)
+
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """None."""
+        return ()
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column [bar]; mean nominal when the readings are not compensated, 0 when they are."""
@@ -221,6 +246,11 @@ class ForceError:
     def __post_init__(self) -> None:
         _check_positive(self)
 
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """None."""
+        return ()
+
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column [mm] and one column per test [mm/N]."""
         deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
@@ -233,20 +263,49 @@ class ForceError:
 
 @dataclass(frozen=True)
 class SetupShift:
-    """1, cos θ, sin θ, separate for every test: zero and centre move between circles by δ."""
+    """1, cos θ, sin θ, separate for every test: zero (order 0) and centre (order 1) move between circles by δ.
+
+    Parameters
+    ----------
+    moves : {"together", "apart", "zero", "centre"}
+        Both with one scale δ; both, each with its own, δ_0 and δ_1; or one of them alone, with δ.
+    """
+
+    moves: Moves = "together"
+
+    def __post_init__(self) -> None:
+        check_known("SetupShift moves", [self.moves], get_args(Moves))
+
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """δ, or δ_0 and δ_1."""
+        return ("delta_0", "delta_1") if self.moves == "apart" else ("delta",)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Coefficients of order 0 and 1, hyper-parameter δ [mm]."""
-        return (BasisNoise("delta", np.where(ORDERS <= 1, 1.0, 0.0)),)
+        """Coefficients of order 0 and 1 [mm]."""
+        zero, centre = np.where(ORDERS == 0, 1.0, 0.0), np.where(ORDERS == 1, 1.0, 0.0)
+        if self.moves == "apart":
+            return BasisNoise("delta_0", zero), BasisNoise("delta_1", centre)
+        return (BasisNoise("delta", {"together": zero + centre, "zero": zero, "centre": centre}[self.moves]),)
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """cos nθ, sin nθ, n = 2 … 12, separate for every test: model inadequacy and run-to-run change, κ/n."""
+    """cos nθ, sin nθ, n = 2 … 12, separate for every test: model inadequacy and run-to-run change, κ/n^decay."""
+
+    decay: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_positive(self)
+
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """κ."""
+        return ("kappa",)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Coefficients of order 2 to 12, hyper-parameter κ [mm]."""
-        return (BasisNoise("kappa", np.where(ORDERS >= 2, 1.0 / np.maximum(ORDERS, 1), 0.0)),)
+        return (BasisNoise("kappa", np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)),)
 
 
 def _check_positive(term: Any) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.origin import bound_of, draws_of, record_of
+from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
 from ldbb_bayes.report.rounding import value_and_uncertainty
 from ldbb_bayes.units import display_name, display_unit
@@ -66,16 +67,14 @@ def compliance_against_force(posterior: xr.DataTree) -> Figure:
     beta, _ = draws_of(posterior, bound)
     forces = bound.setting.force_N
     force = np.linspace(forces.min(), forces.max(), 80) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
-    kinds = [name.label for name in bound.compliances]
+    kinds = bound.compliances
     columns = min(3, len(kinds))
     height = int(np.ceil(len(kinds) / columns))
     figure = new_figure(9.0, 2.6 * height + 0.3)
     every = np.atleast_1d(figure.subplots(height, columns, squeeze=False)).ravel()
-    for j, (axes, label) in enumerate(zip(every, kinds, strict=False)):
-        factor, text = axis_label(label, posterior["posterior"][label].attrs["unit"])
-        lever = force - bound.setting.reference_force_N
-        value = sum(beta[:, [k * len(kinds) + j]] * lever**k for k in range(bound.model.degree + 1)) * factor
-        value = np.broadcast_to(value, (len(beta), force.size))
+    for j, (axes, kind) in enumerate(zip(every, kinds, strict=False)):
+        factor, text = axis_label(kind.label, compliance_unit(kind))
+        value = beta @ np.stack([bound.compliance_at(f)[j] for f in force], axis=1) * factor
         for prob, alpha in ((0.95, 0.22), (0.5, 0.4)):
             low, high = np.quantile(value, [(1 - prob) / 2, (1 + prob) / 2], axis=0)
             axes.fill_between(force, low, high, color=ACCENT, alpha=alpha, linewidth=0, label=f"{100 * prob:g} %")
