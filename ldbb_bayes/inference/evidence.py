@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +13,19 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
 
-__all__ = ["Evidence", "TruncationProbability", "evidence_of", "log_evidence", "log_prob_truncation"]
+__all__ = [
+    "Evidence",
+    "TruncationProbability",
+    "check_comparable",
+    "evidence_of",
+    "evidence_on",
+    "log_bayes_factor",
+    "log_evidence",
+    "log_prob_truncation",
+]
 
 Array = NDArray[Any]
 _NEARLY_ONE = 0.1
@@ -33,11 +44,14 @@ class Evidence:
         Of ``log_value`` [nat].
     nodes : int
         Of the quadrature.
+    sha256 : str
+        Digest of the readings it is of.
     """
 
     log_value: float
     error: float
     nodes: int
+    sha256: str
 
 
 @dataclass(frozen=True)
@@ -61,22 +75,51 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
     InputError
         For a flat prior, whose evidence is undefined, a plan, or a tolerance that is not positive.
     """
-    if model.prior.flat:
-        raise InputError("log_evidence must be asked of a proper prior, got a flat one: it is undefined. Use the default preset.")
-    if campaign.is_plan:
-        raise InputError("log_evidence must be asked of a campaign with readings, got a plan. Run the tests, or simulate it.")
+    check_comparable(model, campaign)
     if not tolerance > 0:
         raise InputError(f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-3.")
     bound = model.bind(campaign)
     return evidence_of(HyperPosterior(bound, truncated=bound.truncation.active), tolerance=tolerance)
 
 
+def check_comparable(model: HybridModel, campaign: Campaign) -> None:
+    """Refuse what has no evidence: improper priors, and plans."""
+    if model.prior.flat:
+        raise InputError(
+            "a model must have a proper prior to have an evidence, got a flat one, under which it is undefined. "
+            "Use the default preset."
+        )
+    if campaign.is_plan:
+        raise InputError("a campaign must have readings to give an evidence, got a plan. Run the tests, or simulate it.")
+
+
 def evidence_of(posterior: HyperPosterior, *, tolerance: float = 1e-3) -> Evidence:
     """The same from the density over the hyper-parameters."""
-    lattice = posterior.lattice(tolerance)
+    return evidence_on(posterior, posterior.lattice(tolerance))
+
+
+def evidence_on(posterior: HyperPosterior, lattice: Lattice) -> Evidence:
+    """The same from nodes at hand."""
     bound = posterior.bound
     prior = bound.log_prob_truncation_prior if posterior.truncated else 0.0
-    return Evidence(lattice.log_integral - prior, lattice.error + _orthant_error(posterior, lattice), len(lattice.weight))
+    error = lattice.error + _orthant_error(posterior, lattice)
+    return Evidence(lattice.log_integral - prior, error, len(lattice.weight), _digest(bound))
+
+
+def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
+    """ln of the Bayes factor of a model over another, and its error [nat].
+
+    Raises
+    ------
+    InputError
+        When the two are of different readings.
+    """
+    if evidence.sha256 != other.sha256:
+        raise InputError(
+            "a Bayes factor must be between models of the same readings, got two campaigns "
+            f"({evidence.sha256[:12]}… and {other.sha256[:12]}…). Compute both evidences with the same campaign."
+        )
+    return evidence.log_value - other.log_value, evidence.error + other.error
 
 
 def log_prob_truncation(plain: HyperPosterior, truncated: HyperPosterior) -> TruncationProbability:
@@ -90,6 +133,14 @@ def log_prob_truncation(plain: HyperPosterior, truncated: HyperPosterior) -> Tru
             "out of reach of double precision. Check their sign, the mount compensation and the forces."
         )
     return TruncationProbability(min(log_value, 0.0), error)
+
+
+def _digest(bound: BoundModel) -> str:
+    """Of the readings the model is bound to."""
+    campaign = bound.campaign
+    if len(bound.test_names) == len(campaign.tests):
+        return campaign.sha256
+    return hashlib.sha256("\n".join([campaign.sha256, *bound.test_names]).encode()).hexdigest()
 
 
 def _orthant_error(posterior: HyperPosterior, lattice: Lattice) -> float:

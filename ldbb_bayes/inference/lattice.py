@@ -53,6 +53,8 @@ class Lattice:
     grids : the two grids
     left_out : float
         Share of the integral beyond the edge, estimated by what lies on it.
+    depth : float
+        The edge is where ln f has fallen by this much [nat].
     """
 
     centre: Array
@@ -60,6 +62,7 @@ class Lattice:
     step: float
     grids: tuple[_Grid, _Grid]
     left_out: float
+    depth: float
 
     @property
     def free(self) -> Array:
@@ -100,6 +103,13 @@ class Lattice:
         place = self._places[np.minimum(picked, len(cumulated) - 1)] + rng.uniform(-0.5, 0.5, (size, len(self.centre)))
         return _points(self.centre, self.root, self.step, place)
 
+    def pick(self, size: int, rng: np.random.Generator) -> Array:
+        """Nodes picked by their weights, systematically and in random order, shape (size, h)."""
+        order = np.lexsort(self.free.T)
+        places = (rng.random() + np.arange(size)) / size
+        found = np.minimum(np.searchsorted(np.cumsum(self.weight[order]), places), len(order) - 1)
+        return rng.permutation(self.free[order][found])
+
     def log_proposal(self, free: Array) -> Array:
         """Log density with which `draw` gives points (n, h), on the scale of f, shape (n,); −inf where it never does."""
         place = np.linalg.solve(self.root, (free - self.centre).T).T / self.step
@@ -123,6 +133,14 @@ class Lattice:
         parts = np.split(values, [len(self.grids[0].key)])
         first, second = (replace(grid, log_density=part) for grid, part in zip(self.grids, parts, strict=True))
         return replace(self, grids=(first, second))
+
+    def reweighted(self, log_ratio: Array) -> Lattice:
+        """The lattice of the density times a ratio known at the nodes, (n,); ``left_out`` becomes what it has near the edge."""
+        near_edge = self.log_density < self.log_density.max() - self.depth + _BEYOND
+        parts = np.split(self.log_density + log_ratio, [len(self.grids[0].key)])
+        first, second = (replace(grid, log_density=part) for grid, part in zip(self.grids, parts, strict=True))
+        lattice = replace(self, grids=(first, second))
+        return replace(lattice, left_out=float(lattice.weight[near_edge].sum()))
 
     @property
     def _halves(self) -> tuple[float, float]:
@@ -162,7 +180,7 @@ def grow_lattice(
         first, second = (_grow(log_density, centre, root, step, offset, depth, most) for offset in (0.0, 0.5))
         total = np.logaddexp.reduce(np.concatenate([first[0].log_density, second[0].log_density]))
         left_out = _BEYOND * float(np.exp(np.logaddexp(first[1], second[1]) - total))
-        lattice = Lattice(centre, root, step, (first[0], second[0]), left_out)
+        lattice = Lattice(centre, root, step, (first[0], second[0]), left_out, depth)
         size = len(first[0].key) + len(second[0].key)
         if lattice.error <= tolerance or size * 0.75 ** -len(centre) > most:
             return lattice

@@ -19,7 +19,7 @@ from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.hybrid import HybridModel
 
-__all__ = ["marginals"]
+__all__ = ["marginals", "moments"]
 
 Array = NDArray[Any]
 _CHUNK = 256
@@ -64,7 +64,7 @@ def marginals(
     levels = np.array([0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
     draws, _ = draw_hyper(posterior, 2 * _COMPONENTS, np.random.default_rng(seed))
     hyper = np.quantile(bound.hyper_prior.phi(draws), levels, axis=0)
-    beta = np.vstack([*_moments(posterior, lattice), _quantiles(posterior, lattice, levels, seed)])
+    beta = np.vstack([*moments(posterior, lattice), _quantiles(posterior, lattice, levels, seed)])
     phi = np.vstack([*_hyper_moments(posterior, lattice), hyper])
     names = [*bound.names, *bound.hyper_prior.names]
     table = pd.DataFrame(np.hstack([beta, phi]).T, index=names, columns=["mean", "sd", "median", "ci_low", "ci_high"])
@@ -72,8 +72,8 @@ def marginals(
     return table
 
 
-def _moments(posterior: HyperPosterior, lattice: Lattice) -> tuple[Array, Array]:
-    """Mean and sd of β: those given φ, exact, averaged over the nodes."""
+def moments(posterior: HyperPosterior, lattice: Lattice) -> tuple[Array, Array]:
+    """Mean and sd of β, each (p,): those given φ, exact, averaged over the nodes."""
     bound = posterior.bound
     free, weight = _that_matter(lattice)
     means, variances = [], []
@@ -97,10 +97,7 @@ def _quantiles(posterior: HyperPosterior, lattice: Lattice, levels: Array, seed:
     """Quantiles of β, shape (levels, p): of Gaussians given φ and, inside the truncation, given the constrained directions."""
     bound = posterior.bound
     rng = np.random.default_rng(seed)
-    free, weight = _that_matter(lattice)
-    order = np.lexsort(free.T)
-    places = (rng.random() + np.arange(_COMPONENTS)) / _COMPONENTS
-    free = free[order][np.minimum(np.searchsorted(np.cumsum(weight[order]), places), len(free) - 1)]
+    free = lattice.pick(_COMPONENTS, rng)
     means, sds = [], []
     for start in range(0, len(free), _CHUNK):
         _, given = bound.given(bound.hyper_prior.phi(free[start : start + _CHUNK]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.stopping import Assessment
 
-__all__ = ["assess", "build_tree", "diagnose", "load", "power_sensitivity", "save"]
+__all__ = ["assess", "build_tree", "diagnose", "load", "power_sensitivity", "psis_loo", "save"]
 
 Array = NDArray[Any]
 _TAILS = (0.05, 0.95)
@@ -63,6 +64,28 @@ def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -
         for name, value in arviz_stats.psense(tree, group="prior").data_vars.items():
             found[str(name)][part] = float(value)
     return found
+
+
+def psis_loo(log_likelihood: Array) -> tuple[Array, Array, float]:
+    """Leave-one-out log densities by Pareto-smoothed importance sampling (Vehtari, Gelman and Gabry 2017).
+
+    Parameters
+    ----------
+    log_likelihood : ndarray, shape (chains, draws, n)
+        ln p(y_r | the others, draw) of independent draws.
+
+    Returns
+    -------
+    log_density : ndarray, shape (n,)
+    pareto_k : ndarray, shape (n,)
+    good_k : float
+        Above this the estimate cannot be trusted.
+    """
+    tree = arviz_base.from_dict({"posterior": {"draw_": log_likelihood[..., 0]}, "log_likelihood": {"per_test": log_likelihood}})
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Estimated shape parameter of Pareto", UserWarning)
+        found = arviz_stats.loo(tree, var_name="per_test", pointwise=True, reff=1.0)
+    return found.elpd_i.to_numpy(), found.pareto_k.to_numpy(), float(found.good_k)
 
 
 def build_tree(

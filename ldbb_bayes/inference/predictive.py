@@ -23,6 +23,7 @@ __all__ = [
     "machine_coefficients",
     "new_circle_coefficients",
     "own_covariance",
+    "own_nuisances",
     "prior_circle_coefficients",
     "residual_coefficients",
     "residuals_mm",
@@ -83,16 +84,19 @@ def shared_draws(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gene
 
 
 def _own_nuisances(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
-    """Fresh draws of what every circle has for itself: random force error, set-up shift, discrepancy."""
-    shape = (len(phi), len(bound.test_names))
-    total = np.zeros((*shape, SIZE))
+    """Fresh draws of what every circle has for itself, shape (draws, tests, 25) [mm]."""
+    return np.stack([own_nuisances(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
+
+
+def own_nuisances(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
+    """Fresh draws of what circle r has for itself: random force error, set-up shift, discrepancy; (draws, 25) [mm]."""
+    total = np.zeros((len(phi), SIZE))
     for term in bound.nuisance_columns:
-        scale = _hyper(bound, phi, term.hyper)[:, :, None]
+        scale = _hyper(bound, phi, term.hyper)
         if isinstance(term, BasisNoise):
-            total = total + scale * term.sd * rng.standard_normal((*shape, SIZE))
+            total = total + scale * term.sd * rng.standard_normal((len(phi), SIZE))
         elif term.private:
-            drawn = scale * term.sd * rng.standard_normal((*shape, len(term.sd)))
-            total = total + np.einsum("tkv,wtv->wtk", term.values, drawn)
+            total = total + (scale * term.sd * rng.standard_normal((len(phi), len(term.sd)))) @ term.values[r].T
     return total
 
 

@@ -28,6 +28,7 @@ _CHUNK = 256
 _BASINS = 3
 _COARSE = 0.2
 _COARSE_STEP = 1.25
+_LOOSE, _STEP_BY_DEFAULT, _LONG_STEP = 1e-2, 1.0, 1.75
 
 
 class HyperPosterior:
@@ -40,6 +41,8 @@ class HyperPosterior:
         Include P(T | y, φ), the probability of physical compliances (whether or not the model imposes them).
     seed : int
         Of the starting points of the search and of the quasi-random points of P(T | y, φ).
+    near : ndarray, shape (h,), optional
+        Free coordinates of the mode of a density much like this one; saves the search for it.
 
     Attributes
     ----------
@@ -51,9 +54,9 @@ class HyperPosterior:
         Root of the inverse curvature there.
     """
 
-    def __init__(self, bound: BoundModel, *, truncated: bool, seed: int = 0) -> None:
+    def __init__(self, bound: BoundModel, *, truncated: bool, seed: int = 0, near: Array | None = None) -> None:
         self.bound, self.truncated, self._seed = bound, truncated, seed
-        self.mode, self.spread = self._locate()
+        self.mode, self.spread = self._locate() if near is None else self._around(self._climb(near))
 
     def log_density(self, free: Array) -> Array:
         """ln p(y, free coordinates), shape (w,), with ln P(T | y, φ) where truncated."""
@@ -79,7 +82,8 @@ class HyperPosterior:
 
     def lattice(self, tolerance: float = 1e-3) -> Lattice:
         """Weighted nodes of p(y, free coordinates) whose integral has this tolerance [nat]."""
-        lattice = grow_lattice(self.log_smooth_density, self.mode, self.spread, tolerance=tolerance)
+        step = _STEP_BY_DEFAULT if tolerance < _LOOSE else _LONG_STEP
+        lattice = grow_lattice(self.log_smooth_density, self.mode, self.spread, tolerance=tolerance, step=step)
         return self._exact(lattice, spare=tolerance / 100.0)
 
     @cached_property
@@ -112,7 +116,10 @@ class HyperPosterior:
             if len(basins) == _BASINS:
                 break
         modes = np.array([self._climb(start) for start in basins])
-        mode = modes[int(np.argmax(self.log_smooth_density(modes)))]
+        return self._around(modes[int(np.argmax(self.log_smooth_density(modes)))])
+
+    def _around(self, mode: Array) -> tuple[Array, Array]:
+        """The mode and the root of the inverse curvature there."""
         _, _, hessian = self._stencil(mode)
         curvature, vectors = np.linalg.eigh(-hessian)
         return mode, vectors / np.sqrt(np.maximum(curvature, 0.3))

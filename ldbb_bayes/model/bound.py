@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.jacobian import (
     ComplianceName,
@@ -41,6 +41,7 @@ __all__ = ["BoundModel", "Parameter"]
 Array = NDArray[Any]
 Group = Literal["compliance", "slope", "geometric"]
 _PLANNED_COMPLIANCE = 5e-5
+_KEPT: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class BoundModel:
             machine, *dict.fromkeys(test.circle for test in campaign.tests)
         ).names
         self.geometric_errors: tuple[str, ...] = geometric_names(machine)
-        reduced = tuple(_reduced(test, plan=campaign.is_plan) for test in campaign.tests)
+        reduced = _reduced(campaign)
         whole = _setting(model, campaign, self.compliances)
         every = self._list_parameters(whole.force_range_N)
         check_known("fixed parameter", model.fixed, [parameter.name for parameter in every])
@@ -303,8 +304,14 @@ def _rows(campaign: Campaign, keep: Sequence[str] | None) -> list[int]:
     return [i for i, test in enumerate(campaign.tests) if test.name in names]
 
 
-def _reduced(test: CircularTest, *, plan: bool) -> Reduced:
-    return reduce_readings(test.angles_rad(), None if plan else test.readings_mm())
+def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
+    """The reduced readings, computed once while the campaign lives: comparisons bind it to hundreds of models."""
+    if campaign not in _KEPT:
+        plan = campaign.is_plan
+        _KEPT[campaign] = tuple(
+            reduce_readings(test.angles_rad(), None if plan else test.readings_mm()) for test in campaign.tests
+        )
+    return _KEPT[campaign]
 
 
 def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[ComplianceName, ...]) -> Setting:

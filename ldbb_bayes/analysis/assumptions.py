@@ -1,0 +1,132 @@
+"""What a comparison is repeated under: other scales of the slopes' prior, other ideas of how circles differ, nuisances on or off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.analysis.evidences import Evidences
+from ldbb_bayes.model.hybrid import NUISANCES, HybridModel
+from ldbb_bayes.model.terms import Discrepancy, Nuisance, SetupShift
+
+__all__ = [
+    "SLOPE_SCALES",
+    "WHITE_NOISE",
+    "Assumed",
+    "Assumption",
+    "compare_under",
+    "crossings",
+    "discrepancy_assumptions",
+    "nuisance_assumptions",
+    "with_slope_scale",
+]
+
+Array = NDArray[Any]
+Change = Callable[[HybridModel], HybridModel]
+SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
+WHITE_NOISE = "white noise only, no truncation"
+_AS_GIVEN = "as in the model"
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """A change of the models compared, and its name."""
+
+    label: str
+    change: Change
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """The comparison under one assumption.
+
+    Attributes
+    ----------
+    label : str
+    log_evidence : mapping of model to float
+        ln Z [nat].
+    log_bayes_factor, error : float
+        Second model over first [nat].
+    """
+
+    label: str
+    log_evidence: Mapping[str, float]
+    log_bayes_factor: float
+    error: float
+
+
+def compare_under(
+    pair: Mapping[str, HybridModel], assumptions: Iterator[Assumption], evidences: Evidences
+) -> tuple[Assumed, ...]:
+    """The two models compared under every assumption."""
+    found = []
+    for assumption in assumptions:
+        changed = {name: assumption.change(model) for name, model in pair.items()}
+        values = {name: evidences.of(model).evidence.log_value for name, model in changed.items()}
+        first, second = changed.values()
+        factor, error = evidences.log_bayes_factor(second, first)
+        found.append(Assumed(assumption.label, values, factor, error))
+    return tuple(found)
+
+
+def with_slope_scale(scale: float) -> Assumption:
+    """The slopes' prior sd as this multiple of sd(C) over the range of force."""
+    return Assumption(f"slope scale {scale:g}", lambda model: replace(model, prior=replace(model.prior, slope_scale=scale)))
+
+
+def discrepancy_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assumption]:
+    """How circles may differ from one another: what the models say, then one idea after the other changed."""
+    yield Assumption(_AS_GIVEN, lambda model: model)
+    ideas: tuple[tuple[str, type[Nuisance], Nuisance | None], ...] = (
+        ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
+        ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
+        ("no discrepancy", Discrepancy, None),
+        ("set-up shift: zero and centre with one scale", SetupShift, SetupShift("together")),
+        ("set-up shift: a scale for zero (order 0), another for centre (order 1)", SetupShift, SetupShift("apart")),
+        ("set-up shift: zero (order 0) only", SetupShift, SetupShift("zero")),
+        ("set-up shift: centre (order 1) only", SetupShift, SetupShift("centre")),
+        ("no set-up shift", SetupShift, None),
+    )
+    for label, kind, term in ideas:
+        if any(_term(model, kind) != term for model in models.values()):
+            yield Assumption(label, lambda model, kind=kind, term=term: _with_term(model, kind, term))
+
+
+def nuisance_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assumption]:
+    """Every nuisance switched over, the truncation switched over, and nothing but white noise."""
+    yield Assumption(_AS_GIVEN, lambda model: model)
+    for name, kind in NUISANCES.items():
+        words = name.replace("-", " ")
+        if any(_term(model, kind) is not None for model in models.values()):
+            yield Assumption(f"without {words}", lambda model, kind=kind: _with_term(model, kind, None))
+        else:
+            yield Assumption(f"with {words}", lambda model, kind=kind: _with_term(model, kind, kind()))
+    truncated = any(model.prior.truncated for model in models.values())
+    label = "without truncation" if truncated else "with truncation"
+    yield Assumption(label, lambda model: replace(model, prior=replace(model.prior, truncated=not truncated)))
+    yield Assumption(WHITE_NOISE, lambda model: model.without(*NUISANCES, "truncation"))
+
+
+def crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
+    """Scales at which the log Bayes factor changes sign, interpolated in the logarithm of the scale."""
+    x, found = np.log(scale), []
+    for i in np.flatnonzero(np.sign(log_bayes_factor[1:]) * np.sign(log_bayes_factor[:-1]) < 0):
+        share = log_bayes_factor[i] / (log_bayes_factor[i] - log_bayes_factor[i + 1])
+        found.append(float(np.exp(x[i] + share * (x[i + 1] - x[i]))))
+    return tuple(found)
+
+
+def _term(model: HybridModel, kind: type[Nuisance]) -> Nuisance | None:
+    return next((term for term in model.nuisances if isinstance(term, kind)), None)
+
+
+def _with_term(model: HybridModel, kind: type[Nuisance], term: Nuisance | None) -> HybridModel:
+    """The model with this term in the place of its own of that kind, in the order of all."""
+    by_kind = {type(own): own for own in model.nuisances if not isinstance(own, kind)}
+    if term is not None:
+        by_kind[type(term)] = term
+    return replace(model, nuisances=tuple(by_kind[kind] for kind in NUISANCES.values() if kind in by_kind))

@@ -1,0 +1,83 @@
+"""A nested Bayes factor from the larger model alone: p(ψ = 0 | y) / p(ψ = 0), ψ what the smaller one fixes at zero.
+
+With truncation T both densities are those inside it. Given the hyper-parameters φ both are Gaussian times an orthant
+probability; the ratio is averaged over p(φ | y) of the larger model (Dickey, Ann. Math. Stat. 42, 204-223, 1971).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.errors import check_known
+from ldbb_bayes.inference.lattice import Lattice
+from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.conditional import ParameterConditional
+from ldbb_bayes.model.orthant import Orthant
+
+__all__ = ["savage_dickey"]
+
+Array = NDArray[Any]
+_LOG_2PI = float(np.log(2 * np.pi))
+_CHUNK = 256
+
+
+def savage_dickey(posterior: HyperPosterior, lattice: Lattice, names: Sequence[str]) -> tuple[float, float]:
+    """ln of the Bayes factor of the model with ``names`` fixed at zero over the model itself, and its error [nat].
+
+    The error is large where the two models put the hyper-parameters in different places.
+
+    Parameters
+    ----------
+    posterior : HyperPosterior
+        Of the larger model.
+    lattice : Lattice
+        Its nodes.
+    """
+    bound = posterior.bound
+    check_known("parameter", names, bound.names)
+    index = [bound.names.index(name) for name in names]
+    free = lattice.free
+    parts = [_log_density_at_zero(posterior, free[i : i + _CHUNK], index) for i in range(0, len(free), _CHUNK)]
+    weighted = lattice.reweighted(np.concatenate(parts))
+    return weighted.log_integral - lattice.log_integral - _log_prior_at_zero(posterior, index), weighted.error + lattice.error
+
+
+def _log_density_at_zero(posterior: HyperPosterior, free: Array, index: Sequence[int]) -> Array:
+    """ln p(ψ = 0 | y, φ), inside the truncation where there is one, shape (w,)."""
+    bound = posterior.bound
+    _, given = bound.given(bound.hyper_prior.phi(free))
+    spread = given.spread()
+    basis, triangle = np.linalg.qr(np.swapaxes(spread[:, index], 1, 2))
+    white = np.linalg.solve(np.swapaxes(triangle, 1, 2), given.mean[:, index, None])[..., 0]
+    log_root = np.log(np.abs(np.diagonal(triangle, axis1=1, axis2=2))).sum(axis=1)
+    density = -0.5 * ((white**2).sum(axis=1) + len(index) * _LOG_2PI) - log_root
+    if not posterior.truncated:
+        return np.asarray(density)
+    return np.asarray(density + _log_inside(bound, given, spread, basis, white, index) - given.orthant.log_value())
+
+
+def _log_inside(
+    bound: BoundModel, given: ParameterConditional, spread: Array, basis: Array, white: Array, index: Sequence[int]
+) -> Array:
+    """ln P(T | ψ = 0, y, φ): the other parameters given ψ = 0."""
+    rows = bound.physical.rows.copy()
+    rows[:, index] = 0.0
+    rows = np.array([row for row in dict.fromkeys(map(tuple, rows)) if any(row)]).reshape(-1, rows.shape[1])
+    along = rows @ spread
+    shared = along @ basis
+    mean = given.mean @ rows.T - np.einsum("wmk,wk->wm", shared, white)
+    return Orthant(mean, along - shared @ np.swapaxes(basis, 1, 2)).log_value()
+
+
+def _log_prior_at_zero(posterior: HyperPosterior, index: Sequence[int]) -> float:
+    bound = posterior.bound
+    density = float(-np.log(bound.prior_sd[index]).sum() - 0.5 * len(index) * _LOG_2PI)
+    if not posterior.truncated:
+        return density
+    smaller = bound.model.fixing(*(bound.names[i] for i in index)).bind(bound.campaign)
+    return density + smaller.log_prob_truncation_prior - bound.log_prob_truncation_prior
