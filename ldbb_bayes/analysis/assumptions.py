@@ -1,9 +1,10 @@
-"""What a comparison is repeated under: other scales of the slopes' prior, other ideas of how circles differ, nuisances on or off."""
+"""What a comparison is repeated under: other scales of the slopes, other ideas of how circles differ, nuisances on or off."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ class Assumed:
 
 
 def compare_under(
-    pair: Mapping[str, HybridModel], assumptions: Iterator[Assumption], evidences: Evidences
+    pair: Mapping[str, HybridModel], assumptions: Iterable[Assumption], evidences: Evidences
 ) -> tuple[Assumed, ...]:
     """The two models compared under every assumption."""
     found = []
@@ -93,7 +94,7 @@ def discrepancy_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assum
     )
     for label, kind, term in ideas:
         if any(_term(model, kind) != term for model in models.values()):
-            yield Assumption(label, lambda model, kind=kind, term=term: _with_term(model, kind, term))
+            yield Assumption(label, partial(_with_term, kind=kind, term=term))
 
 
 def nuisance_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assumption]:
@@ -102,9 +103,9 @@ def nuisance_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assumpti
     for name, kind in NUISANCES.items():
         words = name.replace("-", " ")
         if any(_term(model, kind) is not None for model in models.values()):
-            yield Assumption(f"without {words}", lambda model, kind=kind: _with_term(model, kind, None))
+            yield Assumption(f"without {words}", partial(_with_term, kind=kind, term=None))
         else:
-            yield Assumption(f"with {words}", lambda model, kind=kind: _with_term(model, kind, kind()))
+            yield Assumption(f"with {words}", partial(_with_term, kind=kind, term=kind()))
     truncated = any(model.prior.truncated for model in models.values())
     label = "without truncation" if truncated else "with truncation"
     yield Assumption(label, lambda model: replace(model, prior=replace(model.prior, truncated=not truncated)))
