@@ -30,6 +30,10 @@ _HOMES = {
     "validate": "ldbb_bayes.analysis.validation",
     "log_evidence": "ldbb_bayes.inference.evidence",
     "marginals": "ldbb_bayes.inference.marginals",
+    "Comparison": "ldbb_bayes.analysis.compared",
+    "compare": "ldbb_bayes.analysis.comparison",
+    "local_fits": "ldbb_bayes.analysis.local_fits",
+    "log_bayes_factor": "ldbb_bayes.inference.evidence",
     "Identifiability": "ldbb_bayes.analysis.identified",
     "ParameterIdentifiability": "ldbb_bayes.analysis.identified",
     "identify": "ldbb_bayes.analysis.identifiability",
@@ -51,6 +55,7 @@ __all__ = [
     "Campaign",
     "Circle",
     "CircularTest",
+    "Comparison",
     "ForceLaw",
     "HybridModel",
     "Identifiability",
@@ -62,10 +67,13 @@ __all__ = [
     "Prior",
     "StoppingRule",
     "__version__",
+    "compare",
     "compensate_mount",
     "embedded_campaign",
     "identify",
     "load",
+    "local_fits",
+    "log_bayes_factor",
     "log_evidence",
     "marginals",
     "mask_angles",
@@ -84,8 +92,11 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from ldbb_bayes.analysis.compared import Comparison
+    from ldbb_bayes.analysis.comparison import compare
     from ldbb_bayes.analysis.identifiability import identify, verdicts
     from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiability
+    from ldbb_bayes.analysis.local_fits import local_fits
     from ldbb_bayes.analysis.preview import preview
     from ldbb_bayes.analysis.validation import validate
     from ldbb_bayes.campaign.campaign import Campaign, Plan
@@ -95,7 +106,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
     from ldbb_bayes.campaign.prepare import compensate_mount, mask_angles, mask_reversals, trim_overshoot
     from ldbb_bayes.errors import InputError
-    from ldbb_bayes.inference.evidence import log_evidence
+    from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
     from ldbb_bayes.inference.marginals import marginals
     from ldbb_bayes.inference.posterior import load, save
     from ldbb_bayes.inference.sample import sample

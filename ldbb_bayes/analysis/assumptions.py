@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.evidences import Evidences
+from ldbb_bayes.inference.evidence import log_bayes_factor
 from ldbb_bayes.model.hybrid import NUISANCES, HybridModel
 from ldbb_bayes.model.terms import Discrepancy, Nuisance, SetupShift
 
@@ -66,11 +67,10 @@ def compare_under(
     """The two models compared under every assumption."""
     found = []
     for assumption in assumptions:
-        changed = {name: assumption.change(model) for name, model in pair.items()}
-        values = {name: evidences.of(model).evidence.log_value for name, model in changed.items()}
-        first, second = changed.values()
-        factor, error = evidences.log_bayes_factor(second, first)
-        found.append(Assumed(assumption.label, values, factor, error))
+        weighed = {name: evidences.of(assumption.change(model)).evidence for name, model in pair.items()}
+        first, second = weighed.values()
+        values = {name: evidence.log_value for name, evidence in weighed.items()}
+        found.append(Assumed(assumption.label, values, *log_bayes_factor(second, first)))
     return tuple(found)
 
 

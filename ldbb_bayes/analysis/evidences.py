@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.inference.evidence import Evidence, check_comparable, evidence_on, log_bayes_factor
+from ldbb_bayes.inference.evidence import Evidence, check_comparable, evidence_on
 from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.hybrid import HybridModel
@@ -61,10 +61,6 @@ class Evidences:
             self._found[key] = Weighed(posterior, lattice, evidence_on(posterior, lattice))
         self.tick()
         return self._found[key]
-
-    def log_bayes_factor(self, model: HybridModel, other: HybridModel) -> tuple[float, float]:
-        """ln of the Bayes factor of a model over another, and its error [nat]."""
-        return log_bayes_factor(self.of(model).evidence, self.of(other).evidence)
 
     @property
     def largest_error(self) -> float:

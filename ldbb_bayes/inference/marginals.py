@@ -19,7 +19,7 @@ from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.hybrid import HybridModel
 
-__all__ = ["marginals", "moments"]
+__all__ = ["marginals", "moments", "quantiles"]
 
 Array = NDArray[Any]
 _CHUNK = 256
@@ -64,7 +64,7 @@ def marginals(
     levels = np.array([0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
     draws, _ = draw_hyper(posterior, 2 * _COMPONENTS, np.random.default_rng(seed))
     hyper = np.quantile(bound.hyper_prior.phi(draws), levels, axis=0)
-    beta = np.vstack([*moments(posterior, lattice), _quantiles(posterior, lattice, levels, seed)])
+    beta = np.vstack([*moments(posterior, lattice), quantiles(posterior, lattice, levels, seed)])
     phi = np.vstack([*_hyper_moments(posterior, lattice), hyper])
     names = [*bound.names, *bound.hyper_prior.names]
     table = pd.DataFrame(np.hstack([beta, phi]).T, index=names, columns=["mean", "sd", "median", "ci_low", "ci_high"])
@@ -72,10 +72,10 @@ def marginals(
     return table
 
 
-def moments(posterior: HyperPosterior, lattice: Lattice) -> tuple[Array, Array]:
-    """Mean and sd of β, each (p,): those given φ, exact, averaged over the nodes."""
+def moments(posterior: HyperPosterior, lattice: Lattice, *, spare: float = _SPARE) -> tuple[Array, Array]:
+    """Mean and sd of β, each (p,): those given φ, exact, averaged over the nodes but for a share ``spare`` of the integral."""
     bound = posterior.bound
-    free, weight = _that_matter(lattice)
+    free, weight = _that_matter(lattice, spare)
     means, variances = [], []
     for start in range(0, len(free), _CHUNK):
         _, given = bound.given(bound.hyper_prior.phi(free[start : start + _CHUNK]))
@@ -93,11 +93,11 @@ def moments(posterior: HyperPosterior, lattice: Lattice) -> tuple[Array, Array]:
     return mean, np.sqrt(weight @ (np.concatenate(variances) + (every - mean) ** 2))
 
 
-def _quantiles(posterior: HyperPosterior, lattice: Lattice, levels: Array, seed: int) -> Array:
+def quantiles(posterior: HyperPosterior, lattice: Lattice, levels: Array, seed: int, *, components: int = _COMPONENTS) -> Array:
     """Quantiles of β, shape (levels, p): of Gaussians given φ and, inside the truncation, given the constrained directions."""
     bound = posterior.bound
     rng = np.random.default_rng(seed)
-    free = lattice.pick(_COMPONENTS, rng)
+    free = lattice.pick(components, rng)
     means, sds = [], []
     for start in range(0, len(free), _CHUNK):
         _, given = bound.given(bound.hyper_prior.phi(free[start : start + _CHUNK]))
@@ -127,9 +127,9 @@ def _hyper_moments(posterior: HyperPosterior, lattice: Lattice) -> tuple[Array, 
     return mean, np.sqrt(weight @ (phi - mean) ** 2)
 
 
-def _that_matter(lattice: Lattice) -> tuple[Array, Array]:
-    """Nodes and normalised weights, but for a share of the integral that no digit shown depends on."""
+def _that_matter(lattice: Lattice, spare: float) -> tuple[Array, Array]:
+    """Nodes and normalised weights, but for a share ``spare`` of the integral."""
     weight = lattice.weight
     order = np.argsort(weight)
-    matter = np.sort(order[np.cumsum(weight[order]) > _SPARE])
+    matter = np.sort(order[np.cumsum(weight[order]) > spare])
     return lattice.free[matter], weight[matter] / weight[matter].sum()

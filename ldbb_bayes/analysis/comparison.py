@@ -1,0 +1,268 @@
+"""compare(): what the readings say about models, how much, and what that rests on.
+
+p(M | y) ∝ p(y | M) p(M), every evidence by exact quadrature; the same again under other assumptions; every test predicted from
+the others. Models are compared on the same readings, with the same priors where they share parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from ldbb_bayes.analysis.assumptions import (
+    SLOPE_SCALES,
+    compare_under,
+    crossings,
+    discrepancy_assumptions,
+    nuisance_assumptions,
+    with_slope_scale,
+)
+from ldbb_bayes.analysis.belonging import belonging, dropping
+from ldbb_bayes.analysis.compared import ComparedModel, ComparedTest, Comparison, ScaledSlopes
+from ldbb_bayes.analysis.evidences import Evidences, Weighed, probabilities
+from ldbb_bayes.analysis.local_fits import local_fits
+from ldbb_bayes.analysis.slopes import count_subsets, model_curves, slope_subsets
+from ldbb_bayes.analysis.weight import verdict_of
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.inference.collapsed import draw_parameters_given
+from ldbb_bayes.inference.evidence import check_comparable, log_bayes_factor
+from ldbb_bayes.inference.leave_one_out import LeftOut, leave_one_out, pareto_smoothed
+from ldbb_bayes.inference.marginals import moments
+from ldbb_bayes.inference.origin import campaign_of, model_of
+from ldbb_bayes.inference.predictive import FitQuality, fit_quality
+from ldbb_bayes.inference.savage_dickey import savage_dickey
+from ldbb_bayes.model.degeneracies import joined
+from ldbb_bayes.model.hybrid import HybridModel
+
+__all__ = ["compare"]
+
+Array = NDArray[Any]
+_QUALITY_DRAWS = 1000
+
+
+def compare(
+    models: Mapping[str, HybridModel | xr.DataTree],
+    campaign: Campaign | None = None,
+    *,
+    quadratic: bool = False,
+    leave_out: Literal["test", "reading"] = "test",
+    tolerance: float = 1e-2,
+    seed: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """Compare models of one campaign.
+
+    Parameters
+    ----------
+    models : mapping of name to HybridModel, or to a posterior from `sample`
+        At least two. Sensitivity is of the second over the first.
+    campaign : Campaign, optional
+        Needed unless every model comes as a posterior, which brings its own.
+    quadratic : bool
+        Choose constant, linear or quadratic for every compliance apart when slopes are selected; 3⁶ models, some minutes.
+    leave_out : {"test"}
+        What leave-one-out leaves out. Readings are refused: those of one circle are not independent facts.
+    tolerance : float
+        Error asked of every log evidence [nat].
+    seed : int
+        Of replicates, bands and the importance-sampling check.
+    progress : callable, optional
+        Called with the steps done and their number.
+
+    Raises
+    ------
+    InputError
+        For fewer than two models, an improper prior, a plan, posteriors of different readings, or ``leave_out="reading"``.
+    """
+    chosen, campaign = _checked(models, campaign, leave_out, tolerance)
+    first, second, *_ = chosen
+    pair = {first: chosen[first], second: chosen[second]}
+    largest = max(chosen.values(), key=lambda model: model.degree)
+    steps = _Steps(progress)
+    evidences = Evidences(campaign, tolerance=tolerance, progress=steps)
+    scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
+    several = len(campaign.tests) > 1
+    steps.total = len(chosen) * (1 + several * len(campaign.tests))
+    steps.total += 2 * len([*scales, *discrepancy_assumptions(pair), *nuisance_assumptions(pair)])
+    steps.total += count_subsets(largest, evidences, quadratic=quadratic) if largest.degree else 0
+
+    weighed = {name: evidences.of(model) for name, model in chosen.items()}
+    left = {
+        name: leave_one_out(one.posterior, one.evidence, tolerance=tolerance, progress=steps) if several else {}
+        for name, one in weighed.items()
+    }
+    scaled = compare_under(pair, (with_slope_scale(scale) for scale in scales), evidences)
+    found = Comparison(
+        campaign=campaign.name,
+        sha256=campaign.sha256,
+        pair=(first, second),
+        models=_models(weighed, left, seed),
+        log_bayes_factor={
+            f"{name}/{first}": log_bayes_factor(one.evidence, weighed[first].evidence)
+            for name, one in weighed.items()
+            if name != first
+        },
+        savage_dickey=_nested(weighed, first),
+        elpd_difference={f"{name}/{first}": _difference(left[name], left[first]) for name in chosen if several and name != first},
+        prior_sensitivity=tuple(ScaledSlopes(s, a.log_bayes_factor, a.error) for s, a in zip(scales, scaled, strict=True)),
+        crossings=crossings(np.array(scales), np.array([assumed.log_bayes_factor for assumed in scaled])),
+        discrepancy_sensitivity=compare_under(pair, discrepancy_assumptions(pair), evidences),
+        nuisances=compare_under(pair, nuisance_assumptions(pair), evidences),
+        slopes=slope_subsets(largest, evidences, quadratic=quadratic, seed=seed) if largest.degree else None,
+        tests=_tests(weighed, left, seed),
+        local_fits=local_fits(largest, campaign) if campaign.force_levels > 1 else pd.DataFrame(),
+        verdict=(),
+        tolerance=tolerance,
+        largest_error=max([evidences.largest_error, *(one.evidence.error for tests in left.values() for one in tests.values())]),
+    )
+    return replace(found, verdict=verdict_of(found, tuple(_prior_notes(weighed))))
+
+
+class _Steps:
+    """Counts what is done."""
+
+    def __init__(self, progress: Callable[[int, int], None] | None) -> None:
+        self.total, self._done, self._progress = 0, 0, progress
+
+    def __call__(self) -> None:
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, self.total)
+
+
+def _checked(
+    models: Mapping[str, HybridModel | xr.DataTree], campaign: Campaign | None, leave_out: str, tolerance: float
+) -> tuple[dict[str, HybridModel], Campaign]:
+    """The models and the one campaign they are of."""
+    if leave_out == "reading":
+        raise InputError(
+            "leave_out must be 'test', got 'reading': readings of one circle share its set-up shift and discrepancy and are not "
+            "independent facts, so leaving one out tells how well its neighbours predict it. Leave out tests."
+        )
+    check_known("leave_out", [leave_out], ("test",))
+    if len(models) < 2:
+        raise InputError(f"models must be at least two, got {len(models)}. Give for example constant and linear compliance.")
+    if not tolerance > 0:
+        raise InputError(f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-2.")
+    chosen = {name: model_of(model) if isinstance(model, xr.DataTree) else model for name, model in models.items()}
+    brought = {name: campaign_of(model) for name, model in models.items() if isinstance(model, xr.DataTree)}
+    if campaign is None and len(brought) < len(models):
+        raise InputError("compare must be given a campaign unless all models are posteriors, got none. Pass the campaign.")
+    campaign = campaign or next(iter(brought.values()))
+    other = next((name for name, own in brought.items() if own.sha256 != campaign.sha256), None)
+    if other is not None:
+        raise InputError(
+            f"models must be of the same readings to be compared, got {other!r} of other ones (SHA-256 "
+            f"{brought[other].sha256[:12]}… instead of {campaign.sha256[:12]}…). Fit both to one campaign."
+        )
+    for model in chosen.values():
+        check_comparable(model, campaign)
+    return chosen, campaign
+
+
+def _models(weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int) -> dict[str, ComparedModel]:
+    share = probabilities(np.array([one.evidence.log_value for one in weighed.values()]))
+    found = {}
+    for (name, one), probability in zip(weighed.items(), share, strict=True):
+        bound = one.posterior.bound
+        rng = np.random.default_rng(seed)
+        free = one.lattice.pick(_QUALITY_DRAWS, rng)
+        quality = fit_quality(bound, bound.hyper_prior.phi(free), draw_parameters_given(one.posterior, free, rng))
+        squares = _least_squares_quality(bound.model, bound.campaign)
+        mean, sd = moments(one.posterior, one.lattice)
+        densities = np.array([test.log_density for test in left[name].values()])
+        found[name] = ComparedModel(
+            name,
+            bound.model.degree,
+            bound.model.terms,
+            one.evidence,
+            float(probability),
+            float(densities.sum()) if densities.size else np.nan,
+            _standard_error(densities),
+            quality.rmse_um,
+            quality.fitness_percent,
+            np.nan if squares is None else squares.rmse_um,
+            {} if squares is None else squares.fitness_percent,
+            {p.name: (p.unit, float(m), float(s)) for p, m, s in zip(bound.parameters, mean, sd, strict=True)},
+            model_curves(one, seed),
+        )
+    return found
+
+
+def _least_squares_quality(model: HybridModel, campaign: Campaign) -> FitQuality | None:
+    """RMSE and fitness of the paper's least squares at the same degree; None where the forces do not determine it."""
+    if campaign.force_levels < model.degree + 2:
+        return None
+    bound = HybridModel.paper(model.degree).fixing(*model.fixed).bind(campaign)
+    return fit_quality(bound, np.ones((1, 1)), bound.centre[None])
+
+
+def _standard_error(densities: Array) -> float:
+    """Of the sum, from its scatter over the tests."""
+    return float(np.sqrt(len(densities) * densities.var(ddof=1))) if len(densities) > 1 else np.nan
+
+
+def _difference(left: Mapping[str, LeftOut], other: Mapping[str, LeftOut]) -> tuple[float, float]:
+    differences = np.array([left[name].log_density - other[name].log_density for name in left])
+    return float(differences.sum()), _standard_error(differences)
+
+
+def _nested(weighed: Mapping[str, Weighed], first: str) -> dict[str, tuple[float, float]]:
+    """Savage-Dickey ratios over the first model, where one of the two is the other with parameters fixed at zero."""
+    found = {}
+    for name, one in weighed.items():
+        pair = (weighed[first], one)
+        smaller, larger = sorted(pair, key=lambda own: len(own.posterior.bound.names))
+        inner, outer = smaller.posterior.bound, larger.posterior.bound
+        extra = [parameter for parameter in outer.names if parameter not in inner.names]
+        alike = replace(inner.model, degree=outer.model.degree, fixed=outer.model.fixed, preset=outer.model.preset) == outer.model
+        if name == first or not extra or not alike or not set(inner.names) < set(outer.names):
+            continue
+        value, error = savage_dickey(larger.posterior, larger.lattice, extra)
+        found[f"{name}/{first}"] = (-value if larger is one else value, error)
+    return found
+
+
+def _tests(weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int) -> dict[str, ComparedTest]:
+    """Every test against the others."""
+    names = list(next(iter(left.values())))
+    if not names:
+        return {}
+    belongs = belonging(weighed, left, seed=seed)
+    dropped = {model: dropping(one, left[model]) for model, one in weighed.items()}
+    smoothed = {model: pareto_smoothed(one.posterior, one.lattice, seed=seed) for model, one in weighed.items()}
+    forces = next(iter(weighed.values())).posterior.bound.setting.force_N
+    return {
+        name: ComparedTest(
+            float(forces[r]),
+            {model: tests[name].log_density for model, tests in left.items()},
+            {model: tests[name].error for model, tests in left.items()},
+            {model: float(log_density[r]) for model, (log_density, _, _) in smoothed.items()},
+            {model: float(pareto_k[r]) for model, (_, pareto_k, _) in smoothed.items()},
+            min(good_k for _, _, good_k in smoothed.values()),
+            belongs[name],
+            {model: by_test[name] for model, by_test in dropped.items()},
+        )
+        for r, name in enumerate(names)
+    }
+
+
+def _prior_notes(weighed: Mapping[str, Weighed]) -> Iterator[str]:
+    """Shared parameters with different priors: their Bayes factor compares these too."""
+    seen: dict[str, float] = {}
+    differing: dict[str, None] = {}
+    for one in weighed.values():
+        bound = one.posterior.bound
+        hyper = zip(bound.hyper_prior.names, bound.hyper_prior.scale_mm, strict=True)
+        for name, sd in [*zip(bound.names, bound.prior_sd, strict=True), *((str(n), s) for n, s in hyper)]:
+            if not np.isclose(seen.setdefault(name, float(sd)), sd, rtol=1e-9, atol=0.0):
+                differing[name] = None
+    if differing:
+        yield f"The models give {joined(list(differing))} different priors: the Bayes factor compares these too."

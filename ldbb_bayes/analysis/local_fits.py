@@ -1,0 +1,130 @@
+"""Constant compliance over windows of force: what varies from window to window is what a slope would have to explain.
+
+For every window both the paper's least squares (Tables 7 and 8) and the posterior with nuisances. Windows overlap and share ball
+form, bar length and mount: neighbouring estimates err together, so the scatter of the points says less than their bars seem to.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.evidence import check_comparable
+from ldbb_bayes.inference.marginals import moments, quantiles
+from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.inference.summary import check_probability
+from ldbb_bayes.model.hybrid import HybridModel
+
+__all__ = ["local_fits", "windows"]
+
+Array = NDArray[Any]
+_SAME_FORCE = 1e-6
+_TOLERANCE = 1e-2
+_SPARE, _COMPONENTS = 1e-3, 2048
+
+
+def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_prob: float = 0.95, seed: int = 0) -> pd.DataFrame:
+    """Fit constant compliance and geometry to every window of neighbouring force levels.
+
+    Parameters
+    ----------
+    model : HybridModel
+        Nuisances and priors; its degree is set to 0. What belongs to the campaign (two balls, Ĉ) stays the campaign's.
+    width : int
+        Force levels in a window; 2 gives the paper's adjacent pairs.
+    ci_prob : float
+        Probability of the equal-tailed credible intervals.
+
+    Returns
+    -------
+    DataFrame
+        One row per window and parameter: force_low_N, force_high_N, force_N (mean of the window's tests), tests, parameter, unit,
+        least_squares, least_squares_u (white noise alone; not a number where the window does not determine it), mean, sd,
+        ci_low, ci_high; in inside units.
+
+    Raises
+    ------
+    InputError
+        For fewer force levels than the width, a width below 2, a plan, or a flat prior.
+    """
+    check_comparable(model, campaign)
+    check_probability(ci_prob)
+    constant = model.with_degree(0)
+    whole = constant.bind(campaign)
+    levels = np.array([0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
+    rows: list[dict[str, Any]] = []
+    near = None
+    for names in windows(campaign, width):
+        bound = whole.keeping(names)
+        posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=near)
+        near, lattice = posterior.mode, posterior.lattice(_TOLERANCE)
+        mean, sd = moments(posterior, lattice, spare=_SPARE)
+        low, high = quantiles(posterior, lattice, levels, seed, components=_COMPONENTS)
+        squares, spread = _least_squares(campaign.select(names), bound.names)
+        forces = bound.setting.force_N
+        for j, parameter in enumerate(bound.parameters):
+            rows.append(
+                {
+                    "force_low_N": float(forces.min()),
+                    "force_high_N": float(forces.max()),
+                    "force_N": float(forces.mean()),
+                    "tests": len(names),
+                    "parameter": parameter.name,
+                    "unit": parameter.unit,
+                    "least_squares": squares[j],
+                    "least_squares_u": spread[j],
+                    "mean": mean[j],
+                    "sd": sd[j],
+                    "ci_low": low[j],
+                    "ci_high": high[j],
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def windows(campaign: Campaign, width: int) -> list[tuple[str, ...]]:
+    """Names of the tests of every window of ``width`` neighbouring force levels.
+
+    Raises
+    ------
+    InputError
+        For a width below 2 or above the number of force levels.
+    """
+    if width < 2:
+        raise InputError(
+            f"width must be at least 2 force levels, got {width}. At one force compliance and geometry cannot be separated."
+        )
+    if campaign.force_levels < width:
+        levels = campaign.force_levels
+        raise InputError(f"width must be at most the campaign's {levels} force levels, got {width}. Use a smaller one.")
+    order = np.argsort(campaign.forces_N, kind="stable")
+    forces = campaign.forces_N[order]
+    level = np.concatenate([[0], np.cumsum(np.diff(forces) > _SAME_FORCE * forces[-1])])
+    names = [campaign.tests[i].name for i in order]
+    return [
+        tuple(name for name, own in zip(names, level, strict=True) if first <= own < first + width)
+        for first in range(level[-1] - width + 2)
+    ]
+
+
+def _least_squares(window: Campaign, names: tuple[str, ...]) -> tuple[list[float], list[float]]:
+    """The paper's estimate (Eq. 31) of one window and its standard uncertainty from the residual scatter."""
+    bound = HybridModel.paper(0).bind(window)
+    freedom = window.readings - len(bound.names)
+    misfit = [
+        np.asarray(test.projection) - test.factor @ (bound.interest[r] @ bound.centre + bound.known_offset[r])
+        for r, test in enumerate(bound.reduced)
+    ]
+    square = sum(float(own @ own) + test.residual_ss for own, test in zip(misfit, bound.reduced, strict=True))
+    rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]) * bound.scale
+    singular, right = np.linalg.svd(rows, full_matrices=False)[1:]
+    if freedom <= 0 or len(rows) < rows.shape[1] or singular[-1] < 1e-10 * singular[0]:
+        return [float("nan")] * len(names), [float("nan")] * len(names)
+    spread = np.sqrt(square / freedom * ((right.T / singular) ** 2).sum(axis=1)) * bound.scale
+    place = [bound.names.index(name) for name in names]
+    return bound.centre[place].tolist(), spread[place].tolist()
