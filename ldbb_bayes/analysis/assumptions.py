@@ -32,6 +32,7 @@ Change = Callable[[HybridModel], HybridModel]
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 WHITE_NOISE = "white noise only, no truncation"
 _AS_GIVEN = "as in the model"
+_WORDS = {"setup-shift": "set-up shift"}
 
 
 @dataclass(frozen=True)
@@ -85,12 +86,12 @@ def discrepancy_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assum
     ideas: tuple[tuple[str, type[Nuisance], Nuisance | None], ...] = (
         ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
         ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
-        ("no discrepancy", Discrepancy, None),
-        ("set-up shift: zero and centre with one scale", SetupShift, SetupShift("together")),
-        ("set-up shift: a scale for zero (order 0), another for centre (order 1)", SetupShift, SetupShift("apart")),
-        ("set-up shift: zero (order 0) only", SetupShift, SetupShift("zero")),
-        ("set-up shift: centre (order 1) only", SetupShift, SetupShift("centre")),
-        ("no set-up shift", SetupShift, None),
+        ("without discrepancy", Discrepancy, None),
+        ("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
+        ("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
+        ("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
+        ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
+        ("without set-up shift", SetupShift, None),
     )
     for label, kind, term in ideas:
         if any(_term(model, kind) != term for model in models.values()):
@@ -101,7 +102,7 @@ def nuisance_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assumpti
     """Every nuisance switched over, the truncation switched over, and nothing but white noise."""
     yield Assumption(_AS_GIVEN, lambda model: model)
     for name, kind in NUISANCES.items():
-        words = name.replace("-", " ")
+        words = _WORDS.get(name, name.replace("-", " "))
         if any(_term(model, kind) is not None for model in models.values()):
             yield Assumption(f"without {words}", partial(_with_term, kind=kind, term=None))
         else:

@@ -197,26 +197,26 @@ class Comparison:
         return f"{self.pair[1]}/{self.pair[0]}"
 
     def table(self) -> pd.DataFrame:
-        """One row per model."""
+        """One row per model; logarithms in nats."""
+        first, none = self.pair[0], (np.nan, np.nan)
         rows = {
             name: {
-                "ln Z": model.evidence.log_value,
-                "± ln Z": model.evidence.error,
+                "ln B over first": 0.0 if name == first else self.log_bayes_factor[f"{name}/{first}"][0],
                 "probability": model.probability,
-                "elpd": model.elpd_lofo,
-                "elpd SE": model.elpd_lofo_se,
+                "elpd over first": 0.0 if name == first else self.elpd_difference.get(f"{name}/{first}", none)[0],
+                "± SE": 0.0 if name == first else self.elpd_difference.get(f"{name}/{first}", none)[1],
                 "RMSE µm": model.rmse_um,
-                "least squares RMSE µm": model.least_squares_rmse_um,
+                "RMSE µm, least squares": model.least_squares_rmse_um,
             }
             for name, model in self.models.items()
         }
         return pd.DataFrame.from_dict(rows, orient="index")
 
     def __str__(self) -> str:
-        return f"{self.table().to_string(float_format=lambda value: f'{value:.4g}')}\n\n" + "\n".join(self.verdict)
+        return f"{self.table().to_string(float_format=lambda value: f'{value:.3f}')}\n\n" + "\n".join(self.verdict)
 
     def _repr_html_(self) -> str:
-        rows = [{"model": name, **row.to_dict()} for name, row in self.table().round(4).iterrows()]
+        rows = [{"model": name, **dict(row)} for name, row in self.table().round(3).iterrows()]
         return table_html(f"Comparison, {self.campaign}: {' '.join(self.verdict)}", rows)
 
     def as_dict(self) -> dict[str, Any]:

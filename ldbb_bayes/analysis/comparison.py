@@ -38,6 +38,7 @@ from ldbb_bayes.inference.marginals import moments
 from ldbb_bayes.inference.origin import campaign_of, model_of
 from ldbb_bayes.inference.predictive import FitQuality, fit_quality
 from ldbb_bayes.inference.savage_dickey import savage_dickey
+from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.degeneracies import joined
 from ldbb_bayes.model.hybrid import HybridModel
 
@@ -54,6 +55,7 @@ def compare(
     quadratic: bool = False,
     leave_out: Literal["test", "reading"] = "test",
     tolerance: float = 1e-2,
+    ci_prob: float = 0.95,
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
@@ -71,6 +73,8 @@ def compare(
         What leave-one-out leaves out. Readings are refused: those of one circle are not independent facts.
     tolerance : float
         Error asked of every log evidence [nat].
+    ci_prob : float
+        Probability of the bands of C(F) and of the intervals of local fits.
     seed : int
         Of replicates, bands and the importance-sampling check.
     progress : callable, optional
@@ -81,6 +85,7 @@ def compare(
     InputError
         For fewer than two models, an improper prior, a plan, posteriors of different readings, or ``leave_out="reading"``.
     """
+    check_probability(ci_prob)
     chosen, campaign = _checked(models, campaign, leave_out, tolerance)
     first, second, *_ = chosen
     pair = {first: chosen[first], second: chosen[second]}
@@ -103,7 +108,7 @@ def compare(
         campaign=campaign.name,
         sha256=campaign.sha256,
         pair=(first, second),
-        models=_models(weighed, left, seed),
+        models=_models(weighed, left, seed, ci_prob),
         log_bayes_factor={
             f"{name}/{first}": log_bayes_factor(one.evidence, weighed[first].evidence)
             for name, one in weighed.items()
@@ -115,9 +120,9 @@ def compare(
         crossings=crossings(np.array(scales), np.array([assumed.log_bayes_factor for assumed in scaled])),
         discrepancy_sensitivity=compare_under(pair, discrepancy_assumptions(pair), evidences),
         nuisances=compare_under(pair, nuisance_assumptions(pair), evidences),
-        slopes=slope_subsets(largest, evidences, quadratic=quadratic, seed=seed) if largest.degree else None,
+        slopes=slope_subsets(largest, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if largest.degree else None,
         tests=_tests(weighed, left, seed),
-        local_fits=local_fits(largest, campaign) if campaign.force_levels > 1 else pd.DataFrame(),
+        local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if campaign.force_levels > 1 else pd.DataFrame(),
         verdict=(),
         tolerance=tolerance,
         largest_error=max([evidences.largest_error, *(one.evidence.error for tests in left.values() for one in tests.values())]),
@@ -167,7 +172,9 @@ def _checked(
     return chosen, campaign
 
 
-def _models(weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int) -> dict[str, ComparedModel]:
+def _models(
+    weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int, ci_prob: float
+) -> dict[str, ComparedModel]:
     share = probabilities(np.array([one.evidence.log_value for one in weighed.values()]))
     found = {}
     for (name, one), probability in zip(weighed.items(), share, strict=True):
@@ -191,7 +198,7 @@ def _models(weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, Left
             np.nan if squares is None else squares.rmse_um,
             {} if squares is None else squares.fitness_percent,
             {p.name: (p.unit, float(m), float(s)) for p, m, s in zip(bound.parameters, mean, sd, strict=True)},
-            model_curves(one, seed),
+            model_curves(one, seed, ci_prob),
         )
     return found
 

@@ -24,7 +24,6 @@ __all__ = ["Curve", "SlopeSubset", "SlopeSubsets", "averaged_curves", "count_sub
 Array = NDArray[Any]
 _DRAWS = 8000
 _POINTS = 41
-_LEVELS = (0.025, 0.5, 0.975)
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,10 @@ class SlopeSubset:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """C(F) of one compliance: mean, median and 95 % band at each force, in inside units."""
+    """C(F) of one compliance: mean, median and equal-tailed credible band at each force, in inside units."""
 
     unit: str
+    ci_prob: float
     force_N: Array
     mean: Array
     median: Array
@@ -55,7 +55,7 @@ class Curve:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         values = {name: getattr(self, name).tolist() for name in ("force_N", "mean", "median")}
-        return {"unit": self.unit, **values, "ci95": [self.low.tolist(), self.high.tolist()]}
+        return {"unit": self.unit, **values, f"ci{100 * self.ci_prob:g}": [self.low.tolist(), self.high.tolist()]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def count_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool) 
     return len(_choices(model.bind(evidences.campaign), quadratic=quadratic))
 
 
-def slope_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool, seed: int) -> SlopeSubsets:
+def slope_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool, seed: int, ci_prob: float = 0.95) -> SlopeSubsets:
     """Weigh every subset of the model's slopes.
 
     Parameters
@@ -108,12 +108,14 @@ def slope_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool, 
         tuple(sorted(subsets, key=lambda subset: -subset.probability)),
         dict(zip(labels, (share @ (powers > 0)).tolist(), strict=True)),
         dict(zip(labels, (share @ (powers > 1)).tolist(), strict=True)) if quadratic else {},
-        averaged_curves(weighed, share, np.random.default_rng(seed)),
+        averaged_curves(weighed, share, np.random.default_rng(seed), ci_prob),
         max(one.evidence.error for one in weighed),
     )
 
 
-def averaged_curves(weighed: Sequence[Weighed], share: Array, rng: np.random.Generator) -> dict[str, Curve]:
+def averaged_curves(
+    weighed: Sequence[Weighed], share: Array, rng: np.random.Generator, ci_prob: float = 0.95
+) -> dict[str, Curve]:
     """C(F) over the tested forces, averaged over models with these probabilities."""
     bound = weighed[0].posterior.bound
     forces = bound.campaign.forces_N
@@ -121,17 +123,17 @@ def averaged_curves(weighed: Sequence[Weighed], share: Array, rng: np.random.Gen
     counts = np.floor(share * _DRAWS + rng.random()).astype(int)
     parts = [_compliances(one, int(count), force, rng) for one, count in zip(weighed, counts, strict=True) if count]
     values = np.concatenate(parts)
-    low, median, high = np.quantile(values, _LEVELS, axis=0)
+    low, median, high = np.quantile(values, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob], axis=0)
     mean = values.mean(axis=0)
     return {
-        name.label: Curve(compliance_unit(name), force, mean[:, j], median[:, j], low[:, j], high[:, j])
+        name.label: Curve(compliance_unit(name), ci_prob, force, mean[:, j], median[:, j], low[:, j], high[:, j])
         for j, name in enumerate(bound.compliances)
     }
 
 
-def model_curves(weighed: Weighed, seed: int) -> dict[str, Curve]:
+def model_curves(weighed: Weighed, seed: int, ci_prob: float = 0.95) -> dict[str, Curve]:
     """C(F) of one model."""
-    return averaged_curves([weighed], np.ones(1), np.random.default_rng(seed))
+    return averaged_curves([weighed], np.ones(1), np.random.default_rng(seed), ci_prob)
 
 
 def _compliances(weighed: Weighed, size: int, force_N: Array, rng: np.random.Generator) -> Array:

@@ -95,10 +95,17 @@ def _robustness(comparison: Comparison) -> Iterator[str]:
 def _left_out(comparison: Comparison) -> Iterator[str]:
     if comparison.elpd_difference:
         value, spread = comparison.elpd_difference[comparison.ratio]
-        says = "no difference to speak of" if abs(value) < 2.0 * spread else f"in favour of {comparison.pair[int(value > 0)]}"
+        better = comparison.pair[int(value > 0)]
+        says = "no difference to speak of" if abs(value) < 2.0 * spread else f"in favour of {better}"
         yield (
-            f"Leaving out one force at a time, the predictions of {comparison.pair[1]} differ by {value:+.1f} ± {spread:.1f} nats: "
-            f"{says} ({len(comparison.tests)} tests, so the ± is rough itself)."
+            f"With one force left out at a time, {better} predicts it better by {abs(value):.1f} ± {spread:.1f} nats: {says} "
+            f"({len(comparison.tests)} tests, so the ± is rough itself)."
+        )
+    smoothed = [name for name, test in comparison.tests.items() if max(test.pareto_k.values()) > test.good_k]
+    if smoothed:
+        yield (
+            f"Importance sampling (PSIS-LOO) cannot be trusted for {joined(smoothed)} (Pareto k above "
+            f"{comparison.tests[smoothed[0]].good_k:.2g}); all numbers here are the exact ones."
         )
     flagged = [name for name, test in comparison.tests.items() if test.belonging.flag]
     for name in flagged:

@@ -11,6 +11,7 @@ import typer
 
 from ldbb_bayes import __version__
 from ldbb_bayes.cli.check import check
+from ldbb_bayes.cli.compare import compare
 from ldbb_bayes.cli.demo import demo
 from ldbb_bayes.cli.fit import fit
 from ldbb_bayes.cli.identify import identify
@@ -30,7 +31,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, check, fit, identify, simulate, summarize, validate):
+for command in (demo, check, fit, identify, compare, simulate, summarize, validate):
     app.command()(command)
 
 

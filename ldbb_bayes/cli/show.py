@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from rich.console import Console
 
+    from ldbb_bayes.analysis.compared import Comparison
     from ldbb_bayes.analysis.identified import Identifiability
     from ldbb_bayes.analysis.validation import Validation
     from ldbb_bayes.campaign.campaign import Campaign
@@ -25,11 +26,14 @@ __all__ = [
     "counting_progress",
     "full_result",
     "json_text",
+    "print_comparison",
     "print_fit",
     "print_json",
     "reading_console",
     "sampling_progress",
     "worker_pool",
+    "write_comparison",
+    "write_identifiability",
     "write_result",
     "write_validation",
 ]
@@ -129,6 +133,41 @@ def write_identifiability(result: Identifiability, record: Mapping[str, Any], ca
     machine, circle = campaign.machine(), campaign.tests[0].circle
     save_figure(compliance_atlas(machine, circle), folder, "compliance_atlas")
     save_figure(geometric_atlas(machine, circle), folder, "geometric_atlas")
+
+
+def write_comparison(result: Comparison, record: Mapping[str, Any], folder: Path) -> None:
+    """The result, its tables and figures."""
+    from ldbb_bayes.report.comparison import sensitivity_frame, subsets_frame, tests_frame
+    from ldbb_bayes.report.figures import (
+        compliance_with_local_fits,
+        evidence,
+        geometry_with_local_fits,
+        predictive_p_values,
+        save_figure,
+    )
+
+    (folder / "comparison.json").write_text(json_text(record), encoding="utf-8")
+    sensitivity_frame(result).to_csv(folder / "sensitivity.csv", index=False)
+    subsets_frame(result).to_csv(folder / "slope_subsets.csv", index=False)
+    tests_frame(result).to_csv(folder / "tests.csv", index=False)
+    result.local_fits.to_csv(folder / "local_fits.csv", index=False)
+    save_figure(evidence(result), folder, "evidence")
+    save_figure(compliance_with_local_fits(result), folder, "compliance_with_local_fits")
+    save_figure(geometry_with_local_fits(result), folder, "geometry_with_local_fits")
+    save_figure(predictive_p_values(result), folder, "predictive_p_values")
+
+
+def print_comparison(result: Comparison) -> None:
+    """The verdict, and the tables behind it."""
+    from ldbb_bayes.report.comparison import assumption_table, models_table, slopes_table, tests_table
+
+    console = reading_console()
+    for table in (models_table(result), assumption_table(result), slopes_table(result), tests_table(result)):
+        if table.row_count:
+            console.print(table)
+            console.print()
+    for sentence in result.verdict:
+        console.print(sentence, markup=False)
 
 
 @contextmanager

@@ -15,6 +15,12 @@ from ldbb_bayes.report.figures.atlas import compliance_atlas, geometric_atlas
 from ldbb_bayes.report.figures.calibration import rank_ecdf
 from ldbb_bayes.report.figures.chains import chains
 from ldbb_bayes.report.figures.circles import predictive, residuals, traces
+from ldbb_bayes.report.figures.comparison import (
+    compliance_with_local_fits,
+    evidence,
+    geometry_with_local_fits,
+    predictive_p_values,
+)
 from ldbb_bayes.report.figures.identifiability import alias_map, correlation_map, nuisance_costs, prior_and_posterior
 from ldbb_bayes.report.figures.parameters import compliance_against_force, corner, forest
 
@@ -24,12 +30,16 @@ __all__ = [
     "chains",
     "compliance_against_force",
     "compliance_atlas",
+    "compliance_with_local_fits",
     "corner",
     "correlation_map",
+    "evidence",
     "forest",
     "geometric_atlas",
+    "geometry_with_local_fits",
     "nuisance_costs",
     "predictive",
+    "predictive_p_values",
     "prior_and_posterior",
     "rank_ecdf",
     "residuals",
