@@ -31,6 +31,7 @@ _HOMES = {
     "log_evidence": "ldbb_bayes.inference.evidence",
     "marginals": "ldbb_bayes.inference.marginals",
     "Comparison": "ldbb_bayes.analysis.compared",
+    "belonging": "ldbb_bayes.analysis.belonging",
     "compare": "ldbb_bayes.analysis.comparison",
     "local_fits": "ldbb_bayes.analysis.local_fits",
     "log_bayes_factor": "ldbb_bayes.inference.evidence",
@@ -67,6 +68,7 @@ __all__ = [
     "Prior",
     "StoppingRule",
     "__version__",
+    "belonging",
     "compare",
     "compensate_mount",
     "embedded_campaign",
@@ -92,6 +94,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from ldbb_bayes.analysis.belonging import belonging
     from ldbb_bayes.analysis.compared import Comparison
     from ldbb_bayes.analysis.comparison import compare
     from ldbb_bayes.analysis.identifiability import identify, verdicts

@@ -23,7 +23,7 @@ from ldbb_bayes.analysis.assumptions import (
     nuisance_assumptions,
     with_slope_scale,
 )
-from ldbb_bayes.analysis.belonging import belonging, dropping
+from ldbb_bayes.analysis.belonging import belonging_of, dropping
 from ldbb_bayes.analysis.compared import ComparedModel, ComparedTest, Comparison, ScaledSlopes
 from ldbb_bayes.analysis.evidences import Evidences, Weighed, probabilities
 from ldbb_bayes.analysis.local_fits import local_fits
@@ -121,7 +121,7 @@ def compare(
         discrepancy_sensitivity=compare_under(pair, discrepancy_assumptions(pair), evidences),
         nuisances=compare_under(pair, nuisance_assumptions(pair), evidences),
         slopes=slope_subsets(largest, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if largest.degree else None,
-        tests=_tests(weighed, left, seed),
+        tests=_tests(weighed, left, seed, tolerance),
         local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if campaign.force_levels > 1 else pd.DataFrame(),
         verdict=(),
         tolerance=tolerance,
@@ -237,12 +237,14 @@ def _nested(weighed: Mapping[str, Weighed], first: str) -> dict[str, tuple[float
     return found
 
 
-def _tests(weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int) -> dict[str, ComparedTest]:
+def _tests(
+    weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int, tolerance: float
+) -> dict[str, ComparedTest]:
     """Every test against the others."""
     names = list(next(iter(left.values())))
     if not names:
         return {}
-    belongs = belonging(weighed, left, seed=seed)
+    belongs = belonging_of(weighed, left, seed=seed, tolerance=tolerance)
     dropped = {model: dropping(one, left[model]) for model, one in weighed.items()}
     smoothed = {model: pareto_smoothed(one.posterior, one.lattice, seed=seed) for model, one in weighed.items()}
     forces = next(iter(weighed.values())).posterior.bound.setting.force_N

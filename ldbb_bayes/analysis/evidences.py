@@ -73,8 +73,7 @@ class Evidences:
             self._progress()
 
 
-def probabilities(log_evidence: Array, prior: Array | None = None) -> Array:
-    """Posterior probabilities of models from their log evidences, shape (n,); prior probabilities equal by default."""
-    weight = log_evidence if prior is None else log_evidence + np.log(prior)
-    share = np.exp(weight - weight.max())
+def probabilities(log_evidence: Array) -> Array:
+    """Posterior probabilities of models from their log evidences, shape (n,), at equal prior probabilities."""
+    share = np.exp(log_evidence - log_evidence.max())
     return np.asarray(share / share.sum())
