@@ -56,7 +56,12 @@ def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
 
 def oracle_of(campaign: Campaign, degree: int, **options: object) -> Oracle:
     """The dense oracle of the same campaign."""
-    tests = [
+    return Oracle(oracle_tests(campaign), degree, compensated=campaign.mount.compensated, **options)  # type: ignore[arg-type]
+
+
+def oracle_tests(campaign: Campaign) -> list[OracleTest]:
+    """The tests as the oracle has them."""
+    return [
         OracleTest(
             float(test.force_N or 0.0),
             float(test.pressure_bar or 0.0),
@@ -68,4 +73,3 @@ def oracle_of(campaign: Campaign, degree: int, **options: object) -> Oracle:
         )
         for test in campaign.tests
     ]
-    return Oracle(tests, degree, compensated=campaign.mount.compensated, **options)  # type: ignore[arg-type]

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from ldbb_bayes.analysis.compared import Comparison
+from ldbb_bayes.analysis.comparison import compare
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
+from ldbb_bayes.model.hybrid import HybridModel
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -33,3 +36,10 @@ def recovered() -> Campaign:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(int(os.environ.get("LDBB_TEST_SEED", "1")))
+
+
+@pytest.fixture(scope="session")
+def compared(recovered: Campaign) -> Comparison:
+    """Constant and linear compliance on the recovered experiment."""
+    linear = HybridModel.default(1)
+    return compare({"constant": linear.with_degree(0), "linear": linear}, recovered)

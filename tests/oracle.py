@@ -11,7 +11,7 @@ import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special, stats
 
 INTEREST = ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"]
 GEOMETRIC = ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
@@ -209,3 +209,99 @@ class Oracle:
         for k in np.flatnonzero(np.isfinite(target)):
             target[k] += self.given(np.exp(log_phi[k]))[0]
         return log_phi, target - log_proposal
+
+    def log_evidence(self, *, points: int = 4096, draws: int = 64, seed: int = 0) -> tuple[float, float]:
+        """ln Z, truncation included where it is on, and its standard error: quasi-random importance sampling about the mode."""
+        rng = np.random.default_rng(seed)
+        centre, spread = self._locate(rng)
+        h, rows = len(centre), self._rows()
+        halves, places = [], stats.qmc.Sobol(len(rows), rng=rng).random(draws)
+        for _ in range(4):
+            uniform = np.clip(stats.qmc.Sobol(h, rng=rng).random(points // 4), 1e-12, 1.0 - 1e-12)
+            standard = stats.t(5).ppf(uniform)
+            log_phi = centre + standard @ spread.T
+            weight = np.array([self.log_prior_of_log(point) for point in log_phi])
+            weight -= stats.t.logpdf(standard, 5).sum(axis=1) - np.log(np.abs(np.linalg.det(spread)))
+            for k in np.flatnonzero(np.isfinite(weight)):
+                log_z, mean, covariance = self.given(np.exp(log_phi[k]))
+                inside = np.ones(draws, dtype=bool)
+                if self.truncated:
+                    root = np.linalg.cholesky(rows @ covariance @ rows.T)
+                    turned = (places + rng.random(len(rows))) % 1.0
+                    normal = special.ndtri(np.clip(turned, 1e-12, 1.0 - 1e-12))
+                    inside = (rows @ mean + normal @ root.T >= 0.0).all(axis=1)
+                weight[k] += log_z + np.log(max(inside.mean(), 1e-300))
+            halves.append(np.logaddexp.reduce(weight) - np.log(points // 4))
+        value = float(np.logaddexp.reduce(halves) - np.log(4))
+        error = float(np.std(np.exp(np.array(halves) - value), ddof=1) / 2.0)
+        return value - self._log_prob_prior(), error
+
+    def _rows(self) -> np.ndarray:
+        """C_XXX(F), C_YYY(F), C_CCY(F) at the least and the greatest force, for degrees 0 and 1."""
+        rows = []
+        for j in (0, 2, 5):
+            for force in self.unique[[0, -1]] if self.degree else self.unique[:1]:
+                row = np.zeros(self.sd.size)
+                row[j] = 1.0
+                if self.degree:
+                    row[6 + j] = force - self.reference
+                rows.append(row)
+        return np.array(rows)
+
+    def _log_prob_prior(self) -> float:
+        """ln P(T): for three compliances, ½ at degree 0; at degree 1 two half-planes of known correlation."""
+        if not self.truncated:
+            return 0.0
+        if self.degree == 0:
+            return 3.0 * np.log(0.5)
+        correlation = (1.0 - 0.15**2) / (1.0 + 0.15**2)
+        return 3.0 * np.log(0.25 + np.arcsin(correlation) / (2.0 * np.pi))
+
+    def _locate(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Where the posterior of ln φ lies, and a root of its covariance, from a first round of importance sampling."""
+
+        def negative(log_phi: np.ndarray) -> float:
+            prior = self.log_prior_of_log(log_phi)
+            return 1e10 if not np.isfinite(prior) else -(prior + self.given(np.exp(log_phi))[0])
+
+        found = optimize.minimize(negative, np.log(0.3 * self.scales), method="Nelder-Mead", options={"maxiter": 600})
+        centre, spread = found.x, 0.5 * np.eye(len(found.x))
+        for temperature in (30.0, 10.0, 3.0, 1.0, 1.0):
+            log_phi, weight = self._propose(centre, spread, 300, rng)
+            share = np.exp((weight - weight.max()) / temperature)
+            share /= share.sum()
+            centre = share @ log_phi
+            spread = np.linalg.cholesky((share[:, None] * (log_phi - centre)).T @ (log_phi - centre) + 1e-4 * np.eye(len(centre)))
+        return centre, spread
+
+
+@dataclass
+class ThinnedOracle(Oracle):
+    """The same for uniform circles of many readings: 25 stand for them that have their harmonics up to order 12, with white noise
+    σ² 25/n, beside the squares left over. ln Z is short of a constant that depends on the readings' number alone."""
+
+    readings: int = 25
+    left_over: float = 0.0
+
+    @classmethod
+    def of(cls, tests: list[OracleTest], degree: int, **options: object) -> ThinnedOracle:
+        """From tests with one number of readings."""
+        readings, left_over, thinned = tests[0].angle.size, 0.0, []
+        for t in tests:
+            columns = [np.ones_like(t.angle), *(f(m * t.angle) for m in range(1, 13) for f in (np.cos, np.sin))]
+            basis = np.column_stack(columns)
+            harmonics = np.linalg.lstsq(basis, t.reading, rcond=None)[0]
+            left_over += float(np.sum((t.reading - basis @ harmonics) ** 2))
+            angle = 2.0 * np.pi * np.arange(25) / 25.0
+            few = np.column_stack([np.ones_like(angle), *(f(m * angle) for m in range(1, 13) for f in (np.cos, np.sin))])
+            thinned.append(OracleTest(t.force, t.pressure, angle, few @ harmonics, t.work, t.tool, t.radius))
+        return cls(thinned, degree, readings=readings, left_over=left_over, **options)  # type: ignore[arg-type]
+
+    def covariance(self, phi: np.ndarray) -> np.ndarray:
+        white = phi[0] ** 2 * (1.0 - 25.0 / self.readings)
+        return super().covariance(phi) - white * np.eye(self.y.size)
+
+    def given(self, phi: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        log_evidence, mean, covariance = super().given(phi)
+        spare = len(self.tests) * (self.readings - 25)
+        return log_evidence - 0.5 * (spare * np.log(phi[0] ** 2) + self.left_over / phi[0] ** 2), mean, covariance

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from ldbb_bayes.analysis.evidences import Evidences, Weighed, probabilities
 from ldbb_bayes.campaign.campaign import Campaign
@@ -208,7 +208,7 @@ def _compared(observed: Array, replicates: Array) -> _Seen:
         ordered = np.sort(theirs)
         p_own.append(float((1.0 + n - np.searchsorted(ordered, mine)) / (n + 1.0)))
         p_replicates.append((n - np.searchsorted(ordered, theirs)) / n)
-        distances.append(-float(stats.chi2.logsf(mine, part.shape[1])))
+        distances.append(0.5 * float(mine) if part.shape[1] == 2 else -float(special.log_ndtr(-np.sqrt(mine)) + np.log(2.0)))
     smallest = np.min(p_replicates, axis=0)
     return _Seen(float((1.0 + np.sum(smallest <= min(p_own))) / (n + 1.0)), tuple(p_own), max(distances))
 

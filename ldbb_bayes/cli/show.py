@@ -137,7 +137,7 @@ def write_identifiability(result: Identifiability, record: Mapping[str, Any], ca
 
 def write_comparison(result: Comparison, record: Mapping[str, Any], folder: Path) -> None:
     """The result, its tables and figures."""
-    from ldbb_bayes.report.comparison import sensitivity_frame, subsets_frame, tests_frame
+    from ldbb_bayes.report.comparison import left_out_frame, sensitivity_frame, subsets_frame
     from ldbb_bayes.report.figures import (
         compliance_with_local_fits,
         evidence,
@@ -149,7 +149,7 @@ def write_comparison(result: Comparison, record: Mapping[str, Any], folder: Path
     (folder / "comparison.json").write_text(json_text(record), encoding="utf-8")
     sensitivity_frame(result).to_csv(folder / "sensitivity.csv", index=False)
     subsets_frame(result).to_csv(folder / "slope_subsets.csv", index=False)
-    tests_frame(result).to_csv(folder / "tests.csv", index=False)
+    left_out_frame(result).to_csv(folder / "tests.csv", index=False)
     result.local_fits.to_csv(folder / "local_fits.csv", index=False)
     save_figure(evidence(result), folder, "evidence")
     save_figure(compliance_with_local_fits(result), folder, "compliance_with_local_fits")
@@ -159,10 +159,10 @@ def write_comparison(result: Comparison, record: Mapping[str, Any], folder: Path
 
 def print_comparison(result: Comparison) -> None:
     """The verdict, and the tables behind it."""
-    from ldbb_bayes.report.comparison import assumption_table, models_table, slopes_table, tests_table
+    from ldbb_bayes.report.comparison import assumption_table, left_out_table, models_table, slopes_table
 
     console = reading_console()
-    for table in (models_table(result), assumption_table(result), slopes_table(result), tests_table(result)):
+    for table in (models_table(result), assumption_table(result), slopes_table(result), left_out_table(result)):
         if table.row_count:
             console.print(table)
             console.print()

@@ -15,13 +15,13 @@ from ldbb_bayes.units import display_name, display_unit
 
 __all__ = [
     "assumption_table",
+    "left_out_frame",
+    "left_out_table",
     "local_fits_table",
     "models_table",
     "sensitivity_frame",
     "slopes_table",
     "subsets_frame",
-    "tests_frame",
-    "tests_table",
 ]
 
 
@@ -76,7 +76,7 @@ def slopes_table(comparison: Comparison) -> Table:
     return table
 
 
-def tests_table(comparison: Comparison) -> Table:
+def left_out_table(comparison: Comparison) -> Table:
     """Every test left out: predictive p-values, what tells the models apart, and the parameter that leaving it out moves most."""
     table = _table(
         "test", "force (N)", "p", "p, all tests", "", f"ln p({comparison.ratio}) (nat)", "Pareto k", "moves most when left out"
@@ -99,7 +99,7 @@ def tests_table(comparison: Comparison) -> Table:
     return table
 
 
-def tests_frame(comparison: Comparison) -> pd.DataFrame:
+def left_out_frame(comparison: Comparison) -> pd.DataFrame:
     """Every test, model and parameter without the test; inside units."""
     rows = [
         {

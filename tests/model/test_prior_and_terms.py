@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import plan
+from campaigns import oracle_of, plan, simulated
 from scipy import integrate, stats
 
 import ldbb_bayes as lb
@@ -209,3 +209,74 @@ def test_models() -> None:
 def test_forces_a_model_needs(model: lb.HybridModel, forces: tuple, message: str) -> None:
     with pytest.raises(InputError, match=message):
         model.bind(plan([40] * len(forces), forces_N=forces))
+
+
+def test_set_up_shift_moves_what_it_says() -> None:
+    """Zero is order 0, centre is order 1; together one scale, apart each its own."""
+    setting = lb.HybridModel.default(0).bind(plan()).setting
+    zero, centre = np.zeros(SIZE), np.zeros(SIZE)
+    zero[0], centre[1:3] = 1.0, 1.0
+    (together,) = SetupShift().columns(setting)
+    np.testing.assert_array_equal(together.sd, zero + centre)
+    first, second = SetupShift("apart").columns(setting)
+    assert (first.hyper, second.hyper) == ("delta_0", "delta_1") == SetupShift("apart").hypers
+    np.testing.assert_array_equal(first.sd, zero)
+    np.testing.assert_array_equal(second.sd, centre)
+    for moves, expected in (("zero", zero), ("centre", centre)):
+        (alone,) = SetupShift(moves).columns(setting)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(alone.sd, expected)
+        assert alone.hyper == "delta"
+
+
+@pytest.mark.parametrize("arc_deg", [360.0, 250.0])
+def test_variants_of_what_differs_between_circles(arc_deg: float) -> None:
+    """ln p(y | φ) with scales of their own and κ/n²: the dense covariance, written out."""
+    campaign = simulated(plan((30, 26, 40, 28), arc_deg=arc_deg), seed=3)
+    nuisances = (BallForm(), BarLength(), SetupShift("apart"), Discrepancy(2.0))
+    model = lb.HybridModel(1, nuisances, lb.Prior(truncated=False))
+    bound = model.bind(campaign)
+    assert bound.hyper_prior.names == ("sigma", "delta_0", "delta_1", "kappa", "tau")
+    np.testing.assert_allclose(bound.hyper_prior.scale_mm, [1e-3, 1e-3, 1e-3, 1e-3, 5e-3])
+    sigma, zero, centre, kappa, tau = phi = np.array([3e-4, 7e-4, 2e-4, 5e-4, 2e-3])
+    oracle = oracle_of(campaign, 1, terms=("form", "length"), truncated=False)
+    covariance = oracle.covariance(np.array([sigma, tau])) + (oracle.J * oracle.sd**2) @ oracle.J.T
+    start = 0
+    for test in oracle.tests:
+        own = slice(start, start + test.angle.size)
+        start += test.angle.size
+        c, s = np.cos(test.angle), np.sin(test.angle)
+        covariance[own, own] += zero**2 + centre**2 * (np.outer(c, c) + np.outer(s, s))
+        for n in range(2, 13):
+            c, s = np.cos(n * test.angle), np.sin(n * test.angle)
+            covariance[own, own] += kappa**2 / n**4 * (np.outer(c, c) + np.outer(s, s))
+    expected = stats.multivariate_normal(np.zeros(oracle.y.size), covariance).logpdf(oracle.y)
+    assert bound.log_evidence(phi[None])[0] == pytest.approx(expected, abs=1e-5)
+
+
+def test_fixed_parameters_leave_the_model() -> None:
+    """A parameter fixed at zero is one that the model has not; C(F), truncation and priors of the others stay."""
+    planned = plan()
+    model = lb.HybridModel.default(1)
+    whole, fixed = model.bind(planned), model.fixing("C_XXX_1", "E_Xt0").bind(planned)
+    kept = [j for j, name in enumerate(whole.names) if name not in ("C_XXX_1", "E_Xt0")]
+    assert fixed.names == tuple(whole.names[j] for j in kept)
+    np.testing.assert_array_equal(fixed.interest, whole.interest[:, :, kept])
+    np.testing.assert_array_equal(fixed.prior_sd, whole.prior_sd[kept])
+    assert len(whole.physical.rows) == 6
+    assert len(fixed.physical.rows) == 5
+    np.testing.assert_allclose(fixed.compliance_at(742.0), whole.compliance_at(742.0)[:, kept])
+    assert fixed.compliance_at(389.0)[0, fixed.names.index("C_XXX")] == 1.0
+    assert whole.compliance_at(742.0)[0, whole.names.index("C_XXX_1")] == 353.0
+    assert lb.HybridModel.default(2).fixing("C_XXX_2", "C_XXX_1").with_degree(1).fixed == ("C_XXX_1",)
+    with pytest.raises(InputError, match=r"fixed parameter must be one of .* got 'C_XXY_1'"):
+        lb.HybridModel.default(1).fixing("C_XXY_1").bind(planned)
+
+
+def test_a_model_with_fixed_parameters_can_be_sampled(recovered: lb.Campaign) -> None:
+    model = lb.HybridModel.default(1).fixing("C_XXX_1", "C_YYY_1", "C_CXY_1", "C_CYY_1", "C_CCY_1")
+    posterior = lb.sample(model, recovered, sampler="quadrature", seed=1, rule=lb.StoppingRule(ess=400.0))
+    exact = lb.marginals(model, recovered, tolerance=1e-2)
+    table = lb.summarize(posterior)
+    assert "C_XYX_1" in table.index
+    assert "C_XXX_1" not in table.index
+    np.testing.assert_allclose(table["mean"] / exact["sd"], exact["mean"] / exact["sd"], atol=0.25)

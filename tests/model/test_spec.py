@@ -10,12 +10,14 @@ import pytest
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.spec import model_from_toml, model_sha256, model_to_toml
-from ldbb_bayes.model.terms import BarLength, Mount
+from ldbb_bayes.model.terms import BarLength, Discrepancy, Mount, SetupShift
 
 MODELS = [
     lb.HybridModel.default(1),
     lb.HybridModel.paper(0),
     lb.HybridModel.default(2).without("mount", "truncation"),
+    lb.HybridModel.default(1).fixing("C_XYX_1", "E_C0YX"),
+    lb.HybridModel(1, (SetupShift("apart"), Discrepancy(2.0))),
     lb.HybridModel(0, (BarLength(3.0), Mount(0.2)), replace(lb.Prior.default(), tau_um=9.0, overrides={"C_XXX": 1e-5}), 0.0),
 ]
 
@@ -53,6 +55,10 @@ def test_what_is_left_out_is_the_presets() -> None:
         ("schema = 1\n[terms.BarLength]\nsd = 1.0", "Did you mean 'sd_um'"),
         ("schema = 1\n[terms.BarLength]\nsd_um = -1.0", "BarLength sd_um must be"),
         ("schema = 1\n[terms.BallForm]\nx = 1.0", "BallForm key must not be given here, got 'x'"),
+        ("schema = 1\n[terms.SetupShift]\nmoves = 'zeros'", "SetupShift moves must be one of .* Did you mean 'zero'"),
+        ("schema = 1\n[terms.SetupShift]\nmoves = 1.0", "SetupShift moves must be a str, got 1.0"),
+        ("schema = 1\n[terms.Discrepancy]\ndecay = 'fast'", "Discrepancy decay must be a float, got 'fast'"),
+        ("schema = 1\nfixed = 'C_XYX_1'", "model 'fixed' must be valid"),
         ("schema = 1\nreference_force_N = nan", "reference_force_N must be finite"),
     ],
 )

@@ -1,0 +1,76 @@
+"""Tests that do not belong: p-values that are exact, an outlier found without its neighbours, Holm's method."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import HYPER_UM, TRUTH, plan
+from scipy import stats
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.belonging import FALSE_ALARMS, _compared, _holm
+from ldbb_bayes.errors import InputError
+
+CONSTANT = lb.HybridModel.default(0)
+MODELS = {"constant": CONSTANT, "linear": lb.HybridModel.default(1)}
+FORCES_N = (36.0, 200.0, 400.0, 600.0, 742.0)
+
+
+def campaign(seed: int, odd: str | None = None, harmonics: int = 3) -> lb.Campaign:
+    """A campaign without slopes; the odd test has 8 κ more in every harmonic up to an order."""
+    planned = plan((36,) * 5, forces_N=FORCES_N)
+    made = CONSTANT.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+    tests = []
+    for test in made.tests:
+        angle = test.angles_rad()
+        shape = 1.0 + sum(np.cos(n * angle) + np.sin(n * angle) for n in range(1, harmonics + 1))
+        offset = 8.0 * HYPER_UM["kappa"] * shape if test.name == odd else 0.0
+        tests.append(test.with_reading_um(np.asarray(test.reading_um) + offset))
+    return replace(made, tests=tuple(tests))
+
+
+@pytest.mark.parametrize("odd", ["f036", "f400"])
+def test_an_outlier_is_flagged_alone(odd: str) -> None:
+    found = lb.belonging(MODELS, campaign(4, odd), seed=1)
+    assert list(found.index[found["flag"]]) == [odd]
+    assert found.loc[odd, "family_wise_p_value"] < FALSE_ALARMS
+    orders = found.loc[odd, [f"order_{n}" for n in range(13)]].astype(float)
+    assert orders[["order_2", "order_3"]].max() < 1e-3
+    assert orders[[f"order_{n}" for n in range(5, 13)]].min() > 1e-3
+
+
+def test_a_clean_campaign_is_not() -> None:
+    found = lb.belonging(MODELS, campaign(5), seed=1)
+    assert not found["flag"].any()
+    assert list(found.columns[:4]) == ["force_N", "p_value", "family_wise_p_value", "flag"]
+    assert found["family_wise_p_value"].ge(found["p_value"]).all()
+
+
+def test_the_seed_fixes_the_numbers() -> None:
+    one, two = (lb.belonging({"constant": CONSTANT}, campaign(6), seed=3, replicates=2000) for _ in range(2))
+    assert one.equals(two)
+
+
+def test_p_values_of_what_the_replicates_are_made_of(rng: np.random.Generator) -> None:
+    """Uniform, by order and as a whole, for any covariance; −∞ never comes out."""
+    root = np.tril(rng.normal(size=(25, 25))) + 3.0 * np.eye(25)
+    replicates = rng.standard_normal((4000, 25)) @ root.T + 1.0
+    seen = [_compared(rng.standard_normal(25) @ root.T + 1.0, replicates) for _ in range(400)]
+    assert stats.kstest([one.p_value for one in seen], "uniform").pvalue > 1e-3
+    assert stats.kstest([one.order_p_values[3] for one in seen], "uniform").pvalue > 1e-3
+    far = _compared(np.full(25, 1e3), replicates)
+    assert far.p_value == pytest.approx(1.0 / 4001.0)
+    assert np.isfinite(far.distance)
+    assert far.distance > max(one.distance for one in seen)
+
+
+def test_holm() -> None:
+    np.testing.assert_allclose(_holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
+    np.testing.assert_allclose(_holm(np.array([0.9, 0.8])), [1.0, 1.0])
+
+
+def test_one_test_is_refused() -> None:
+    with pytest.raises(InputError, match="at least two tests"):
+        lb.belonging({"constant": CONSTANT}, campaign(1).select(["f400"]))

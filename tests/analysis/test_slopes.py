@@ -1,0 +1,94 @@
+"""Slope subsets: probabilities that sum, inclusion by hand, and C(F) as its pieces have it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from campaigns import HYPER_UM, TRUTH, plan, simulated
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.evidences import Evidences, probabilities
+from ldbb_bayes.analysis.slopes import SlopeSubsets, count_subsets, slope_subsets
+
+FREE = ("C_XYX", "C_CCY")
+LINEAR = lb.HybridModel.default(1).fixing(*(f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY")))
+
+
+@pytest.fixture(scope="module")
+def campaign() -> lb.Campaign:
+    return simulated(plan(), seed=1)
+
+
+@pytest.fixture(scope="module")
+def found(campaign: lb.Campaign) -> SlopeSubsets:
+    return slope_subsets(LINEAR, Evidences(campaign, tolerance=1e-2), quadratic=False, seed=1)
+
+
+def test_every_subset_once(found: SlopeSubsets, campaign: lb.Campaign) -> None:
+    assert {frozenset(subset.varying) for subset in found.subsets} == {
+        frozenset(),
+        frozenset(FREE[:1]),
+        frozenset(FREE[1:]),
+        frozenset(FREE),
+    }
+    assert count_subsets(LINEAR, Evidences(campaign, tolerance=1e-2), quadratic=False) == 4
+    assert sum(subset.probability for subset in found.subsets) == pytest.approx(1.0)
+    assert [s.probability for s in found.subsets] == sorted((s.probability for s in found.subsets), reverse=True)
+    for name in FREE:
+        share = sum(subset.probability for subset in found.subsets if name in subset.varying)
+        assert found.inclusion[name] == pytest.approx(share)
+
+
+def test_probabilities_are_those_of_the_evidences(found: SlopeSubsets, campaign: lb.Campaign) -> None:
+    by_hand = {}
+    for subset in found.subsets:
+        model = LINEAR.fixing(*(f"{name}_1" for name in FREE if name not in subset.varying))
+        by_hand[subset.varying] = lb.log_evidence(model, campaign).log_value
+        assert subset.log_evidence == pytest.approx(by_hand[subset.varying], abs=5e-3)
+    share = probabilities(np.array(list(by_hand.values())))
+    np.testing.assert_allclose([subset.probability for subset in found.subsets], share, atol=5e-3)
+
+
+def test_averaged_compliance(found: SlopeSubsets, campaign: lb.Campaign) -> None:
+    """E[C(F)] = Σ P(subset) E[C(F) | subset]; a compliance without a slope has a flat band, unless truncation links it."""
+    curve = found.curves["C_XYX"]
+    means = np.zeros(2)
+    for subset in found.subsets:
+        model = LINEAR.fixing(*(f"{name}_1" for name in FREE if name not in subset.varying))
+        table = lb.marginals(model, campaign, tolerance=1e-2)
+        slope = table["mean"].get("C_XYX_1", 0.0)
+        means += subset.probability * (table.loc["C_XYX", "mean"] + slope * np.array([-353.0, 353.0]))
+    sd = (curve.high - curve.low)[[0, -1]] / 4.0
+    np.testing.assert_allclose(curve.mean[[0, -1]] / sd, means / sd, atol=0.08)
+    assert np.all(curve.low < curve.mean)
+    assert np.all(curve.mean < curve.high)
+    flat = found.curves["C_XXX"]
+    assert np.ptp(flat.mean) == pytest.approx(0.0, abs=1e-18)
+    assert np.all(found.curves["C_CCY"].low >= 0.0)
+
+
+def test_a_slope_that_is_there_is_found() -> None:
+    truth = TRUTH | {"C_XYX_1": 1.5e-8}
+    campaign = lb.HybridModel.default(1).simulate(plan(), seed=3, parameters=truth, hyper_um=HYPER_UM).campaign
+    found = slope_subsets(LINEAR, Evidences(campaign, tolerance=1e-2), quadratic=False, seed=1)
+    assert found.inclusion["C_XYX"] > 0.95 > found.inclusion["C_CCY"]
+
+
+def test_quadratic_on_request() -> None:
+    """Constant, linear or quadratic for every compliance; a parabola that is there is found."""
+    model = lb.HybridModel.default(2).without("truncation")
+    model = model.fixing(*(f"{name}_{k}" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY") for k in (1, 2)))
+    truth, quiet = TRUTH | {"C_XYX_2": 2e-11}, {"sigma": 0.1, "delta": 0.1, "kappa": 0.03, "tau": 2.0}
+    planned = plan((30,) * 5, forces_N=(36.0, 200.0, 400.0, 600.0, 742.0))
+    campaign = model.simulate(planned, seed=2, parameters=truth, hyper_um=quiet).campaign
+    evidences = Evidences(campaign, tolerance=1e-2)
+    found = slope_subsets(model, evidences, quadratic=True, seed=1)
+    assert [dict(subset.powers) for subset in sorted(found.subsets, key=lambda s: s.powers["C_XYX"])] == [
+        {"C_XYX": 0},
+        {"C_XYX": 1},
+        {"C_XYX": 2},
+    ]
+    assert found.quadratic["C_XYX"] > 0.9
+    together = slope_subsets(model, evidences, quadratic=False, seed=1)
+    assert len(together.subsets) == 2
+    assert together.quadratic == {}
