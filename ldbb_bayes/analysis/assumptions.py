@@ -65,9 +65,11 @@ class Assumed:
 def compare_under(
     pair: Mapping[str, HybridModel], assumptions: Iterable[Assumption], evidences: Evidences
 ) -> tuple[Assumed, ...]:
-    """The two models compared under every assumption."""
+    """The two models compared under every assumption that leaves a difference between them."""
     found = []
     for assumption in assumptions:
+        if assumption.change(next(iter(pair.values()))) in [assumption.change(model) for model in list(pair.values())[1:]]:
+            continue
         weighed = {name: evidences.of(assumption.change(model)).evidence for name, model in pair.items()}
         first, second = weighed.values()
         values = {name: evidence.log_value for name, evidence in weighed.items()}
@@ -77,7 +79,7 @@ def compare_under(
 
 def with_slope_scale(scale: float) -> Assumption:
     """The slopes' prior sd as this multiple of sd(C) over the range of force."""
-    return Assumption(f"slope scale {scale:g}", lambda model: replace(model, prior=replace(model.prior, slope_scale=scale)))
+    return Assumption(f"slope scale {scale:g}", lambda model: model.with_slope_scale(scale))
 
 
 def discrepancy_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assumption]:

@@ -109,6 +109,7 @@ class ComparedTest:
             "lofo_log_density_error": dict(self.lofo_error),
             "lofo_p_value": self.belonging.p_value,
             "lofo_family_wise_p_value": self.belonging.family_wise_p_value,
+            "lofo_worst_order": self.belonging.worst_order,
             "lofo_p_value_by_order": {str(n): p for n, p in enumerate(self.belonging.order_p_values)},
             "flag": self.belonging.flag,
             "psis_loo": {
@@ -187,9 +188,10 @@ class Comparison:
 
     @property
     def overstatement(self) -> float:
-        """Nats by which white noise alone moves the log Bayes factor away from what the models say."""
-        naive = next(assumed for assumed in self.nuisances if assumed.label == WHITE_NOISE)
-        return naive.log_bayes_factor - self.log_bayes_factor[self.ratio][0]
+        """Nats by which white noise alone moves the log Bayes factor away from what the models say; not a number where it leaves
+        no difference between them."""
+        naive = next((assumed for assumed in self.nuisances if assumed.label == WHITE_NOISE), None)
+        return np.nan if naive is None else naive.log_bayes_factor - self.log_bayes_factor[self.ratio][0]
 
     @property
     def ratio(self) -> str:

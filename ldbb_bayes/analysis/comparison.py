@@ -232,7 +232,7 @@ def _nested(weighed: Mapping[str, Weighed], first: str) -> dict[str, tuple[float
         alike = replace(inner.model, degree=outer.model.degree, fixed=outer.model.fixed, preset=outer.model.preset) == outer.model
         if name == first or not extra or not alike or not set(inner.names) < set(outer.names):
             continue
-        value, error = savage_dickey(larger.posterior, larger.lattice, extra)
+        value, error = savage_dickey(larger.posterior, larger.evidence, extra)
         found[f"{name}/{first}"] = (-value if larger is one else value, error)
     return found
 

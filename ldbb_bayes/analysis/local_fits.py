@@ -65,7 +65,7 @@ def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_pro
         near, lattice = posterior.mode, posterior.lattice(_TOLERANCE)
         mean, sd = moments(posterior, lattice, spare=_SPARE)
         low, high = quantiles(posterior, lattice, levels, seed, components=_COMPONENTS)
-        squares, spread = _least_squares(campaign.select(names), bound.names)
+        squares, spread = _least_squares(constant, campaign.select(names))
         forces = bound.setting.force_N
         for j, parameter in enumerate(bound.parameters):
             rows.append(
@@ -112,9 +112,9 @@ def windows(campaign: Campaign, width: int) -> list[tuple[str, ...]]:
     ]
 
 
-def _least_squares(window: Campaign, names: tuple[str, ...]) -> tuple[list[float], list[float]]:
+def _least_squares(constant: HybridModel, window: Campaign) -> tuple[list[float], list[float]]:
     """The paper's estimate (Eq. 31) of one window and its standard uncertainty from the residual scatter."""
-    bound = HybridModel.paper(0).bind(window)
+    bound = HybridModel.paper(0).fixing(*constant.fixed).bind(window)
     freedom = window.readings - len(bound.names)
     misfit = [
         np.asarray(test.projection) - test.factor @ (bound.interest[r] @ bound.centre + bound.known_offset[r])
@@ -124,7 +124,6 @@ def _least_squares(window: Campaign, names: tuple[str, ...]) -> tuple[list[float
     rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]) * bound.scale
     singular, right = np.linalg.svd(rows, full_matrices=False)[1:]
     if freedom <= 0 or len(rows) < rows.shape[1] or singular[-1] < 1e-10 * singular[0]:
-        return [float("nan")] * len(names), [float("nan")] * len(names)
+        return [float("nan")] * len(bound.names), [float("nan")] * len(bound.names)
     spread = np.sqrt(square / freedom * ((right.T / singular) ** 2).sum(axis=1)) * bound.scale
-    place = [bound.names.index(name) for name in names]
-    return bound.centre[place].tolist(), spread[place].tolist()
+    return bound.centre.tolist(), spread.tolist()

@@ -56,9 +56,12 @@ def _evidence(comparison: Comparison) -> Iterator[str]:
     shares = joined([f"{name} {_share(model.probability)}" for name, model in comparison.models.items()])
     yield f"ln B({comparison.ratio}) = {value:+.2f} ± {_error(error)}: {says}. Probabilities at equal prior odds: {shares}."
     for ratio, (other, own_error) in comparison.savage_dickey.items():
-        direct = comparison.log_bayes_factor[ratio]
-        if abs(other - direct[0]) > _DISAGREE + own_error + direct[1]:
-            yield f"The second route (Savage-Dickey) disagrees: ln B({ratio}) = {other:+.2f} ± {_error(own_error)}."
+        direct, direct_error = comparison.log_bayes_factor[ratio]
+        if abs(other - direct) > _DISAGREE or own_error > _DISAGREE:
+            yield (
+                f"The second route (Savage-Dickey) gives ln B({ratio}) = {other:+.2f} ± {_error(own_error)}, the first "
+                f"{direct:+.2f} ± {_error(direct_error)}: trust no more than they share."
+            )
 
 
 def _robustness(comparison: Comparison) -> Iterator[str]:
@@ -71,9 +74,10 @@ def _robustness(comparison: Comparison) -> Iterator[str]:
     if scales:
         values = [scaled.log_bayes_factor for scaled in scales]
         zeros = joined([f"{crossing:.2g}" for crossing in comparison.crossings])
+        sign = f"changing sign at {zeros}" if zeros else "of one sign"
         yield (
             f"With slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) "
-            f"it goes from {values[0]:+.1f} to {values[-1]:+.1f}, {f'changing sign at {zeros}' if zeros else 'of one sign'}."
+            f"it lies between {min(values):+.1f} and {max(values):+.1f}, {sign}."
         )
     open_ = [(a, own) for a, own in changes if own > -_REJECTED]
     closed = [(a, own) for a, own in changes if own <= -_REJECTED]
@@ -85,11 +89,12 @@ def _robustness(comparison: Comparison) -> Iterator[str]:
     if closed:
         listed = joined([f"'{a.label}' ({a.log_bayes_factor:+.0f})" for a, _ in closed])
         yield f"It also turns with {listed}, assumptions the readings reject by {-closed[0][1]:.0f} nats and more."
-    naive = next(assumed for assumed in comparison.nuisances if assumed.label == WHITE_NOISE)
-    yield (
-        f"White noise alone, without nuisances and truncation, would say {naive.log_bayes_factor:+.0f}: "
-        f"{abs(comparison.overstatement):.0f} nats away, because it counts every reading as an independent fact."
-    )
+    naive = next((assumed for assumed in comparison.nuisances if assumed.label == WHITE_NOISE), None)
+    if naive is not None:
+        yield (
+            f"White noise alone, without nuisances and truncation, would say {naive.log_bayes_factor:+.0f}: "
+            f"{abs(comparison.overstatement):.0f} nats away, because it counts every reading as an independent fact."
+        )
 
 
 def _left_out(comparison: Comparison) -> Iterator[str]:
@@ -112,9 +117,12 @@ def _left_out(comparison: Comparison) -> Iterator[str]:
         belonging = comparison.tests[name].belonging
         yield (
             f"{name} does not belong with the others (family-wise p = {belonging.family_wise_p_value:.2g}, most in order "
-            f"{int(np.argmin(belonging.order_p_values))}): look at it before using it, and at what changes without it."
+            f"{belonging.worst_order}): look at it before using it, and at what changes without it."
         )
-    if comparison.tests and not flagged:
+    at_odds = [name for name, test in comparison.tests.items() if test.belonging.stands_out and not test.belonging.flag]
+    if at_odds:
+        yield f"{joined(at_odds)} disagree with one another, and nothing says which is wrong: add tests."
+    if comparison.tests and not flagged and not at_odds:
         smallest = min(test.belonging.family_wise_p_value for test in comparison.tests.values())
         yield f"Every test belongs with the others (smallest family-wise p = {smallest:.2g})."
 
@@ -135,12 +143,12 @@ def _slopes(comparison: Comparison) -> Iterator[str]:
 
 
 def _fit(comparison: Comparison) -> Iterator[str]:
-    first, second = (comparison.models[name] for name in comparison.pair)
-    before, after = first.least_squares_rmse_um, second.least_squares_rmse_um
-    if np.isfinite(before) and np.isfinite(after) and first.degree != second.degree:
+    smaller, larger = sorted((comparison.models[name] for name in comparison.pair), key=lambda model: model.degree)
+    before, after = smaller.least_squares_rmse_um, larger.least_squares_rmse_um
+    if np.isfinite(before) and np.isfinite(after) and smaller.degree != larger.degree:
         yield (
-            f"By least squares the RMSE (Eq. 34) goes from {before:.2f} to {after:.2f} µm ({100 * (after / before - 1):+.0f} %): "
-            "more parameters always lower it, so it is no evidence by itself."
+            f"By least squares the RMSE (Eq. 34) goes from {before:.2f} ({smaller.name}) to {after:.2f} µm ({larger.name}), "
+            f"{100 * (after / before - 1):+.0f} %: more parameters always lower it, so it is no evidence by itself."
         )
     if not comparison.within_tolerance:
         error, asked = comparison.largest_error, comparison.tolerance

@@ -22,6 +22,7 @@ Array = NDArray[Any]
 _REACH = 1 << 13
 _CHUNK = 256
 _BEYOND = 3.0
+_MEAN_OF_TWO = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +54,6 @@ class Lattice:
     grids : the two grids
     left_out : float
         Share of the integral beyond the edge, estimated by what lies on it.
-    depth : float
-        The edge is where ln f has fallen by this much [nat].
     """
 
     centre: Array
@@ -62,7 +61,6 @@ class Lattice:
     step: float
     grids: tuple[_Grid, _Grid]
     left_out: float
-    depth: float
 
     @property
     def free(self) -> Array:
@@ -87,8 +85,10 @@ class Lattice:
 
     @property
     def error(self) -> float:
-        """Of the logarithm: the square of the two grids' difference, and what lies beyond the edge."""
-        return float((self._halves[0] - self._halves[1]) ** 2 + self.left_out)
+        """Of the logarithm: a quarter of the two grids' difference (seen to bound the error of their mean), and what lies beyond
+        the edge."""
+        apart = abs(self._halves[0] - self._halves[1])
+        return float(max(apart**2, _MEAN_OF_TWO * apart) + self.left_out)
 
     def draw(self, size: int, rng: np.random.Generator | np.random.RandomState, *, temperature: float = 1.0) -> Array:
         """Independent draws from the density as the lattice sees it, constant in every cell, shape (size, h).
@@ -134,14 +134,6 @@ class Lattice:
         first, second = (replace(grid, log_density=part) for grid, part in zip(self.grids, parts, strict=True))
         return replace(self, grids=(first, second))
 
-    def reweighted(self, log_ratio: Array) -> Lattice:
-        """The lattice of the density times a ratio known at the nodes, (n,); ``left_out`` becomes what it has near the edge."""
-        near_edge = self.log_density < self.log_density.max() - self.depth + _BEYOND
-        parts = np.split(self.log_density + log_ratio, [len(self.grids[0].key)])
-        first, second = (replace(grid, log_density=part) for grid, part in zip(self.grids, parts, strict=True))
-        lattice = replace(self, grids=(first, second))
-        return replace(lattice, left_out=float(lattice.weight[near_edge].sum()))
-
     @property
     def _halves(self) -> tuple[float, float]:
         cell = len(self.centre) * np.log(self.step) + np.linalg.slogdet(self.root)[1]
@@ -180,7 +172,7 @@ def grow_lattice(
         first, second = (_grow(log_density, centre, root, step, offset, depth, most) for offset in (0.0, 0.5))
         total = np.logaddexp.reduce(np.concatenate([first[0].log_density, second[0].log_density]))
         left_out = _BEYOND * float(np.exp(np.logaddexp(first[1], second[1]) - total))
-        lattice = Lattice(centre, root, step, (first[0], second[0]), left_out, depth)
+        lattice = Lattice(centre, root, step, (first[0], second[0]), left_out)
         size = len(first[0].key) + len(second[0].key)
         if lattice.error <= tolerance or size * 0.75 ** -len(centre) > most:
             return lattice

@@ -92,7 +92,7 @@ def pareto_smoothed(
     return psis_loo(np.concatenate(parts).reshape(_CHAINS, -1, len(bound.test_names)))
 
 
-def replicate_left_out(bound: BoundModel, left: LeftOut, size: int, rng: np.random.Generator, *, each: int = 5) -> Array:
+def replicate_left_out(bound: BoundModel, left: LeftOut, size: int, rng: np.random.Generator, *, each: int = 1) -> Array:
     """Least-squares harmonics of circles that the other tests expect in the place of the one left out, shape (size, 25) [mm].
 
     Parameters

@@ -264,6 +264,18 @@ class BoundModel:
         compliance = [prior.compliance_sd(self.compliances, k, force_range_N) for k in degrees]
         return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors, geometric_kinds())])
 
+    def _check_room(self, bounded: Sequence[int], at: Sequence[Array], reference_force_N: float) -> None:
+        """Refuse a compliance fixed at zero at F0 whose free slope would make it negative on one side of F0."""
+        for j in bounded:
+            label = self.compliances[j].label
+            slopes = [p for p in self.parameters if p.compliance == label and p.degree]
+            signs = {float(np.sign(rows[j] @ [p in slopes for p in self.parameters])) for rows in at}
+            if label in self.model.fixed and [p.degree for p in slopes] == [1] and {-1.0, 1.0} <= signs:
+                raise InputError(
+                    f"{label} must not be fixed at zero while {slopes[0].name} is free: about F0 = {reference_force_N:g} N C(F) "
+                    f"would be negative on one side. Fix {slopes[0].name} too, or give a reference_force_N outside the tested forces."
+                )
+
     def _physical_rows(self, campaign: Campaign, reference_force_N: float) -> Array:
         """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind."""
         forces = np.unique(campaign.forces_N)
@@ -273,6 +285,7 @@ class BoundModel:
             forces = forces[[0, -1]]
         bounded = [j for j, name in enumerate(self.compliances) if name.kind in ("direct", "rotation_for_moment")]
         at = [self.compliance_at(force, reference_force_N=reference_force_N) for force in forces]
+        self._check_room(bounded, at, reference_force_N)
         rows = [tuple(rows[j]) for j in bounded for rows in at]
         return np.array([row for row in dict.fromkeys(rows) if any(row)]).reshape(-1, len(self.parameters))
 

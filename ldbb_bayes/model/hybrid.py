@@ -111,9 +111,16 @@ class HybridModel:
         return cls.paper(degree) if preset == "paper" else cls.default(degree)
 
     def with_degree(self, degree: int) -> HybridModel:
-        """The same model with another degree; what is fixed at zero stays fixed where the new degree has it."""
-        kept = tuple(name for name in self.fixed if _degree_of(name) <= degree)
-        return replace(self, degree=degree, fixed=kept)
+        """The same model with another degree; what is fixed or overridden stays so where the new degree has it."""
+        fixed = tuple(name for name in self.fixed if _degree_of(name) <= degree)
+        overrides = {name: sd for name, sd in self.prior.overrides.items() if _degree_of(name) <= degree}
+        return replace(self, degree=degree, fixed=fixed, prior=replace(self.prior, overrides=overrides))
+
+    def with_slope_scale(self, scale: float) -> HybridModel:
+        """The same model with slopes of this prior scale; what is overridden changes in proportion."""
+        factor = scale / self.prior.slope_scale
+        overrides = {name: sd * (factor if _degree_of(name) else 1.0) for name, sd in self.prior.overrides.items()}
+        return replace(self, prior=replace(self.prior, slope_scale=scale, overrides=overrides))
 
     def fixing(self, *names: str) -> HybridModel:
         """The same model with the named parameters fixed at zero."""
