@@ -273,7 +273,8 @@ class BoundModel:
             if label in self.model.fixed and [p.degree for p in slopes] == [1] and {-1.0, 1.0} <= signs:
                 raise InputError(
                     f"{label} must not be fixed at zero while {slopes[0].name} is free: about F0 = {reference_force_N:g} N C(F) "
-                    f"would be negative on one side. Fix {slopes[0].name} too, or give a reference_force_N outside the tested forces."
+                    f"would be negative on one side. Fix {slopes[0].name} too, or give a reference_force_N outside "
+                    "the tested forces."
                 )
 
     def _physical_rows(self, campaign: Campaign, reference_force_N: float) -> Array:

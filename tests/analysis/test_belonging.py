@@ -66,6 +66,32 @@ def test_p_values_of_what_the_replicates_are_made_of(rng: np.random.Generator) -
     assert far.distance > max(one.distance for one in seen)
 
 
+def test_two_that_disagree_are_not_flagged() -> None:
+    """Nothing says which of two is wrong; with three the odd one is found."""
+    made = campaign(4).select(["f200", "f400", "f742"])
+    odd = made.tests[1]
+    spoilt = [made.tests[0], odd.with_reading_um(odd.reading_um + 20.0 * np.cos(5.0 * odd.angles_rad()))]
+    two = lb.belonging(MODELS, replace(made, tests=tuple(spoilt)), seed=1)
+    assert two["family_wise_p_value"].max() < FALSE_ALARMS
+    assert not two["flag"].any()
+    three = lb.belonging(MODELS, replace(made, tests=(*spoilt, made.tests[2])), seed=1)
+    assert list(three.index[three["flag"]]) == ["f400"]
+
+
+def test_the_worst_order_is_the_farthest_of_those_beyond_all_replicates(rng: np.random.Generator) -> None:
+    replicates = rng.standard_normal((2000, 25))
+    observed = np.zeros(25)
+    observed[3], observed[9] = 20.0, 200.0
+    seen = _compared(observed, replicates)
+    assert seen.order_p_values[2] == seen.order_p_values[5] == pytest.approx(1.0 / 2001.0)
+    assert seen.worst_order == 5
+
+
+def test_too_few_replicates_to_flag_anything_are_refused() -> None:
+    with pytest.raises(InputError, match="replicates must be at least 126 to judge 5 tests, got 100"):
+        lb.belonging({"constant": CONSTANT}, campaign(1), replicates=100)
+
+
 def test_holm() -> None:
     np.testing.assert_allclose(_holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
     np.testing.assert_allclose(_holm(np.array([0.9, 0.8])), [1.0, 1.0])

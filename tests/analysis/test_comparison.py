@@ -158,6 +158,27 @@ def test_a_verdict_that_holds(found: Comparison) -> None:
     assert any("changing sign at 0.12" in sentence for sentence in crossed)
 
 
+def test_sentences_follow_the_numbers(found: Comparison) -> None:
+    """The order of the models, tests at odds, a rough second route."""
+    turned_round = replace(found, pair=("linear", "constant"), models=dict(reversed(found.models.items())))
+    turned_round = replace(
+        turned_round,
+        log_bayes_factor={"constant/linear": (5.85, 1e-3)},
+        savage_dickey={"constant/linear": (5.0, 1.5)},
+        elpd_difference={"constant/linear": (1.6, 1.1)},
+    )
+    said = verdict_of(turned_round)
+    assert any("from 1.11 (constant) to 0.90 µm (linear), -19 %" in sentence for sentence in said)
+    assert any("in favour of constant" in sentence for sentence in said[:1])
+    assert any("second route (Savage-Dickey) gives ln B(constant/linear) = +5.00 ± 2" in sentence for sentence in said)
+    name, test = next(iter(found.tests.items()))
+    odd = replace(test, belonging=replace(test.belonging, family_wise_p_value=1e-3, flag=False))
+    assert any(sentence.startswith(f"{name} disagree") for sentence in verdict_of(replace(found, tests={name: odd})))
+    flagged = replace(test, belonging=replace(test.belonging, family_wise_p_value=1e-3, flag=True, worst_order=3))
+    said = verdict_of(replace(found, tests={name: flagged}))
+    assert any(f"{name} does not belong with the others" in sentence and "most in order 3" in sentence for sentence in said)
+
+
 def test_assumptions_change_one_thing() -> None:
     bare = {name: model.without("ball-form", "setup-shift") for name, model in PAIR.items()}
     labels = [assumption.label for assumption in nuisance_assumptions(bare)]
@@ -213,6 +234,9 @@ def test_one_force_compares_nuisances_only() -> None:
     assert found.local_fits.empty
     assert set(found.log_bayes_factor) == {"without/with form"}
     assert found.savage_dickey == {}
+    assert "without ball form" not in [assumed.label for assumed in found.nuisances]
+    assert WHITE_NOISE not in [assumed.label for assumed in found.nuisances]
+    assert np.isnan(found.overstatement)
     assert np.isnan(found.models["without"].elpd_lofo)
     assert json.loads(json_text(found.as_dict()))["models"]["without"]["elpd_lofo"] is None
 

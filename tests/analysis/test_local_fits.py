@@ -74,6 +74,21 @@ def test_posterior_of_a_window(recovered: lb.Campaign) -> None:
     np.testing.assert_allclose((own["ci_high"] - own["ci_low"]) / (expected["ci_high"] - expected["ci_low"]), 1.0, atol=0.05)
 
 
+def test_least_squares_fix_what_the_model_fixes(recovered: lb.Campaign) -> None:
+    """Without C_CCY the others change, and plain matrices say how."""
+    model = lb.HybridModel.default(0).fixing("C_CCY")
+    found = lb.local_fits(model, recovered)
+    assert "C_CCY" not in set(found["parameter"])
+    own = found[found["force_low_N"] == 238.0].set_index("parameter")["least_squares"]
+    bound = lb.HybridModel.paper(0).bind(recovered.select(["f238", "f364"]))
+    keep = [j for j, name in enumerate(bound.names) if name != "C_CCY"]
+    rows = np.concatenate([test.factor @ bound.interest[r][:, keep] for r, test in enumerate(bound.reduced)])
+    values = np.concatenate([np.asarray(test.projection) for test in bound.reduced])
+    scale = bound.scale[keep]
+    expected = np.linalg.lstsq(rows * scale, values, rcond=None)[0] * scale
+    np.testing.assert_allclose(own.to_numpy(), expected, rtol=1e-6)
+
+
 def test_windows() -> None:
     planned = plan((30,) * 5, forces_N=(400.0, 36.0, 400.0, 742.0, 200.0))
     assert windows(planned, 2) == [("f036", "f200"), ("f200", "f400", "f400_2"), ("f400", "f400_2", "f742")]

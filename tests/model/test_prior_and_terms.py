@@ -272,6 +272,32 @@ def test_fixed_parameters_leave_the_model() -> None:
         lb.HybridModel.default(1).fixing("C_XXY_1").bind(planned)
 
 
+def test_a_slope_alone_about_the_middle_is_refused() -> None:
+    """C(F) = (F − F0) C_1 cannot be positive on both sides of F0: no truncated prior, no evidence."""
+    planned = plan()
+    for model in (lb.HybridModel.default(1), lb.HybridModel.default(1).without("truncation")):
+        with pytest.raises(InputError, match="C_CCY must not be fixed at zero while C_CCY_1 is free: about F0 = 389 N"):
+            model.fixing("C_CCY").bind(planned)
+    model = lb.HybridModel.default(1).fixing("C_CCY")
+    for reference in (0.0, 36.0, 742.0, 2000.0):
+        replace(model, reference_force_N=reference).bind(planned)
+    model.fixing("C_CCY_1").bind(planned)
+    lb.HybridModel.default(1).fixing("C_XYX").bind(planned)
+    lb.HybridModel.default(2).fixing("C_CCY").bind(planned)
+
+
+def test_overrides_follow_the_degree() -> None:
+    """Overrides of slopes go with them, and change with the slopes' scale in proportion."""
+    prior = replace(lb.Prior.default(), overrides={"C_XXX": 2e-4, "C_XXX_1": 3e-8})
+    model = replace(lb.HybridModel.default(1), prior=prior)
+    constant = model.with_degree(0).bind(plan())
+    assert constant.prior_sd[constant.names.index("C_XXX")] == 2e-4
+    doubled = model.with_slope_scale(0.6).bind(plan())
+    sd = dict(zip(doubled.names, doubled.prior_sd, strict=True))
+    assert (sd["C_XXX"], sd["C_XXX_1"]) == pytest.approx((2e-4, 6e-8))
+    assert sd["C_XYX_1"] == pytest.approx(0.6 * 1e-5 / 706.0)
+
+
 def test_a_model_with_fixed_parameters_can_be_sampled(recovered: lb.Campaign) -> None:
     model = lb.HybridModel.default(1).fixing("C_XXX_1", "C_YYY_1", "C_CXY_1", "C_CYY_1", "C_CCY_1")
     posterior = lb.sample(model, recovered, sampler="quadrature", seed=1, rule=lb.StoppingRule(ess=400.0))
