@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from ldbb_bayes.analysis.evidences import Evidences, Weighed, probabilities
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.leave_one_out import LeftOut, harmonics_of, leave_one_out, replicate_left_out
 from ldbb_bayes.inference.marginals import moments
@@ -107,6 +107,11 @@ def belonging(
     InputError
         For fewer than two tests, a plan, or an improper prior.
     """
+    check_campaign(campaign)
+    if not models:
+        raise InputError("models must be at least one, got none. Give for example {'linear': HybridModel.default(1)}.")
+    if replicates is not None and replicates < 1:
+        raise InputError(f"replicates must be at least 1, got {replicates}. Leave it out for the default.")
     if len(campaign.tests) < 2:
         raise InputError("a campaign must have at least two tests to compare them, got one. Add tests.")
     evidences = Evidences(campaign, tolerance=tolerance)

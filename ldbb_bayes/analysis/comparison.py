@@ -29,8 +29,8 @@ from ldbb_bayes.analysis.evidences import Evidences, Weighed, probabilities
 from ldbb_bayes.analysis.local_fits import local_fits
 from ldbb_bayes.analysis.slopes import count_subsets, model_curves, slope_subsets
 from ldbb_bayes.analysis.weight import verdict_of
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.collapsed import draw_parameters_given
 from ldbb_bayes.inference.evidence import check_comparable, log_bayes_factor
 from ldbb_bayes.inference.leave_one_out import LeftOut, leave_one_out, pareto_smoothed
@@ -46,6 +46,7 @@ __all__ = ["compare"]
 
 Array = NDArray[Any]
 _QUALITY_DRAWS = 1000
+_FINEST, _COARSEST = 1e-4, 1.0
 
 
 def compare(
@@ -68,7 +69,8 @@ def compare(
     campaign : Campaign, optional
         Needed unless every model comes as a posterior, which brings its own.
     quadratic : bool
-        Choose constant, linear or quadratic for every compliance apart when slopes are selected; 3⁶ models, some minutes.
+        Choose constant, linear or quadratic for every compliance apart when slopes are selected (3⁶ models, some minutes),
+        whatever the degree of the models; else constant or linear.
     leave_out : {"test"}
         What leave-one-out leaves out. Readings are refused: those of one circle are not independent facts.
     tolerance : float
@@ -89,14 +91,15 @@ def compare(
     chosen, campaign = _checked(models, campaign, leave_out, tolerance)
     first, second, *_ = chosen
     pair = {first: chosen[first], second: chosen[second]}
-    largest = max(chosen.values(), key=lambda model: model.degree)
+    largest = max(chosen.values(), key=lambda model: (model.degree, -len(model.fixed)))
+    selected = largest.with_degree(2 if quadratic else min(largest.degree, 1))
     steps = _Steps(progress)
     evidences = Evidences(campaign, tolerance=tolerance, progress=steps)
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
     several = len(campaign.tests) > 1
     steps.total = len(chosen) * (1 + several * len(campaign.tests))
     steps.total += 2 * len([*scales, *discrepancy_assumptions(pair), *nuisance_assumptions(pair)])
-    steps.total += count_subsets(largest, evidences, quadratic=quadratic) if largest.degree else 0
+    steps.total += count_subsets(selected, evidences, quadratic=quadratic) if selected.degree else 0
 
     weighed = {name: evidences.of(model) for name, model in chosen.items()}
     left = {
@@ -120,7 +123,7 @@ def compare(
         crossings=crossings(np.array(scales), np.array([assumed.log_bayes_factor for assumed in scaled])),
         discrepancy_sensitivity=compare_under(pair, discrepancy_assumptions(pair), evidences),
         nuisances=compare_under(pair, nuisance_assumptions(pair), evidences),
-        slopes=slope_subsets(largest, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if largest.degree else None,
+        slopes=slope_subsets(selected, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if selected.degree else None,
         tests=_tests(weighed, left, seed, tolerance),
         local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if campaign.force_levels > 1 else pd.DataFrame(),
         verdict=(),
@@ -151,11 +154,21 @@ def _checked(
             "leave_out must be 'test', got 'reading': readings of one circle share its set-up shift and discrepancy and are not "
             "independent facts, so leaving one out tells how well its neighbours predict it. Leave out tests."
         )
-    check_known("leave_out", [leave_out], ("test",))
+    if leave_out != "test":
+        raise InputError(
+            f"leave_out must be 'test', got {leave_out!r}: every test is left out in turn. To compare without one, take it out "
+            "of the campaign (Campaign.without, or its entry in campaign.toml)."
+        )
+    if not isinstance(models, Mapping):
+        raise InputError(f"models must be a mapping of names to models, got {type(models).__name__}. Give each model a name.")
+    check_campaign(campaign)
     if len(models) < 2:
         raise InputError(f"models must be at least two, got {len(models)}. Give for example constant and linear compliance.")
-    if not tolerance > 0:
-        raise InputError(f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-2.")
+    if not _FINEST <= tolerance <= _COARSEST:
+        raise InputError(
+            f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, got {tolerance}: there are hundreds of evidences. "
+            "For one model log_evidence goes further."
+        )
     chosen = {name: model_of(model) if isinstance(model, xr.DataTree) else model for name, model in models.items()}
     brought = {name: campaign_of(model) for name, model in models.items() if isinstance(model, xr.DataTree)}
     if campaign is None and len(brought) < len(models):
@@ -167,7 +180,12 @@ def _checked(
             f"models must be of the same readings to be compared, got {other!r} of other ones (SHA-256 "
             f"{brought[other].sha256[:12]}… instead of {campaign.sha256[:12]}…). Fit both to one campaign."
         )
-    for model in chosen.values():
+    for name, model in chosen.items():
+        alike = next((other for other, own in chosen.items() if other != name and own == model), None)
+        if alike is not None:
+            raise InputError(
+                f"models must differ, got {name!r} and {alike!r} alike. Leave one out, or change its degree or terms."
+            )
         check_comparable(model, campaign)
     return chosen, campaign
 

@@ -2,6 +2,8 @@
 
 For every window both the paper's least squares (Tables 7 and 8) and the posterior with nuisances. Windows overlap and share ball
 form, bar length and mount: neighbouring estimates err together, so the scatter of the points says less than their bars seem to.
+Geometry is free in every window, so that a window estimates the tangent d(F C)/dF = C + F dC/dF, not C(F) itself: the two are one
+only where compliance is constant.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import check_comparable
 from ldbb_bayes.inference.marginals import moments, quantiles
@@ -52,6 +54,7 @@ def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_pro
     InputError
         For fewer force levels than the width, a width below 2, a plan, or a flat prior.
     """
+    check_campaign(campaign)
     check_comparable(model, campaign)
     check_probability(ci_prob)
     constant = model.with_degree(0)

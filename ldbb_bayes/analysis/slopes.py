@@ -39,6 +39,11 @@ class SlopeSubset:
         """Compliances that vary with force."""
         return tuple(name for name, power in self.powers.items() if power)
 
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The same, with ² where the compliance varies quadratically."""
+        return tuple(f"{name}{'²' if self.powers[name] > 1 else ''}" for name in self.varying)
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:

@@ -57,7 +57,9 @@ def _evidence(comparison: Comparison) -> Iterator[str]:
     yield f"ln B({comparison.ratio}) = {value:+.2f} ± {_error(error)}: {says}. Probabilities at equal prior odds: {shares}."
     for ratio, (other, own_error) in comparison.savage_dickey.items():
         direct, direct_error = comparison.log_bayes_factor[ratio]
-        if abs(other - direct) > _DISAGREE or own_error > _DISAGREE:
+        if abs(other - direct) <= _DISAGREE and own_error <= _DISAGREE:
+            yield f"A second route (Savage-Dickey) gives ln B({ratio}) = {other:+.2f} ± {_error(own_error)}."
+        else:
             yield (
                 f"The second route (Savage-Dickey) gives ln B({ratio}) = {other:+.2f} ± {_error(own_error)}, the first "
                 f"{direct:+.2f} ± {_error(direct_error)}: trust no more than they share."
@@ -78,6 +80,13 @@ def _robustness(comparison: Comparison) -> Iterator[str]:
         yield (
             f"With slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) "
             f"it lies between {min(values):+.1f} and {max(values):+.1f}, {sign}."
+        )
+    better = _preferred(comparison)
+    if better is not None:
+        gain = _best(better) - _best(comparison.nuisances[0])
+        yield (
+            f"The readings prefer '{better.label}' by {gain:.1f} nats to what the models assume: under it ln B is "
+            f"{better.log_bayes_factor:+.1f}. Consider making it the model."
         )
     open_ = [(a, own) for a, own in changes if own > -_REJECTED]
     closed = [(a, own) for a, own in changes if own <= -_REJECTED]
@@ -102,6 +111,7 @@ def _left_out(comparison: Comparison) -> Iterator[str]:
         value, spread = comparison.elpd_difference[comparison.ratio]
         better = comparison.pair[int(value > 0)]
         says = "no difference to speak of" if abs(value) < 2.0 * spread else f"in favour of {better}"
+        value = round(value, 1) + 0.0
         yield (
             f"With one force left out at a time, {better} predicts it better by {abs(value):.1f} ± {spread:.1f} nats: {says} "
             f"({len(comparison.tests)} tests, so the ± is rough itself)."
@@ -117,7 +127,7 @@ def _left_out(comparison: Comparison) -> Iterator[str]:
         belonging = comparison.tests[name].belonging
         yield (
             f"{name} does not belong with the others (family-wise p = {belonging.family_wise_p_value:.2g}, most in order "
-            f"{belonging.worst_order}): look at it before using it, and at what changes without it."
+            f"{belonging.worst_order}): look at it, and compare again without it, for it weighs on all of the above."
         )
     at_odds = [name for name, test in comparison.tests.items() if test.belonging.stands_out and not test.belonging.flag]
     if at_odds:
@@ -131,14 +141,16 @@ def _slopes(comparison: Comparison) -> Iterator[str]:
     slopes = comparison.slopes
     if slopes is None:
         return
+    prior = "there or not with probability ½" if not slopes.quadratic else "none, linear or quadratic with probability ⅓ each"
     listed = [f"{name} {p:.2f}" for name, p in sorted(slopes.inclusion.items(), key=lambda pair: -pair[1])]
     sure = joined([name for name, p in slopes.inclusion.items() if p >= _SURE])
     none = next(subset.probability for subset in slopes.subsets if not subset.varying)
     best = slopes.subsets[0]
     yield (
-        f"Slopes one by one (each there or not with probability ½ beforehand): {', '.join(listed)}; beyond {_SURE:g}: "
+        f"Slopes one by one (each {prior} beforehand): {', '.join(listed)}; beyond {_SURE:g}: "
         f"{sure or 'none'}. No slope at all has probability {none:.2g}, the likeliest set "
-        f"({joined(list(best.varying)) or 'none'}) {best.probability:.2g}."
+        f"({joined(list(best.words)) or 'none'}) {best.probability:.2g}. A single slope asks for less evidence than all of "
+        "them at once, which is what the models compared above differ by."
     )
 
 
@@ -152,7 +164,17 @@ def _fit(comparison: Comparison) -> Iterator[str]:
         )
     if not comparison.within_tolerance:
         error, asked = comparison.largest_error, comparison.tolerance
-        yield f"A log evidence has an error of {error:.2g} nats, more than the {asked:g} asked for."
+        yield (
+            f"A log evidence has an error of {error:.2g} nats, more than the {asked:g} asked for: read ln B with that error, or "
+            f"ask for a tolerance of {error:.1g} (--tolerance)."
+        )
+
+
+def _preferred(comparison: Comparison) -> Assumed | None:
+    """The assumption with most evidence, where that is so much more than the models' own that they would be rejected for it."""
+    every = (*comparison.discrepancy_sensitivity, *comparison.nuisances)
+    best = max(every, key=_best)
+    return best if _best(best) - _best(comparison.nuisances[0]) > _REJECTED else None
 
 
 def _best(assumed: Assumed) -> float:

@@ -17,7 +17,7 @@ from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.chain import Machine
 from ldbb_bayes.notebook import table_html
 
-__all__ = ["Campaign", "Plan"]
+__all__ = ["Campaign", "Plan", "check_campaign"]
 
 Array = NDArray[np.float64]
 
@@ -180,6 +180,15 @@ class Campaign:
 
 
 Plan = Campaign
+
+
+def check_campaign(campaign: object) -> None:
+    """Answer a path, or anything else that is no campaign, with the right call; None passes."""
+    if campaign is not None and not isinstance(campaign, Campaign):
+        raise InputError(
+            f"campaign must be a Campaign, got {type(campaign).__name__}. "
+            "Read one with lb.read_campaign(path), or make it from arrays."
+        )
 
 
 def _named(tests: Iterable[CircularTest]) -> tuple[CircularTest, ...]:

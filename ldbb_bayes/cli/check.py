@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ldbb_bayes.cli.options import (
-    CampaignArgument,
-    ForceOffsetOption,
-    ForceSlopeOption,
     JsonOption,
-    MountOption,
-    PlaneOption,
-    RadiusOption,
-    RawOption,
-    ResolutionOption,
-    TopologyOption,
-    campaign_from,
-    guarded,
+    of_campaign,
 )
+
+if TYPE_CHECKING:
+    from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["check"]
 
 
-@guarded
+@of_campaign
 def check(
-    campaign: CampaignArgument,
-    topology: TopologyOption = None,
-    plane: PlaneOption = None,
-    radius_mm: RadiusOption = None,
-    resolution_um: ResolutionOption = None,
-    raw: RawOption = False,
-    mount_um_per_bar: MountOption = None,
-    force_slope: ForceSlopeOption = None,
-    force_offset: ForceOffsetOption = None,
+    readings: Campaign,
     as_json: JsonOption = False,
 ) -> None:
     """Preview a campaign: per test what is there and what looks odd, and what a fit will assume. Fits nothing."""
@@ -38,17 +25,6 @@ def check(
     from ldbb_bayes.cli.show import print_json, reading_console
     from ldbb_bayes.report.text import preview_lines, preview_table
 
-    readings = campaign_from(
-        campaign,
-        topology=topology,
-        plane=plane,
-        radius_mm=radius_mm,
-        resolution_um=resolution_um,
-        raw=raw,
-        mount_um_per_bar=mount_um_per_bar,
-        force_slope=force_slope,
-        force_offset=force_offset,
-    )
     seen = preview(readings)
     if as_json:
         print_json(seen.as_dict())

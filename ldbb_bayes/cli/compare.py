@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ldbb_bayes.cli.options import (
-    CampaignArgument,
     CiOption,
     DegreeOption,
     ForceOption,
@@ -19,11 +18,13 @@ from ldbb_bayes.cli.options import (
     QuietOption,
     SeedOption,
     WithoutOption,
-    campaign_from,
-    guarded,
     model_from,
+    of_campaign,
 )
 from ldbb_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["COMPARE_FILES", "compare"]
 
@@ -39,9 +40,9 @@ COMPARE_FILES = (
 )
 
 
-@guarded
+@of_campaign
 def compare(
-    campaign: CampaignArgument,
+    tests: Campaign,
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
@@ -80,7 +81,6 @@ def compare(
         if name in models:
             raise InputError(f"--also must give a new name, got {name!r} again. Choose another.")
         models[name] = read_model(file, degree=largest.degree)
-    tests = campaign_from(campaign)
     if out is not None:
         check_target(out, force=force, ours=COMPARE_FILES)
     with counting_progress(quiet, "models weighed") as progress:

@@ -2,41 +2,36 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from ldbb_bayes.cli.options import (
     EXIT_INTERRUPTED,
-    CampaignArgument,
     CiOption,
     DegreeOption,
-    ForceOffsetOption,
     ForceOption,
-    ForceSlopeOption,
     JsonOption,
     ModelOption,
-    MountOption,
     OutOption,
-    PlaneOption,
     PresetOption,
     QuietOption,
-    RadiusOption,
-    RawOption,
-    ResolutionOption,
     SeedOption,
-    TopologyOption,
     WithoutOption,
-    campaign_from,
     fail,
-    guarded,
     model_from,
+    of_campaign,
 )
+
+if TYPE_CHECKING:
+    from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["fit"]
 
 
-@guarded
+@of_campaign
 def fit(
-    campaign: CampaignArgument,
+    readings: Campaign,
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
@@ -46,14 +41,6 @@ def fit(
     ),
     ess: float = typer.Option(1000.0, help="Bulk and tail effective sample size every parameter must reach.", min=100.0),
     max_steps: int = typer.Option(20_000, help="Steps of each ensemble at which sampling gives up.", min=200),
-    topology: TopologyOption = None,
-    plane: PlaneOption = None,
-    radius_mm: RadiusOption = None,
-    resolution_um: ResolutionOption = None,
-    raw: RawOption = False,
-    mount_um_per_bar: MountOption = None,
-    force_slope: ForceSlopeOption = None,
-    force_offset: ForceOffsetOption = None,
     out: OutOption = None,
     force: ForceOption = False,
     resume: bool = typer.Option(False, "--resume", help="Go on with the run that stopped before it had written --out."),
@@ -79,17 +66,6 @@ def fit(
     if resume and out is None:
         raise InputError("--resume must come with --out, got none. Give the folder the run was started with.")
     chosen = model_from(degree, preset, without, model)
-    readings = campaign_from(
-        campaign,
-        topology=topology,
-        plane=plane,
-        radius_mm=radius_mm,
-        resolution_um=resolution_um,
-        raw=raw,
-        mount_um_per_bar=mount_um_per_bar,
-        force_slope=force_slope,
-        force_offset=force_offset,
-    )
     if out is not None:
         check_target(out, force=force, ours=RESULT_FILES)
     checkpoint = None if out is None else out.with_name(out.name + ".checkpoint")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ldbb_bayes.cli.options import (
-    CampaignArgument,
     DegreeOption,
     ForceOption,
     JsonOption,
@@ -12,10 +13,12 @@ from ldbb_bayes.cli.options import (
     PresetOption,
     QuietOption,
     WithoutOption,
-    campaign_from,
-    guarded,
     model_from,
+    of_campaign,
 )
+
+if TYPE_CHECKING:
+    from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["identify"]
 
@@ -29,9 +32,9 @@ IDENTIFY_FILES = (
 )
 
 
-@guarded
+@of_campaign
 def identify(
-    campaign: CampaignArgument,
+    tests: Campaign,
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
@@ -51,7 +54,6 @@ def identify(
     from ldbb_bayes.report.text import identifiability_lines, identifiability_table
 
     chosen = model_from(degree, preset, without, model)
-    tests = campaign_from(campaign)
     if out is not None:
         check_target(out, force=force, ours=IDENTIFY_FILES)
     result = run(chosen, tests)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
@@ -42,6 +44,7 @@ __all__ = [
     "fail",
     "guarded",
     "model_from",
+    "of_campaign",
 ]
 
 EXIT_BAD_INPUT = 2
@@ -82,6 +85,19 @@ ForceOffsetOption = Annotated[
     float | None,
     typer.Option("--force-offset", help="Force law, force at zero pressure (N). Default -14.2.", rich_help_panel=_TABLE),
 ]
+
+_TABLE_OPTIONS: Mapping[str, tuple[Any, Any]] = MappingProxyType(
+    {
+        "topology": (TopologyOption, None),
+        "plane": (PlaneOption, None),
+        "radius_mm": (RadiusOption, None),
+        "resolution_um": (ResolutionOption, None),
+        "raw": (RawOption, False),
+        "mount_um_per_bar": (MountOption, None),
+        "force_slope": (ForceSlopeOption, None),
+        "force_offset": (ForceOffsetOption, None),
+    }
+)
 
 
 def model_from(degree: int | None, preset: str | None, without: str, file: Path | None) -> HybridModel:
@@ -127,6 +143,31 @@ def campaign_from(
         slope = default.slope_N_per_bar if force_slope is None else force_slope
         given["force_law"] = ForceLaw(slope, default.offset_N if force_offset is None else force_offset)
     return read_campaign(path, **given)
+
+
+def of_campaign(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command CAMPAIGN as its first argument, and the options that say of a tidy CSV what campaign.toml would say.
+
+    The command itself gets the campaign read. Wrapped in `guarded`.
+    """
+    first, *others = inspect.signature(command).parameters
+    known = inspect.get_annotations(command, eval_str=True, globals={**command.__globals__, "Campaign": object})
+    own = inspect.signature(command).parameters
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    parameters = [
+        inspect.Parameter("campaign", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=CampaignArgument),
+        *(inspect.Parameter(name, keyword, default=own[name].default, annotation=known[name]) for name in others),
+        *(inspect.Parameter(name, keyword, default=default, annotation=kind) for name, (kind, default) in _TABLE_OPTIONS.items()),
+    ]
+
+    @functools.wraps(command)
+    def run(campaign: Path, **given: Any) -> None:
+        table = {name: given.pop(name) for name in _TABLE_OPTIONS}
+        command(**{first: campaign_from(campaign, **table)}, **given)
+
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return guarded(run)
 
 
 def fail(message: str, code: int) -> NoReturn:

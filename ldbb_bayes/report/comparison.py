@@ -29,7 +29,12 @@ def models_table(comparison: Comparison) -> Table:
     """One row per model: ln B over the first, probability, leave-one-force-out, RMSE."""
     first = comparison.pair[0]
     table = _table(
-        "model", f"ln B over {first} (nat)", "probability", f"elpd over {first} (nat)", "RMSE (µm)", "least squares (µm)"
+        "model",
+        f"ln B over {first} (nat)",
+        "probability",
+        f"elpd over {first} (nat)",
+        "RMSE with nuisances (µm)",
+        "least squares (µm)",
     )
     for name, model in comparison.models.items():
         ratio = f"{name}/{first}"
@@ -70,7 +75,7 @@ def slopes_table(comparison: Comparison) -> Table:
         table.add_row(
             display_name(name),
             shown,
-            "" if subset is None else ", ".join(subset.varying) or "none",
+            "" if subset is None else ", ".join(subset.words) or "none",
             "" if subset is None else f"{subset.probability:.3f}",
         )
     return table
@@ -79,7 +84,14 @@ def slopes_table(comparison: Comparison) -> Table:
 def left_out_table(comparison: Comparison) -> Table:
     """Every test left out: predictive p-values, what tells the models apart, and the parameter that leaving it out moves most."""
     table = _table(
-        "test", "force (N)", "p", "p, all tests", "", f"ln p({comparison.ratio}) (nat)", "Pareto k", "moves most when left out"
+        "test",
+        "force (N)",
+        "p",
+        "p, all tests",
+        "",
+        f"ln p({comparison.ratio}) (nat)",
+        "Pareto k",
+        "moves most when left out (u: of all tests)",
     )
     first, second = comparison.pair
     for name, test in comparison.tests.items():
@@ -177,7 +189,7 @@ def _table(first: str, *others: str) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column(first, no_wrap=True)
     for name in others:
-        text = name in ("", "likeliest sets", "moves most when left out", "unit", "parameter")
+        text = name in ("", "likeliest sets", "unit", "parameter") or name.startswith("moves most")
         table.add_column(name, justify="left" if text else "right")
     return table
 

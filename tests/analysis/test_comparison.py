@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -214,8 +216,8 @@ def test_posteriors_bring_their_readings() -> None:
         ({"models": {"a": LINEAR, "b": lb.HybridModel.paper(0)}}, "must have a proper prior to have an evidence"),
         ({"campaign": SMALL.plan()}, "must have readings to give an evidence, got a plan"),
         ({"leave_out": "reading"}, "leave_out must be 'test', got 'reading': readings of one circle share"),
-        ({"leave_out": "order"}, "leave_out must be one of test"),
-        ({"tolerance": 0.0}, "tolerance must be a positive number"),
+        ({"leave_out": "order"}, "leave_out must be 'test', got 'order': every test is left out in turn"),
+        ({"tolerance": 0.0}, "tolerance must lie between"),
         ({"ci_prob": 1.5}, "ci_prob must lie between 0 and 1"),
     ],
 )
@@ -245,3 +247,50 @@ def test_different_priors_are_named() -> None:
     wider = replace(LINEAR, prior=replace(LINEAR.prior, gain=4e-4))
     found = lb.compare({"as it is": PAIR["constant"], "wider": wider.with_degree(0)}, SMALL)
     assert found.verdict[-1].startswith("The models give E_XX1 and E_YY1 different priors")
+
+
+def test_slopes_are_selected_from_the_widest_model() -> None:
+    """Whatever the order of the models, the degree that is compared, and without their having to be quadratic."""
+    campaign = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)), seed=1)
+    linear = lb.HybridModel.default(1).without("truncation")
+    others = tuple(f"{name}_{k}" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY") for k in (1, 2))
+    narrow = linear.fixing(*others[::2])
+    found = [
+        lb.compare(dict(pair), campaign, tolerance=0.1).slopes
+        for pair in ((("narrow", narrow), ("wide", linear)), (("wide", linear), ("narrow", narrow)))
+    ]
+    assert all(slopes is not None and len(slopes.subsets) == 64 for slopes in found)
+    one = lb.HybridModel.default(2).without("truncation").fixing(*others)
+    both = lb.compare({"constant": one.with_degree(0), "linear": one.with_degree(1)}, campaign, tolerance=0.1, quadratic=False)
+    assert both.slopes is not None
+    assert len(both.slopes.subsets) == 2
+    quadratic = lb.compare({"constant": one.with_degree(0), "quadratic": one}, campaign, tolerance=0.1, quadratic=True).slopes
+    assert quadratic is not None
+    assert {subset.words for subset in quadratic.subsets} == {(), ("C_XYX",), ("C_XYX²",)}
+
+
+def test_an_assumption_that_the_readings_prefer_is_named() -> None:
+    """Circles that differ in low orders only: κ/n² then beats κ/n by far, and the verdict says so."""
+    rough = lb.HybridModel.default(0).without("truncation")
+    steep = replace(rough, nuisances=tuple(Discrepancy(4.0) if isinstance(t, Discrepancy) else t for t in rough.nuisances))
+    hyper = {"sigma": 0.1, "delta": 0.3, "kappa": 3.0, "tau": 1.0}
+    campaign = steep.simulate(plan((60,) * 5, forces_N=(36.0, 200.0, 400.0, 600.0, 742.0)), seed=4, hyper_um=hyper).campaign
+    said = " ".join(lb.compare({"constant": rough, "linear": rough.with_degree(1)}, campaign, tolerance=0.1).verdict)
+    assert "The readings prefer 'discrepancy κ/n²' by" in said
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda c: lb.compare({"a": LINEAR, "b": LINEAR}, c), "models must differ, got 'a' and 'b' alike"),
+        (lambda c: lb.compare([LINEAR], c), "models must be a mapping of names to models, got list"),
+        (lambda c: lb.compare({"a": LINEAR, "b": LINEAR.with_degree(0)}, "folder"), "campaign must be a Campaign, got str"),
+        (lambda c: lb.belonging({}, c), "models must be at least one"),
+        (lambda c: lb.belonging({"a": LINEAR}, c, replicates=0), "replicates must be at least 1, got 0"),
+        (lambda c: lb.local_fits(LINEAR, "folder"), "campaign must be a Campaign, got str"),
+    ],
+)
+def test_wrong_calls(call: Callable[[lb.Campaign], object], message: str) -> None:
+    campaign = simulated(plan((30, 30), forces_N=(36.0, 742.0)), seed=1)
+    with pytest.raises(lb.InputError, match=re.escape(message)):
+        call(campaign)

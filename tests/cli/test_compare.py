@@ -54,6 +54,24 @@ def test_json_and_files(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert "must not exist" in capsys.readouterr().err
 
 
+def test_a_table_and_what_it_does_not_say(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A tidy table takes options for what campaign.toml would say, and its results follow them."""
+    campaign = lb.read_campaign(folder)
+    rows = [
+        pd.DataFrame({"test": t.name, "force_N": t.force_N, "angle_deg": t.angle_deg, "reading_um": t.reading_um})
+        for t in campaign.tests
+    ]
+    table = tmp_path / "tidy.csv"
+    pd.concat(rows).to_csv(table, index=False)
+    found = []
+    for radius in (150.0, 100.0):
+        assert invoke("compare", table, "--radius-mm", radius, "--json", "--tolerance", 0.1) == 0
+        found.append(json.loads(capsys.readouterr().out)["log_bayes_factor"]["linear/constant"])
+    assert abs(found[0] - found[1]) > 0.05
+    assert invoke("compare", folder, "--radius-mm", 100) == 2
+    assert "options must come with a tidy CSV" in capsys.readouterr().err
+
+
 def test_what_it_says(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert invoke("compare", folder, "--without", "truncation,force-error", "--tolerance", 0.05) == 0
     shown = " ".join(capsys.readouterr().out.split())
@@ -78,8 +96,9 @@ def test_exit_code_of_a_missed_tolerance(
         (["--degree", 0], "compare must have a degree of at least 1, got 0"),
         (["--preset", "paper"], "must have a proper prior to have an evidence"),
         (["--leave-out", "reading"], "not independent facts"),
-        (["--leave-out", "circle"], "leave_out must be one of test"),
-        (["--tolerance", -1], "tolerance must be a positive number"),
+        (["--leave-out", "circle"], "leave_out must be 'test', got 'circle': every test is left out in turn"),
+        (["--tolerance", "inf"], "tolerance must lie between"),
+        (["--tolerance", -1], "tolerance must lie between 0.0001 and 1 nats"),
         (["--ci", 2], "ci_prob must lie between 0 and 1"),
         (["--also", "nothing"], "--also must be NAME=FILE.toml, got 'nothing'"),
         (["--also", "mine=nowhere.toml"], "nowhere.toml must be a readable TOML file"),

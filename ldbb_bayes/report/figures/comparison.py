@@ -42,7 +42,9 @@ def evidence(comparison: Comparison) -> Figure:
     axes.set_xscale("symlog", linthresh=5.0)
     low, high = axes.get_xlim()
     axes.set_xlim(min(low, -20.0), high)
-    axes.set_xticks([tick for tick in (-100, -10, 0, 10, 100, 1000, 10000) if axes.get_xlim()[0] <= tick <= axes.get_xlim()[1]])
+    axes.set_xticks(
+        [tick for tick in (-1000, -100, -10, -2, 0, 2, 10, 100, 1000, 10000) if axes.get_xlim()[0] <= tick <= axes.get_xlim()[1]]
+    )
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
     axes.axvline(0.0, color="black", linewidth=0.9)
     axes.set_yticks(rows, [assumed.label.replace(" with one scale", "") for assumed in bars])
@@ -64,6 +66,9 @@ def _scale_curve(axes: Axes, comparison: Comparison) -> None:
         scale = np.array([scaled.slope_scale for scaled in comparison.prior_sensitivity])
         value = np.array([scaled.log_bayes_factor for scaled in comparison.prior_sensitivity])
         axes.plot(scale, value, "o-", color=ACCENT, markersize=3.5)
+        own = comparison.log_bayes_factor[comparison.ratio][0]
+        axes.axhline(own, color=ACCENT, linewidth=0.7, linestyle=":")
+        axes.annotate("as in the models", (scale[0], own), xytext=(0, 2), textcoords="offset points", fontsize=7, color=ACCENT)
         axes.set_xscale("log")
         axes.set_xticks([0.03, 0.1, 0.3, 1.0, 3.0], ["0.03", "0.1", "0.3", "1", "3"])
         axes.minorticks_off()
@@ -96,7 +101,10 @@ def _relative(assumed: Assumed, own: float) -> str:
 
 @styled
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
-    """C(F): band averaged over slope subsets, mean of every model, and local fits (the paper's Fig. 15)."""
+    """C(F): band averaged over slope subsets, mean of every model, and local fits (the paper's Fig. 15).
+
+    A local fit, its geometry free, estimates the tangent d(F C)/dF; that of the averaged C(F) is drawn for it.
+    """
     curves = next(iter(comparison.models.values())).curves if comparison.slopes is None else comparison.slopes.curves
     figure = new_figure(9.6, 0.6 + 2.5 * -(-len(curves) // 3))
     panels = figure.subplots(-(-len(curves) // 3), 3, squeeze=False)
@@ -107,6 +115,8 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
             curve.force_N, curve.low * factor, curve.high * factor, color=ACCENT, alpha=0.2, linewidth=0, label=band
         )
         _lines(axes, comparison, name, factor)
+        tangent = np.gradient(curve.force_N * curve.mean, curve.force_N)
+        axes.plot(curve.force_N, tangent * factor, color="black", linewidth=0.9, linestyle=":", label="d(F·C)/dF: for local fits")
         _local(axes, comparison.local_fits, name, factor)
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set_ylabel(label)
