@@ -27,6 +27,7 @@ def test_result_objects_show_themselves() -> None:
         page = thing._repr_html_()
         assert page.startswith("<table>")
         assert "<b>bold</b>" not in page
+    assert "moves = together" in lb.HybridModel.default()._repr_html_()
 
 
 @pytest.mark.slow

@@ -154,7 +154,7 @@ class HybridModel:
     def _repr_html_(self) -> str:
         compliance = ("constant", "linear in force", "quadratic in force")[self.degree]
         rows = [
-            {"term": type(term).__name__, "settings": ", ".join(f"{k} = {v:g}" for k, v in vars(term).items())}
+            {"term": type(term).__name__, "settings": ", ".join(f"{k} = {_shown(v)}" for k, v in vars(term).items())}
             for term in self.nuisances
         ]
         prior = "flat" if self.prior.flat else "proper, truncated to physical compliances" if self.prior.truncated else "proper"
@@ -187,6 +187,10 @@ class HybridModel:
         from ldbb_bayes.model.simulate import simulate
 
         return simulate(self, plan, seed=seed, parameters=parameters, hyper_um=hyper_um, exact=exact)
+
+
+def _shown(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _degree_of(parameter: str) -> int:

@@ -87,8 +87,8 @@ def test_truncation_raises_the_evidence_of_what_it_allows(recovered: lb.Campaign
 @pytest.mark.parametrize(
     ("model", "planned", "tolerance", "message"),
     [
-        (lb.HybridModel.paper(0), False, 1e-3, "must be asked of a proper prior, got a flat one"),
-        (SMALL, True, 1e-3, "must be asked of a campaign with readings, got a plan"),
+        (lb.HybridModel.paper(0), False, 1e-3, "must have a proper prior to have an evidence, got a flat one"),
+        (SMALL, True, 1e-3, "must have readings to give an evidence, got a plan"),
         (SMALL, False, 0.0, "tolerance must be a positive number of nats, got 0"),
     ],
 )
