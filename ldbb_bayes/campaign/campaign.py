@@ -200,10 +200,16 @@ def _named(tests: Iterable[CircularTest]) -> tuple[CircularTest, ...]:
     if repeated is not None:
         raise InputError(f"test names must differ, got {repeated!r} twice. Give each test its own name.")
     used = set(taken)
+    repeats: dict[str, int] = {}
     for test in tests:
         if not test.name:
             stem = f"f{test.force_N:03.0f}"
-            name = next(n for n in (stem, *(f"{stem}_{i}" for i in range(2, len(tests) + 2))) if n not in used)
+            count = repeats.get(stem, 0) + 1
+            name = stem if count == 1 else f"{stem}_{count}"
+            while name in used:
+                count += 1
+                name = f"{stem}_{count}"
+            repeats[stem] = count
             used.add(name)
             test = replace(test, name=name)
         named.append(test)

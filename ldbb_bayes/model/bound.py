@@ -70,9 +70,12 @@ class BoundModel:
     campaign : Campaign
     keep : sequence of str, optional
         Names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay those of the whole campaign.
+    pilot : Campaign, optional
+        Of a plan: the campaign whose F0, force range and Ĉ are used instead of the plan's own.
 
     Attributes
     ----------
+    model, campaign, pilot : as given
     parameters : tuple of Parameter
         Compliances, their slopes degree by degree, geometric errors.
     test_names : tuple of str
@@ -86,25 +89,28 @@ class BoundModel:
         The same where the prior imposes it, else the whole space.
     """
 
-    def __init__(self, model: HybridModel, campaign: Campaign, *, keep: Sequence[str] | None = None) -> None:
-        _check(model, campaign)
-        self.model, self.campaign = model, campaign
+    def __init__(
+        self, model: HybridModel, campaign: Campaign, *, keep: Sequence[str] | None = None, pilot: Campaign | None = None
+    ) -> None:
+        _check(model, campaign if pilot is None else pilot)
+        self.model, self.campaign, self.pilot = model, campaign, pilot
         machine = campaign.machine()
         self.compliances: tuple[ComplianceName, ...] = kept_compliances(
             machine, *dict.fromkeys(test.circle for test in campaign.tests)
         ).names
         self.geometric_errors: tuple[str, ...] = geometric_names(machine)
         reduced = _reduced(campaign)
-        whole = _setting(model, campaign, self.compliances)
+        whole = _setting(model, campaign, self.compliances, forces_of=campaign if pilot is None else pilot)
         every = self._list_parameters(whole.force_range_N)
         check_known("fixed parameter", model.fixed, [parameter.name for parameter in every])
         self._free = np.array([parameter.name not in model.fixed for parameter in every])
         self.parameters = tuple(parameter for parameter in every if parameter.name not in model.fixed)
         self.physical = Truncation(self._physical_rows(campaign, whole.reference_force_N))
         self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.parameters))))
-        whole = replace(whole, compliance_estimate=self._estimate(whole, reduced))
+        estimate = self._estimate(whole, reduced) if pilot is None else BoundModel(model, pilot).setting.compliance_estimate
+        whole = replace(whole, compliance_estimate=estimate)
         rows = _rows(campaign, keep)
-        self.setting = _select(whole, rows)
+        self.setting: Setting = _select(whole, rows)
         self.reduced = tuple(reduced[i] for i in rows)
         self.test_names = tuple(campaign.tests[i].name for i in rows)
         self.interest = self._interest(self.setting)
@@ -112,7 +118,7 @@ class BoundModel:
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
         """The same binding with only the named tests; campaign properties stay frozen."""
-        return BoundModel(self.model, self.campaign, keep=names)
+        return BoundModel(self.model, self.campaign, keep=names, pilot=self.pilot)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -328,7 +334,7 @@ def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
     return _KEPT[campaign]
 
 
-def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[ComplianceName, ...]) -> Setting:
+def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[ComplianceName, ...], *, forces_of: Campaign) -> Setting:
     machine = campaign.machine()
     labels = [name.label for name in wrench_names(machine)]
     index = [labels.index(name.label) for name in compliances]
@@ -338,7 +344,7 @@ def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[Complian
         geometric[circle] = coefficients(partial(geometric_jacobian, machine, circle))
     forces = campaign.forces_N
     clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in campaign.tests])
-    reference = model.reference_force_N
+    reference, known = model.reference_force_N, forces_of.forces_N
     return Setting(
         force_N=forces,
         pressure_bar=campaign.pressures_bar,
@@ -347,8 +353,8 @@ def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[Complian
         tool_ball_rad=clockings[:, 1],
         wrench=np.stack([wrench[test.circle] for test in campaign.tests]),
         geometric=np.stack([geometric[test.circle] for test in campaign.tests]),
-        reference_force_N=float((forces.min() + forces.max()) / 2.0) if reference is None else float(reference),
-        force_range_N=float(forces.max() - forces.min()),
+        reference_force_N=float((known.min() + known.max()) / 2.0) if reference is None else float(reference),
+        force_range_N=float(known.max() - known.min()),
         two_balls=_clocked(clockings),
         radii_mm=np.unique(np.array([test.radius_mm for test in campaign.tests], dtype=float)),
         compliance_estimate=np.zeros(len(compliances)),

@@ -44,7 +44,8 @@ def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[str, ...]:
 def _with_tests(bound: BoundModel, tests: Sequence[CircularTest]) -> BoundModel:
     """The same model bound to a plan with further tests."""
     plan = bound.campaign.plan()
-    return BoundModel(bound.model, replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests))))
+    more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
+    return BoundModel(bound.model, more, pilot=bound.pilot)
 
 
 def _same(one: Degeneracy, other: Degeneracy) -> bool:

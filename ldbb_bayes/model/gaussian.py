@@ -21,6 +21,7 @@ __all__ = [
     "covariance_root",
     "least_squares",
     "lower_root",
+    "singular_root",
 ]
 
 Array = NDArray[Any]
@@ -178,3 +179,9 @@ def lower_root(root: Array) -> Array:
     triangle = np.asarray(np.linalg.qr(root.T, mode="r")).T
     signs = np.where(np.diag(triangle) < 0, -1.0, 1.0)
     return triangle * signs
+
+
+def singular_root(covariance: Array) -> Array:
+    """X with X Xᵀ = covariance, shape (..., p, p), of covariances that may be singular."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + np.swapaxes(covariance, -1, -2)))
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])

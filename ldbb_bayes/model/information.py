@@ -74,7 +74,11 @@ class Information:
 
     def rows(self, known: Collection[str] = ()) -> Array:
         """A, shape (k, m): the design whitened by the noise that is not known, columns in units of the prior sd."""
-        return np.concatenate([self._whitened(known, block) for block in range(len(self.design))])
+        return np.concatenate(self.blocks(known))
+
+    def blocks(self, known: Collection[str] = ()) -> list[Array]:
+        """The same block by block."""
+        return [self._whitened(known, block) for block in range(len(self.design))]
 
     def root(self, known: Collection[str] = ()) -> tuple[Array, NDArray[np.intp]]:
         """Upper triangular R with RᵀR = prior + readings' precision of the coefficients left, and which these are."""
