@@ -1,0 +1,1 @@
+"""Optimum experimental design for linear Gaussian models, free of any domain."""

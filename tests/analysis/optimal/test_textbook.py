@@ -1,0 +1,188 @@
+"""Textbook optima through the same code: polynomial, quadratic and 3 × 3 designs; gradients, certificates, rounding."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from ldbb_bayes.analysis.optimal.continuous import certificate, optimal_shares
+from ldbb_bayes.analysis.optimal.criteria import Criterion, Determinant, Evidence, SmallestEigenvalue, Variance
+from ldbb_bayes.analysis.optimal.exact import efficient_rounding, exchange
+from ldbb_bayes.analysis.optimal.objective import Case, Objective
+from ldbb_bayes.model.gaussian import LinearGaussian
+
+Array = NDArray[np.float64]
+QUADRATIC = np.array([[1.0, 0.0, 1 / 3], [0.0, 1 / 3, 0.0], [1 / 3, 0.0, 1 / 5]])
+
+
+def objective(rows: Array, criterion: Criterion, *, prior: float = 0.0, interest: int = 0) -> Objective:
+    """One reading of unit variance per candidate."""
+    p = rows.shape[-1]
+    case = Case(rows.reshape(1, len(rows), -1, p), prior * np.eye(p)[None], np.ones(1), interest or p, criterion)
+    return Objective([case], np.ones(1))
+
+
+def polynomial(degree: int, x: Array) -> Array:
+    return np.asarray(x[:, None] ** np.arange(degree + 1))
+
+
+@pytest.mark.parametrize(
+    ("degree", "points"),
+    [(2, (-1.0, 0.0, 1.0)), (3, (-1.0, -(5**-0.5), 5**-0.5, 1.0)), (4, (-1.0, -((3 / 7) ** 0.5), 0.0, (3 / 7) ** 0.5, 1.0))],
+)
+def test_polynomial_d(degree: int, points: tuple[float, ...]) -> None:
+    """Equal shares at the extrema of a Legendre polynomial, found on a fine grid that holds them; the bound is p."""
+    x = np.union1d(np.linspace(-1.0, 1.0, 2001), points)
+    found = optimal_shares(objective(polynomial(degree, x), Determinant(degree + 1)), 1.0, tolerance=1e-9)
+    expected = np.where(np.isin(x, points), 1.0 / (degree + 1), 0.0)
+    np.testing.assert_allclose(found.share, expected, atol=1e-6)
+    assert found.bound == pytest.approx(degree + 1, abs=1e-6)
+    assert abs(found.excess) < 1e-6
+    assert found.concave
+
+
+@pytest.mark.parametrize(
+    ("criterion", "shares"),
+    [(Variance(np.eye(3)), (0.25, 0.5, 0.25)), (Variance(QUADRATIC), (0.25, 0.5, 0.25)), (SmallestEigenvalue(), (0.2, 0.6, 0.2))],
+    ids=["A", "I", "E"],
+)
+def test_quadratic(criterion: Criterion, shares: tuple[float, float, float]) -> None:
+    x = np.linspace(-1.0, 1.0, 201)
+    found = optimal_shares(objective(polynomial(2, x), criterion), 1.0, tolerance=1e-9)
+    np.testing.assert_allclose(found.share[[0, 100, 200]], shares, atol=1e-6)
+    assert found.excess < 1e-6
+
+
+@pytest.mark.parametrize(
+    "criterion", [Variance(np.eye(1)), Determinant(1), Evidence(1.0), Evidence(0.3)], ids=["c", "D_s", "ln B", "ln B small"]
+)
+def test_discrimination_of_a_quadratic_from_a_line(criterion: Criterion) -> None:
+    """T-optimality: a quarter, a half, a quarter, whatever increasing function of the information is asked for."""
+    x = np.linspace(-1.0, 1.0, 201)
+    case = Case(polynomial(2, x)[None, :, None, :], np.diag([1e-9, 1e-9, 1.0])[None], np.ones(1), 1, criterion)
+    found = optimal_shares(Objective([case], np.ones(1)), 50.0, tolerance=1e-8)
+    np.testing.assert_allclose(found.share[[0, 100, 200]], (0.25, 0.5, 0.25), atol=1e-5)
+
+
+@pytest.mark.parametrize(("tests", "determinant"), [(6, 256), (7, 960), (8, 2304), (9, 5184), (10, 9360)])
+def test_three_by_three(tests: int, determinant: float) -> None:
+    """Exact D-optimal designs of the full quadratic on a 3 × 3 grid (Box and Draper 1971; Mitchell 1974)."""
+    a, b = (axis.ravel() for axis in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
+    wanted = objective(np.column_stack([np.ones(9), a, b, a * b, a**2, b**2]), Determinant(6))
+    rng = np.random.default_rng(1)
+    found = [exchange(wanted, np.bincount(rng.integers(9, size=tests), minlength=9), rng) for _ in range(30)]
+    assert np.exp(max(value for _, value in found)) == pytest.approx(determinant, rel=1e-9)
+    assert all(counts.sum() == tests for counts, _ in found)
+
+
+def test_information_gain_of_the_unit_line() -> None:
+    """Two readings of unit variance at −1 and 1, unit priors: ln 3 nats, also by the dense model."""
+    rows = np.array([[1.0, -1.0], [1.0, 1.0]])
+    wanted = objective(rows, Determinant(2), prior=1.0)
+    gain = 0.5 * (wanted.value(np.ones(2)) - wanted.value(np.zeros(2)))
+    assert gain == pytest.approx(np.log(3.0), abs=1e-12)
+    dense = LinearGaussian(rows, np.ones(2), np.zeros(2), np.ones(2))
+    expected = np.mean([dense.information_gain(dense.evidence.draw(1, np.random.default_rng(i))[0]) for i in range(4000)])
+    assert gain == pytest.approx(expected, abs=0.05)
+
+
+def test_elfving() -> None:
+    """c-optimality for extrapolating a line from [−1, 1] to 2: shares 1/4 and 3/4 at the ends (Elfving 1952)."""
+    x = np.linspace(-1.0, 1.0, 81)
+    c = np.array([1.0, 2.0])
+    found = optimal_shares(objective(polynomial(1, x), Variance(np.outer(c, c))), 1.0, tolerance=1e-8)
+    np.testing.assert_allclose(found.share[[0, -1]], (0.25, 0.75), atol=1e-6)
+    assert found.value == pytest.approx(-4.0, abs=1e-6)
+
+
+def test_multiple_eigenvalue() -> None:
+    """A first-order design in two factors: the smallest eigenvalue is a triple one at the optimum, found by cutting planes."""
+    a, b = (axis.ravel() for axis in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5)))
+    found = optimal_shares(objective(np.column_stack([np.ones(25), a, b]), SmallestEigenvalue()), 1.0)
+    assert found.value == pytest.approx(1.0, abs=1e-4)
+    corners = (np.abs(a) == 1) & (np.abs(b) == 1)
+    assert found.share[corners].sum() == pytest.approx(1.0, abs=1e-3)
+    assert found.max_sensitivity == pytest.approx(found.bound, rel=1e-3)
+
+
+CRITERIA = [Determinant(3), Variance(np.diag([1.0, 2.0, 0.5])), SmallestEigenvalue(), Evidence(0.7)]
+
+
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda c: type(c).__name__)
+def test_sensitivities_are_derivatives(criterion: Criterion) -> None:
+    """∂Φ/∂n_i against central differences, nuisances and several hyper-parameters included."""
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((2, 7, 4, 5))
+    case = Case(rows, np.array([np.eye(5), 2.0 * np.eye(5)]), np.array([0.3, 0.7]), 3, criterion)
+    wanted = Objective([case, case], np.array([0.25, 0.75]))
+    counts = rng.random(7) + 0.2
+    value, slope = wanted.sensitivity(counts)
+    assert value == pytest.approx(wanted.value(counts), rel=1e-12)
+    step = 1e-6 * np.eye(7)
+    numeric = [(wanted.value(counts + h) - wanted.value(counts - h)) / 2e-6 for h in step]
+    np.testing.assert_allclose(slope, numeric, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda c: type(c).__name__)
+def test_against_the_dense_schur_complement(criterion: Criterion) -> None:
+    """The criterion of a design by explicit matrices: precision, inverse, block of interest, inverse again."""
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((1, 6, 3, 6))
+    case = Case(rows, np.eye(6)[None], np.ones(1), 3, criterion)
+    counts = np.array([1.0, 0.0, 2.0, 1.0, 0.0, 0.5])
+    precision = np.eye(6) + sum(n * g.T @ g for n, g in zip(counts, rows[0], strict=True))
+    block = np.linalg.inv(np.linalg.inv(precision)[3:, 3:])
+    s = np.linalg.eigvalsh(block)
+    expected = {
+        "Determinant": np.log(s).sum(),
+        "Variance": -np.trace(np.diag([1.0, 2.0, 0.5]) @ np.linalg.inv(block)),
+        "SmallestEigenvalue": s[0],
+        "Evidence": 0.25 * 0.49 * sum(v**2 / (1 + v) for v in s - 1.0),
+    }[type(criterion).__name__]
+    assert Objective([case], np.ones(1)).value(counts) == pytest.approx(expected, rel=1e-9)
+
+
+def test_expected_log_bayes_factor_by_simulation() -> None:
+    """Φ of `Evidence` is half the difference of the mean ln B of readings with and without the slopes, by dense evidences."""
+    rng = np.random.default_rng(5)
+    rows = rng.standard_normal((8, 3))
+    case = Case(rows[None, :, None, :], np.eye(3)[None], np.ones(1), 2, Evidence(1.0))
+    expected = Objective([case], np.ones(1)).value(np.ones(8))
+    full = LinearGaussian(rows, np.ones(8), np.zeros(3), np.ones(3)).evidence
+    reduced = LinearGaussian(rows[:, :1], np.ones(8), np.zeros(1), np.ones(1)).evidence
+    with_, without = (
+        np.array([full.log_density(y) - reduced.log_density(y) for y in truth.draw(20_000, rng)]) for truth in (full, reduced)
+    )
+    spread = np.hypot(with_.std(), without.std()) / np.sqrt(len(with_))
+    assert expected == pytest.approx(0.5 * (with_.mean() - without.mean()), abs=2.0 * spread)
+
+
+@given(st.integers(1, 40), st.lists(st.floats(0.01, 1.0), min_size=1, max_size=12))
+def test_rounding(tests: int, weights: list[float]) -> None:
+    share = np.array(weights) / sum(weights)
+    counts = efficient_rounding(share, tests)
+    assert counts.sum() == tests
+    assert (counts >= 0).all()
+    if tests >= len(share):
+        assert np.all(counts <= np.ceil((tests + 0.5 * len(share)) * share) + 1)
+
+
+def test_exchange_finds_the_best_of_all() -> None:
+    """Against every design of four tests among eight candidates."""
+    rng = np.random.default_rng(6)
+    wanted = objective(rng.standard_normal((8, 2, 4)), Variance(np.eye(4)), prior=0.1)
+    every = [np.bincount(chosen, minlength=8) for chosen in combinations_with_replacement(range(8), 4)]
+    best = max(wanted.value(counts.astype(float)) for counts in every)
+    starts = [np.bincount(rng.integers(8, size=4), minlength=8) for _ in range(8)]
+    assert max(exchange(wanted, start, rng)[1] for start in starts) == pytest.approx(best, rel=1e-12)
+
+
+def test_a_wrong_design_has_no_certificate() -> None:
+    x = np.linspace(-1.0, 1.0, 21)
+    wanted = objective(polynomial(2, x), Determinant(3))
+    assert certificate(wanted, np.full(21, 1 / 21), 1.0).excess > 0.5
