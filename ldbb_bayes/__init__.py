@@ -33,6 +33,9 @@ _HOMES = {
     "Comparison": "ldbb_bayes.analysis.compared",
     "belonging": "ldbb_bayes.analysis.belonging",
     "compare": "ldbb_bayes.analysis.comparison",
+    "Costs": "ldbb_bayes.analysis.costs",
+    "Design": "ldbb_bayes.analysis.designed",
+    "design": "ldbb_bayes.analysis.design",
     "local_fits": "ldbb_bayes.analysis.local_fits",
     "log_bayes_factor": "ldbb_bayes.inference.evidence",
     "Identifiability": "ldbb_bayes.analysis.identified",
@@ -57,6 +60,8 @@ __all__ = [
     "Circle",
     "CircularTest",
     "Comparison",
+    "Costs",
+    "Design",
     "ForceLaw",
     "HybridModel",
     "Identifiability",
@@ -71,6 +76,7 @@ __all__ = [
     "belonging",
     "compare",
     "compensate_mount",
+    "design",
     "embedded_campaign",
     "identify",
     "load",
@@ -97,6 +103,9 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.belonging import belonging
     from ldbb_bayes.analysis.compared import Comparison
     from ldbb_bayes.analysis.comparison import compare
+    from ldbb_bayes.analysis.costs import Costs
+    from ldbb_bayes.analysis.design import design
+    from ldbb_bayes.analysis.designed import Design
     from ldbb_bayes.analysis.identifiability import identify, verdicts
     from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiability
     from ldbb_bayes.analysis.local_fits import local_fits

@@ -1,0 +1,572 @@
+"""design(): the paper's preset, dense oracles, goals, robustness, forecasts against simulation, refusals."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from campaigns import TRUTH, plan, simulated
+from oracle import Oracle, OracleTest
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.candidates import bind_tests, grid_of_tests
+from ldbb_bayes.analysis.costs import running_order
+from ldbb_bayes.analysis.discrimination import discrimination_of
+from ldbb_bayes.analysis.forecast import forecast
+from ldbb_bayes.analysis.known import Known, narrowed
+from ldbb_bayes.analysis.space import DesignSpace
+from ldbb_bayes.cli.show import json_text
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.gaussian import LinearGaussian
+from ldbb_bayes.model.information import information_of
+from ldbb_bayes.model.terms import SetupShift
+
+LINEAR = lb.HybridModel.default(1)
+LEVELS = tuple(np.linspace(36.0, 742.0, 13))
+BOTH = tuple(product((0.0, 45.0, 90.0), repeat=2))
+PHI = np.array([1.2e-4, 6e-4, 2.5e-4, 2e-3])
+
+
+@pytest.fixture(scope="module")
+def pilot() -> lb.Campaign:
+    return simulated(plan(), seed=2)
+
+
+@pytest.fixture(scope="module")
+def six(pilot: lb.Campaign) -> lb.Design:
+    return lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS, against={"its own": pilot}, curve=True)
+
+
+def seven() -> lb.Campaign:
+    return plan((60,) * 7, forces_N=(36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0))
+
+
+@pytest.mark.parametrize(
+    ("degree", "forces", "shares", "efficiency"),
+    [(0, (36.0, 742.0), (0.4547, 0.5453), 0.725), (1, (36.0, 386.4, 742.0), (0.2959, 0.3513, 0.3528), 0.804)],
+)
+def test_the_paper_preset(degree: int, forces: tuple[float, ...], shares: tuple[float, ...], efficiency: float) -> None:
+    """D-optimal shares over 36 to 742 N on a 1 N grid, the certificate there, and what the paper's seven levels are worth."""
+    found = lb.design(lb.HybridModel.paper(degree), seven(), tests=7, against={"seven": seven()})
+    support = found.shares.groupby((found.shares["force_N"] / 100.0).round())
+    np.testing.assert_allclose(support["share"].sum(), shares, atol=1e-4)
+    centre = support.apply(lambda own: np.average(own["force_N"], weights=own["share"]), include_groups=False)
+    np.testing.assert_allclose(centre, forces, atol=0.35)
+    assert len(found.sensitivity) == 707
+    parameters = 13 if degree == 0 else 19
+    assert found.certificate.bound == pytest.approx(parameters, abs=1e-6)
+    assert found.certificate.max_sensitivity <= parameters * (1.0 + 1e-5)
+    assert found.certificate.is_global
+    assert found.others[0].efficiency == pytest.approx(efficiency, abs=1e-3)
+    assert found.baseline.efficiency < found.efficiency <= 1.0
+
+
+def test_information_against_the_dense_oracle(pilot: lb.Campaign) -> None:
+    """Posterior covariance of a plan with clocked balls and two radii, and the expected information gain, by dense matrices."""
+    model = LINEAR.without("force-error", "truncation")
+    tests = [
+        *grid_of_tests(pilot, (36.0, 742.0), ((0.0, 0.0), (45.0, 90.0)), (150.0,), 30),
+        *grid_of_tests(pilot, (300.0,), ((0.0, 0.0),), (100.0,), 30),
+    ]
+    zero = np.zeros(30)
+    law = pilot.force_law
+    dense = Oracle(
+        [
+            OracleTest(
+                t.force_N, law.pressure_bar(t.force_N), np.deg2rad(t.angle_deg), zero, np.deg2rad(t.work_ball_deg),
+                np.deg2rad(t.tool_ball_deg), t.radius_mm,
+            )
+            for t in tests
+        ],
+        1,
+        terms=("form", "length", "mount", "setup", "discrepancy"),
+    )  # fmt: skip
+    _, _, covariance = dense.given(PHI)
+    p = len(dense.names)
+    known = Known(PHI[None], np.zeros((1, p)), np.zeros((1, p)), np.diag(dense.sd**2)[None])
+    found = forecast(model, pilot, tests, known)
+    assert list(found.expected) == dense.names
+    sd = np.array([entry.sd for entry in found.expected.values()])
+    np.testing.assert_allclose(sd, np.sqrt(np.diag(covariance)), rtol=1e-7)
+    gain = 0.5 * (np.log(dense.sd**2).sum() - np.linalg.slogdet(covariance)[1])
+    assert found.information_gain == pytest.approx(gain, abs=1e-6)
+
+
+@pytest.mark.parametrize("criterion", ["eig", "a", "e", "i", "discriminate"])
+def test_the_search_and_the_forecast_agree(pilot: lb.Campaign, criterion: str) -> None:
+    """The criterion by the search's compact rows against explicit covariances, arcs and clockings included, at the same φ."""
+    arcs = simulated(plan((40,) * 4, arc_deg=250.0), seed=3)
+    for campaign, augment in ((pilot, False), (arcs, True)):
+        space = DesignSpace(LINEAR, campaign, LEVELS[::4], BOTH[:3], criterion=criterion, augment=augment)
+        tests = (*space.tests[:3], space.tests[7])
+        phi = space.search.objective.cases[0].weight
+        bound = bind_tests(LINEAR, campaign, tests, keep=augment)
+        values = []
+        for value in space._searched(LINEAR):
+            information = information_of(bound, value)
+            own = [information.names.index(name) for name in space.chosen]
+            c = information.covariance()[np.ix_(own, own)]
+            s = np.linalg.eigvalsh(np.linalg.inv(c))
+            rows = np.array([bound.compliance_at(f) * bound.scale for f in np.linspace(36.0, 742.0, 33)])
+            unit = bound.scale[:6, None]
+            values.append(
+                {
+                    "eig": lambda c=c: -np.linalg.slogdet(c)[1],
+                    "a": lambda c=c: -np.trace(c) / len(c),
+                    "e": lambda s=s: s[0],
+                    "i": lambda c=c, r=rows, u=unit: -np.mean([np.diag((x / u) @ c @ (x / u).T) for x in r[:, :, :12]]),
+                    "discriminate": lambda s=s: 0.25 * ((s - 1.0) ** 2 / s).sum(),
+                }[criterion]()
+            )
+        assert len(phi) == len(values)
+        assert space.value(tests) == pytest.approx(np.mean(values), rel=1e-6)
+        counts = np.zeros(len(space.tests))
+        counts[[0, 1, 2, 7]] = 1.0
+        assert space.search.objective.value(counts) == pytest.approx(space.value(tests), rel=1e-9)
+
+
+def test_balls_that_are_not_clocked_are_one_term_or_two(pilot: lb.Campaign) -> None:
+    """The pilot's rule does not matter where no clocking differs, and a common turn of all tests changes nothing."""
+    space = DesignSpace(LINEAR, pilot, LEVELS, BOTH)
+    plain = DesignSpace(LINEAR, pilot, LEVELS)
+    turned = space.planned(LEVELS[::3], ((45.0, 90.0),))
+    assert space.value(turned) == pytest.approx(plain.value(plain.planned(LEVELS[::3])), rel=1e-9)
+
+
+def test_a_design_of_six(six: lb.Design, pilot: lb.Campaign) -> None:
+    assert len(six.tests) == 6
+    assert six.table()["count"].sum() == 6
+    assert six.certificate.holds
+    assert six.baseline.efficiency < six.efficiency <= 1.0
+    assert six.efficiency > 0.99
+    assert six.others[0].name == "its own"
+    forces = sorted({float(t.force_N) for t in six.tests})
+    assert (forces[0], forces[-1]) == (36.0, 742.0)
+    assert list(six.trade_off["efficiency"] > six.trade_off["efficiency_equal_steps"] - 1e-9) == [True] * len(six.trade_off)
+    assert 6 in set(six.trade_off["tests"])
+    for name, entry in six.forecast.expected.items():
+        assert 0.0 < entry.floor_sd < entry.untruncated_sd <= entry.prior_sd * (1 + 1e-9), name
+        assert entry.sd <= entry.untruncated_sd * (1 + 1e-5)
+    said = " ".join(six.sentences())
+    assert "Run 6 circles" in said
+    assert "looks exactly like +13.3 µrad of E_C(0Y)X. Cure: Clocking both balls" in said
+    assert "Good over" not in said
+    record = json.loads(json_text(six.as_dict()))
+    assert set(record) >= {"tests", "efficiency", "certificate", "expected", "baseline"}
+    assert set(record["tests"][0]) >= {"force_N", "work_ball_deg", "tool_ball_deg", "count"}
+    assert set(record["certificate"]) >= {"max_sensitivity", "bound"}
+    assert record["expected"]["C_XXX"]["sd"] == six.forecast.expected["C_XXX"].sd
+    assert record["baseline"]["C_XXX"]["sd"] == six.baseline.forecast.expected["C_XXX"].sd
+    assert len(six.expected_table()) == 19
+    assert "Tests to run" in six._repr_html_()
+
+
+def test_the_best_of_few(pilot: lb.Campaign) -> None:
+    """Against every design of four tests among five levels."""
+    space = DesignSpace(LINEAR, pilot, LEVELS[::3])
+    found = space.search.of_number(4)
+    every = [
+        space.search.objective.value(np.bincount(chosen, minlength=5).astype(float))
+        for chosen in {tuple(sorted(c)) for c in product(range(5), repeat=4)}
+    ]
+    assert found.value == pytest.approx(max(every), rel=1e-9)
+    assert found.efficiency <= 1.0 + 1e-9
+
+
+def test_augmenting(pilot: lb.Campaign) -> None:
+    """Two tests on top of the pilot's own: no wider than without them, and no better than eight anew."""
+    more = lb.design(LINEAR, pilot, tests=2, forces_N=LEVELS, augment=True)
+    assert len(more.tests) == 2
+    alone = forecast_of(pilot, pilot.tests)
+    anew = lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS)
+    for name, entry in more.forecast.expected.items():
+        assert entry.untruncated_sd <= alone[name] * (1 + 1e-6), name
+    assert more.forecast.information_gain <= anew.forecast.information_gain + 1e-6
+    assert "Run 2 more circles" in more.sentences()[0]
+
+
+def forecast_of(pilot: lb.Campaign, tests: tuple[lb.CircularTest, ...]) -> dict[str, float]:
+    space = DesignSpace(LINEAR, pilot, LEVELS)
+    return {name: entry.untruncated_sd for name, entry in space.forecast(tests).expected.items()}
+
+
+def test_a_budget_that_pays_for_both_balls_or_neither(pilot: lb.Campaign) -> None:
+    """Clocking one ball alone is not worth its set-up, both are: two more clockings are tried at once."""
+    options = {"forces_N": LEVELS[::6], "clockings_deg": ((0.0, 0.0), (45.0, 0.0), (0.0, 45.0)), "costs": lb.Costs(1.0, 4.0, 4.0)}
+    found = lb.design(LINEAR, pilot, budget=20.0, **options)
+    other = lb.design(LINEAR, pilot, tests=12, **options)
+    assert other.cost <= 20.0
+    assert found.forecast.information_gain >= other.forecast.information_gain - 1e-3
+    assert "among the clockings chosen" in found.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("clockings", "changes"),
+    [
+        ([(0, 0), (45, 0), (90, 0)], 0),
+        ([(0, 0), (0, 45), (0, 90)], 2),
+        ([(0, 0), (0, 45), (45, 0), (45, 45)], 2),
+        ([(0, 0), (45, 45), (90, 0)], 1),
+        ([(0, 0), (45, 45), (90, 90)], 2),
+        ([(0, 0), (0, 45), (45, 45), (90, 90)], 2),
+    ],
+)
+def test_tool_ball_changes(clockings: list[tuple[float, float]], changes: int) -> None:
+    """By hand: blocks of the work ball in the order that turns the tool ball least; the running order keeps to it."""
+    works = len({work for work, _ in clockings})
+    assert lb.Costs(1.0, 100.0, 1.0).setups(clockings) == 100.0 * (works - 1) + changes
+    tests = [
+        lb.CircularTest(100.0, np.arange(36) * 10.0, work_ball_deg=w, tool_ball_deg=t) for w, t in clockings for _ in range(2)
+    ]
+    for seed in range(5):
+        run = running_order(tests, np.random.default_rng(seed))
+        assert sum(a.tool_ball_deg != b.tool_ball_deg for a, b in pairwise(run)) == changes
+        assert sum(a.work_ball_deg != b.work_ball_deg for a, b in pairwise(run)) == works - 1
+
+
+def test_whole_turns_are_no_clocking(pilot: lb.Campaign) -> None:
+    space = DesignSpace(LINEAR, pilot, LEVELS, ((0.0, 0.0), (360.0, 0.0), (45.0, 0.0), (405.0, 360.0)))
+    assert space.clockings_deg == ((0.0, 0.0), (45.0, 0.0))
+
+
+def test_budget(pilot: lb.Campaign) -> None:
+    """Within it; set-ups are paid where clocking is worth them, and only there."""
+    costs = lb.Costs(circle=10.0, work_ball=15.0, tool_ball=1.0)
+    options = {"forces_N": LEVELS[::4], "clockings_deg": BOTH, "costs": costs, "parameters": ("E_C0YX",)}
+    found = lb.design(LINEAR, pilot, budget=75.0, **options)
+    assert found.cost <= 75.0
+    assert len({(t.work_ball_deg, t.tool_ball_deg) for t in found.tests}) > 1
+    poor = lb.design(LINEAR, pilot, budget=25.0, **options)
+    assert len({t.work_ball_deg for t in poor.tests}) == 1
+    assert poor.forecast.expected["E_C0YX"].sd > found.forecast.expected["E_C0YX"].sd
+    plain = lb.design(LINEAR, pilot, budget=35.0, costs=lb.Costs(10.0, 0.0, 0.0), forces_N=LEVELS[::4])
+    assert len(plain.tests) == 3
+    with pytest.raises(InputError, match="budget must pay for at least 2 circles, got 5 with 10 per circle"):
+        lb.design(LINEAR, pilot, budget=5.0, **options)
+
+
+def test_targets(pilot: lb.Campaign) -> None:
+    """The fewest tests reach every target; one fewer does not, not even in the best shares."""
+    wanted = {"C_XYX": 9e-7, "C_CCY": 9e-11}
+    found = lb.design(LINEAR, pilot, targets=wanted, forces_N=LEVELS)
+    assert all(found.forecast.expected[name].sd <= sd for name, sd in wanted.items())
+    number = len(found.tests)
+    assert (
+        f"{number} circles are the fewest found that reach u(C_XYX) ≤ 0.0009 µm/N and u(C_CCY) ≤ 0.09 µrad/(N m)." in found.notes
+    )
+    fewer = lb.design(LINEAR, pilot, tests=number - 1, forces_N=LEVELS, criterion="a", parameters=tuple(wanted))
+    assert any(fewer.forecast.expected[name].untruncated_sd > sd for name, sd in wanted.items())
+
+
+def test_a_target_that_forces_cannot_meet(pilot: lb.Campaign) -> None:
+    """E_C(0Y)X looks like the 2-lobe form: the alias is named, and what cures it, with the number of circles; and it does."""
+    found = lb.design(LINEAR, pilot, targets={"E_C0YX": 3e-6}, forces_N=LEVELS)
+    said = " ".join(found.notes)
+    assert "No number of these circles up to 100 reaches u(E_C(0Y)X) ≤ 3 µrad." in said
+    assert "both balls clocked at 0, 45 and 90°" in said
+    assert "a second radius of 100 mm" in said
+    assert "2-lobe form (sin 2θ) looks exactly like +13.3 µrad of E_C(0Y)X" in said
+    assert found.forecast.expected["E_C0YX"].floor_sd > 3e-6
+    cured = lb.design(LINEAR, pilot, targets={"E_C0YX": 3e-6}, forces_N=LEVELS, clockings_deg=BOTH)
+    assert cured.forecast.expected["E_C0YX"].sd <= 3e-6
+    assert "fewest" in cured.notes[0]
+    assert lb.identify(LINEAR, cured.plan()).parameters["E_C0YX"].verdict.word == "identified"
+
+
+def test_the_plan_keeps_what_was_promised(pilot: lb.Campaign) -> None:
+    """Analysed with the design's model, which keeps the pilot's F0 and slope priors, simulated campaigns give the expected u."""
+    found = lb.design(LINEAR, pilot, targets={"C_XYX": 1e-6}, forces_N=LEVELS)
+    forces = {float(t.force_N) for t in found.tests}
+    assert max(forces) - min(forces) < 600.0
+    assert found.model.reference_force_N == 389.0
+    own = found.model.bind(found.plan())
+    np.testing.assert_allclose(own.prior_sd, LINEAR.bind(pilot).prior_sd, rtol=1e-12)
+    hyper = {"sigma": 0.3, "delta": 0.4, "kappa": 0.35, "tau": 2.0}
+    sds = []
+    for seed in range(8):
+        campaign = found.model.simulate(found.plan(), seed=seed, parameters=TRUTH, hyper_um=hyper).campaign
+        sds.append(lb.marginals(found.model, campaign, tolerance=1e-2).loc["C_XYX", "sd"])
+    assert np.sqrt(np.mean(np.square(sds))) == pytest.approx(found.forecast.expected["C_XYX"].sd, rel=0.25)
+    assert "F0 = 389 N" in found.notes[-1]
+
+
+def test_cures_are_tried_one_at_a_time(pilot: lb.Campaign) -> None:
+    """Two levels leave C_XYX to its slope: other levels cure that, clocking and radii do not."""
+    found = lb.design(LINEAR, pilot, targets={"C_XYX": 9e-7}, forces_N=(36.0, 742.0))
+    assert not found.reached
+    said = " ".join(found.notes)
+    assert "What would reach it: force levels in between (" in said
+    assert "clocked" not in said.split("What would reach it")[1].split("The design shown")[0]
+
+
+def test_targets_that_one_circle_reaches_or_the_pilot_has(pilot: lb.Campaign) -> None:
+    constant = LINEAR.with_degree(0)
+    one = lb.design(constant, pilot, tests=1, forces_N=LEVELS).forecast.expected["C_XYX"].sd
+    assert len(lb.design(constant, pilot, targets={"C_XYX": 1.05 * one}, forces_N=LEVELS).tests) == 1
+    there = lb.design(LINEAR, pilot, targets={"C_XXX": 1e-4}, forces_N=LEVELS, augment=True)
+    assert "already run reach u(C_XXX) ≤ 0.1 µm/N: no more are needed" in there.notes[0]
+
+
+def test_a_truncated_target(pilot: lb.Campaign) -> None:
+    """C_CCY is narrower inside the truncation than without: a target between the two is reached."""
+    expected = lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS, criterion="c", parameters=("C_CCY",)).forecast.expected["C_CCY"]
+    target = 0.5 * (expected.sd + expected.untruncated_sd)
+    found = lb.design(LINEAR, pilot, targets={"C_CCY": target}, forces_N=LEVELS)
+    assert len(found.tests) <= 6
+    assert found.forecast.expected["C_CCY"].sd <= target
+
+
+def test_power(pilot: lb.Campaign) -> None:
+    found = lb.design(LINEAR, pilot, power=0.8, parameters=("C_XYX_1",), slope_size=2.0, forces_N=LEVELS, threshold=3.0)
+    assert found.criterion == "discriminate"
+    assert found.forecast.discrimination is not None
+    assert found.forecast.discrimination.power["C_XYX_1"] >= 0.8
+    assert not found.certificate.is_global
+    with pytest.raises(InputError, match="power must lie between 0 and 1, got 2"):
+        lb.design(LINEAR, pilot, power=2.0, forces_N=LEVELS)
+
+
+def test_robustness(pilot: lb.Campaign) -> None:
+    found = lb.design(LINEAR, pilot, tests=5, forces_N=LEVELS, robust=True)
+    table = found.robustness
+    assumptions = [column for column in table if column not in ("tests", "worst")]
+    assert len(assumptions) == 10
+    for label in assumptions:
+        assert table.loc[f"best for: {label}", label] == pytest.approx(table[label].max(), abs=5e-3)
+    assert table.loc["good over all", "worst"] >= table.loc["equal steps", "worst"]
+    assert table.loc["good over all", assumptions].mean() >= table.loc["best for: constant compliance", assumptions].mean()
+    assert "Good over 10 assumptions" in " ".join(found.sentences())
+
+
+@pytest.mark.parametrize(
+    ("model", "options", "assumptions"),
+    [
+        (LINEAR, {"criterion": "discriminate"}, 9),
+        (
+            replace(LINEAR, nuisances=tuple(SetupShift("apart") if isinstance(t, SetupShift) else t for t in LINEAR.nuisances)),
+            {},
+            12,
+        ),
+        (lb.HybridModel.default(0), {}, 7),
+    ],
+    ids=["slopes only", "two set-up scales", "constant"],
+)
+def test_robustness_of_other_questions(
+    pilot: lb.Campaign, model: lb.HybridModel, options: dict[str, object], assumptions: int
+) -> None:
+    found = lb.design(model, pilot, tests=4, forces_N=LEVELS[::4], robust=True, **options)
+    assert found.robustness.shape == (assumptions + 2, assumptions + 2)
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_the_paper_preset_takes_sigma_from_the_pilot(pilot: lb.Campaign, degree: int) -> None:
+    """Forecast of the pilot's own plan against what its readings give."""
+    model = lb.HybridModel.paper(degree)
+    found = lb.design(model, pilot, tests=4, forces_N=LEVELS, against={"own": pilot}).others[0]
+    marginals = lb.marginals(model, pilot)
+    for name, entry in found.forecast.expected.items():
+        assert entry.sd == pytest.approx(marginals.loc[name, "sd"], rel=0.03)
+
+
+def test_designs_that_leave_something_undetermined(pilot: lb.Campaign) -> None:
+    """Two levels do not determine a linear compliance under flat priors: no efficiency, no u, no number that looks like one."""
+    two = pilot.without("f300", "f520").plan()
+    found = lb.design(lb.HybridModel.paper(1), pilot, tests=5, forces_N=LEVELS, against={"two": two})
+    assert found.others[0].efficiency == 0.0
+    assert not found.others[0].forecast.determined
+    record = json.loads(json_text(found.as_dict()))
+    assert record["compared"][1]["expected"]["C_XXX"]["sd"] is None
+    with pytest.raises(InputError, match="the candidates must determine the parameters"):
+        lb.design(lb.HybridModel.paper(1), pilot, tests=5, forces_N=(36.0, 742.0))
+    worst = lb.design(lb.HybridModel.paper(0), pilot, tests=5, forces_N=LEVELS, criterion="e", parameters=("C_XYX", "C_CCY"))
+    assert worst.efficiency > 0.5
+
+
+def test_what_a_design_brings_is_judged_as_it_is(pilot: lb.Campaign) -> None:
+    """Its own angles and pressures count; one of another machine is refused."""
+    arcs = plan((40,) * 4, arc_deg=220.0)
+    found = lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS, against={"circles": plan(), "arcs": arcs})
+    circles, short = found.others
+    assert short.efficiency < circles.efficiency
+    assert short.forecast.expected["C_XYX"].sd > circles.forecast.expected["C_XYX"].sd
+    with pytest.raises(InputError, match="other must be of the pilot's machine and plane, wCAFYXZSt XY, got wXYFZt XY"):
+        lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS, against={"other": replace(plan(), topology="wXYFZt")})
+
+
+def test_prediction_is_over_the_forces_of_the_pilot(pilot: lb.Campaign) -> None:
+    """Criterion i does not depend on how F0 is given, nor on the candidates' forces."""
+    given = replace(LINEAR, reference_force_N=389.0)
+    spaces = [DesignSpace(model, pilot, (200.0, 389.0, 742.0), criterion="i") for model in (LINEAR, given)]
+    values = [space.value(space.tests) for space in spaces]
+    assert values[0] == pytest.approx(values[1], rel=1e-6)
+
+
+def test_equal_steps_are_candidates(pilot: lb.Campaign) -> None:
+    """At the nearest levels there are, and at the first radius there is: never better than the best shares."""
+    for options in ({"forces_N": (36.0, 100.0, 742.0)}, {"forces_N": LEVELS, "radii_mm": (100.0,)}):
+        found = lb.design(LINEAR, pilot, tests=4, **options)
+        assert found.baseline.efficiency <= 1.0 + 1e-9
+        assert {t.force_N for t in found.baseline.tests} <= set(options["forces_N"])
+
+
+def test_a_plan_as_pilot() -> None:
+    """Without readings the hyper-parameters are averaged over their prior."""
+    found = lb.design(LINEAR, plan(), tests=3, forces_N=LEVELS)
+    assert found.certificate.holds
+    assert found.forecast.expected["C_XXX"].sd < 1e-4
+
+
+def test_the_order_in_which_to_run(six: lb.Design, pilot: lb.Campaign) -> None:
+    """Blocks of one clocking, forces at random within them, the same for the same seed; names in order and unique."""
+    ordered = six.plan(seed=3)
+    assert ordered.is_plan
+    assert sorted(ordered.forces_N) == sorted(float(t.force_N) for t in six.tests)
+    assert [t.name for t in ordered.tests] == [t.name for t in six.plan(seed=3).tests]
+    orders = {tuple(six.plan(seed=seed).forces_N) for seed in range(6)}
+    assert len(orders) > 3
+    tests = grid_of_tests(pilot, LEVELS[::4], BOTH[:6], (150.0,), None)
+    run = running_order(tests, np.random.default_rng(1))
+    works = [t.work_ball_deg for t in run]
+    assert sum(a != b for a, b in pairwise(works)) == len(set(works)) - 1
+    assert lb.Costs(1.0, 10.0, 100.0).of(tests) == len(tests) + 10.0 * (len(set(works)) - 1) + 100.0 * 4
+
+
+def test_decisive_evidence_against_simulated_evidences() -> None:
+    """ln B of simulated campaigns at given φ, by the exact evidences, has the mean and the tails foretold."""
+    linear = LINEAR.without("truncation", "force-error")
+    constant = linear.with_degree(0)
+    planned = plan((30,) * 4)
+    phi_um = dict(zip(("sigma", "delta", "kappa", "tau"), 1e3 * PHI, strict=True))
+    drawn: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(300):
+        for there in drawn:
+            campaign = (linear if there else constant).simulate(planned, seed=seed, hyper_um=phi_um).campaign
+            own, other = (model.bind(campaign).log_evidence(PHI[None])[0] for model in (linear, constant))
+            drawn[there].append(float(own - other))
+    bound = linear.bind(planned)
+    information = information_of(bound, PHI)
+    slopes = [information.names.index(p.name) for p in bound.parameters if p.group == "slope"]
+    found = discrimination_of(information.covariance()[np.ix_(slopes, slopes)][None], tuple(bound.names[6:12]), size=1.0)
+    with_, without = np.array(drawn[True]), np.array(drawn[False])
+    assert found.expected_with == pytest.approx(with_.mean(), abs=4 * with_.std() / np.sqrt(300))
+    assert found.expected_without == pytest.approx(without.mean(), abs=4 * without.std() / np.sqrt(300))
+    assert found.decisive_with == pytest.approx((with_ > 5.0).mean(), abs=0.08)
+    assert found.decisive_without == pytest.approx((without < -5.0).mean(), abs=0.08)
+    assert found.misleading_without == pytest.approx((without > 5.0).mean(), abs=0.02)
+
+
+def test_evidence_of_old_and_new_readings_together() -> None:
+    """With tests already run: ln B of all readings, the new ones drawn given the old, by dense evidences."""
+    rng = np.random.default_rng(1)
+    old, new = rng.standard_normal((5, 3)), rng.standard_normal((6, 3))
+    every = np.vstack([old, new])
+    y = LinearGaussian(old, np.ones(5), np.zeros(3), np.ones(3)).evidence.draw(1, rng)[0]
+    pilots = {
+        True: LinearGaussian(old, np.ones(5), np.zeros(3), np.ones(3)).posterior(y),
+        False: LinearGaussian(old[:, :1], np.ones(5), np.zeros(1), np.ones(1)).posterior(y),
+    }
+    full = LinearGaussian(every, np.ones(11), np.zeros(3), np.ones(3))
+    reduced = LinearGaussian(every[:, :1], np.ones(11), np.zeros(1), np.ones(1))
+    drawn = {}
+    for there, posterior in pilots.items():
+        beta = np.zeros((4000, 3))
+        beta[:, : len(posterior.mean)] = posterior.draw(4000, rng)
+        more = beta @ new.T + rng.standard_normal((4000, 6))
+        both = np.hstack([np.tile(y, (4000, 1)), more])
+        drawn[there] = np.array([full.evidence.log_density(row) - reduced.evidence.log_density(row) for row in both])
+    after = full.posterior(np.zeros(11)).covariance[1:, 1:]
+    before = (pilots[True].mean[1:][None], pilots[True].covariance[1:, 1:][None])
+    found = discrimination_of(after[None], ("a", "b"), size=1.0, before=before, threshold=1.0)
+    assert found.augmented
+    for value, sample in ((found.expected_with, drawn[True]), (found.expected_without, drawn[False])):
+        assert value == pytest.approx(sample.mean(), abs=0.1)
+    assert found.decisive_with == pytest.approx((drawn[True] > 1.0).mean(), abs=0.04)
+    assert found.misleading_without == pytest.approx((drawn[False] > 1.0).mean(), abs=0.04)
+
+
+def test_intervals_inside_the_truncation_against_simulation() -> None:
+    """Expected variances of truncated parameters against those found in simulated campaigns at given φ and truth."""
+    model = LINEAR.without("force-error")
+    planned = plan((30,) * 4)
+    truth = TRUTH | {"C_CCY": 2e-11}
+    phi_um = dict(zip(("sigma", "delta", "kappa", "tau"), 1e3 * PHI, strict=True))
+    bound = model.bind(planned)
+    found = []
+    for seed in range(150):
+        campaign = model.simulate(planned, seed=seed, parameters=truth, hyper_um=phi_um).campaign
+        own = model.bind(campaign)
+        _, given = own.given(PHI[None])
+        shift, inside, axes = given.orthant.moments()
+        along = given.spread() @ np.swapaxes(axes, 1, 2)
+        variance = (given.spread() ** 2).sum(axis=2) + np.einsum("wpd,wde,wpe->wp", along, inside - np.eye(shift.shape[1]), along)
+        found.append(variance[0])
+    information = information_of(bound, PHI)
+    covariance = information.covariance()[np.ix_(information.own, information.own)] * np.outer(bound.scale, bound.scale)
+    states = 100
+    beta = np.array([truth.get(name, 0.0) for name in bound.names])
+    known = Known(
+        np.tile(PHI, (states, 1)),
+        np.tile(beta, (states, 1)),
+        np.zeros((states, len(beta))),
+        np.tile(np.diag(bound.prior_sd**2), (states, 1, 1)),
+    )
+    expected = narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 1)
+    np.testing.assert_allclose(np.sqrt(expected), np.sqrt(np.mean(found, axis=0)), rtol=0.05)
+    untruncated = np.sqrt(np.diag(covariance))[bound.names.index("C_CCY")]
+    assert np.sqrt(expected)[bound.names.index("C_CCY")] < 0.85 * untruncated
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tests": 0}, "tests must be between 1 and 300, got 0"),
+        ({"tests": 1}, "tests must be at 2 different forces at least for this degree, got 1"),
+        ({"forces_N": (100.0,)}, "tests must be at 2 different forces at least for this degree, got 1"),
+        ({"tests": 3, "budget": 5.0}, "a design must have one goal, got tests and budget"),
+        ({"budget": -1.0}, "budget must be a positive number, got -1"),
+        ({"targets": {"C_XYY": 1e-7}}, "target must be one of .* Did you mean"),
+        ({"targets": {"C_XYX": 0.0}}, "target of C_XYX must be a positive sd, got 0"),
+        ({"criterion": "dd"}, "criterion must be one of eig, d, a, c, i, e, discriminate, got 'dd'"),
+        ({"criterion": "c"}, "criterion c must be given one parameter, got 19"),
+        ({"criterion": "i", "parameters": ("E_XX1",)}, "criterion i must be about compliances"),
+        ({"criterion": "discriminate", "parameters": ("C_XXX",)}, "criterion discriminate must be about slopes"),
+        ({"parameters": ("C_ZZZ",)}, "parameter must be one of"),
+        ({"forces_N": (0.0, 100.0)}, "forces must be > 0 N, got 0"),
+        ({"forces_N": ()}, "must have forces and clockings to choose from, got none"),
+        ({"radii_mm": (-1.0,)}, "radii must be > 0 mm, got -1"),
+        ({"slope_size": 0.0}, "slope_size must be a positive number, got 0"),
+        ({"starts": 0}, "starts must be at least 1, got 0"),
+        ({"costs": "x"}, "costs must be Costs"),
+        ({"targets": {"C_XYX": 1e-7}, "criterion": "d"}, "criterion must be left to the goal here, which needs 'a', got 'd'"),
+        ({"model": LINEAR.with_degree(0), "power": 0.9}, "criterion discriminate must be about slopes"),
+        ({"model": lb.HybridModel.paper(1), "tests": 2}, "tests must be enough to determine the parameters, got 2"),
+        ({"model": lb.HybridModel.paper(1), "criterion": "discriminate"}, "criterion discriminate must have proper priors"),
+        ({"pilot": "folder"}, "campaign must be a Campaign, got str"),
+        ({"tests": 2.5}, "tests must be a whole number, got 2.5"),
+        ({"seed": -1}, "seed must be a whole number ≥ 0, got -1"),
+        ({"forces_N": 300.0}, "forces_N must be a sequence, got 300.0"),
+        ({"parameters": "C_XYX"}, "parameters must be a sequence, got 'C_XYX'"),
+        ({"clockings_deg": (0.0, 45.0)}, "clockings_deg must be pairs"),
+        ({"against": plan()}, "against must be a mapping of names to campaigns, got Campaign"),
+        ({"against": {"equal steps": plan()}}, "against must not use the name 'equal steps'"),
+        ({"against": {"it": "folder"}}, "campaign must be a Campaign, got str"),
+        ({"budget": 1e5}, "budget must pay for at most 300 circles, got 100000 with 1 each"),
+        ({"readings": 10**9}, "readings must be between 25 and 100000 per circle, got 1000000000"),
+    ],
+)
+def test_refused(pilot: lb.Campaign, options: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lb.design(**{"model": LINEAR, "pilot": pilot, "forces_N": LEVELS, **options})  # type: ignore[arg-type]
+
+
+def test_costs_refused() -> None:
+    with pytest.raises(InputError, match="cost of circle must be a number ≥ 0, that of a circle > 0, got 0"):
+        lb.Costs(circle=0.0)
+
+
+def test_too_many_candidates(pilot: lb.Campaign) -> None:
+    with pytest.raises(InputError, match="a design must choose among at most 5000 candidates, got 6363"):
+        lb.design(LINEAR, pilot, forces_N=range(36, 743), clockings_deg=BOTH)
