@@ -13,6 +13,7 @@ from ldbb_bayes import __version__
 from ldbb_bayes.cli.check import check
 from ldbb_bayes.cli.compare import compare
 from ldbb_bayes.cli.demo import demo
+from ldbb_bayes.cli.design import design
 from ldbb_bayes.cli.fit import fit
 from ldbb_bayes.cli.identify import identify
 from ldbb_bayes.cli.simulate import simulate
@@ -31,7 +32,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, check, fit, identify, compare, simulate, summarize, validate):
+for command in (demo, check, fit, identify, compare, design, simulate, summarize, validate):
     app.command()(command)
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ldbb_bayes.analysis.compared import Comparison
+    from ldbb_bayes.analysis.designed import Design
     from ldbb_bayes.analysis.identified import Identifiability
     from ldbb_bayes.analysis.validation import Validation
     from ldbb_bayes.campaign.campaign import Campaign
@@ -27,12 +28,14 @@ __all__ = [
     "full_result",
     "json_text",
     "print_comparison",
+    "print_design",
     "print_fit",
     "print_json",
     "reading_console",
     "sampling_progress",
     "worker_pool",
     "write_comparison",
+    "write_design",
     "write_identifiability",
     "write_result",
     "write_validation",
@@ -168,6 +171,40 @@ def print_comparison(result: Comparison) -> None:
             console.print()
     for sentence in result.verdict:
         console.print(sentence, markup=False)
+
+
+def print_design(design: Design) -> None:
+    """The tests, what they will tell, and the recommendation in words."""
+    from ldbb_bayes.report.design import expected_table, robustness_table, tests_table
+
+    console = reading_console()
+    for table in (tests_table(design), expected_table(design), robustness_table(design)):
+        if table.row_count:
+            console.print(table)
+            console.print()
+    for sentence in design.sentences():
+        console.print(sentence, markup=False)
+
+
+def write_design(design: Design, record: Mapping[str, Any], folder: Path, seed: int) -> None:
+    """The plan, the record, tables and figures into a folder."""
+    from ldbb_bayes.campaign.folder import write_campaign_into
+    from ldbb_bayes.model.spec import model_to_toml
+    from ldbb_bayes.report.figures import save_figure
+    from ldbb_bayes.report.figures.design import efficiency, expected_widths, information, trade_off
+
+    write_campaign_into(design.plan(seed=seed), folder)
+    (folder / "model.toml").write_text(model_to_toml(design.model), encoding="utf-8")
+    (folder / "design.json").write_text(json_text(record), encoding="utf-8")
+    design.expected_table().to_csv(folder / "expected.csv", index=False)
+    design.sensitivity.to_csv(folder / "sensitivity.csv", index=False)
+    design.trade_off.to_csv(folder / "trade_off.csv", index=False)
+    if not design.robustness.empty:
+        design.robustness.rename_axis("design").to_csv(folder / "robustness.csv")
+    save_figure(information(design), folder, "information")
+    save_figure(efficiency(design), folder, "efficiency")
+    save_figure(trade_off(design), folder, "trade_off")
+    save_figure(expected_widths(design), folder, "expected_widths")
 
 
 @contextmanager

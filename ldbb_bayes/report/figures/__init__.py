@@ -21,6 +21,7 @@ from ldbb_bayes.report.figures.comparison import (
     geometry_with_local_fits,
     predictive_p_values,
 )
+from ldbb_bayes.report.figures.design import efficiency, expected_widths, information, trade_off
 from ldbb_bayes.report.figures.identifiability import alias_map, correlation_map, nuisance_costs, prior_and_posterior
 from ldbb_bayes.report.figures.parameters import compliance_against_force, corner, forest
 
@@ -33,10 +34,13 @@ __all__ = [
     "compliance_with_local_fits",
     "corner",
     "correlation_map",
+    "efficiency",
     "evidence",
+    "expected_widths",
     "forest",
     "geometric_atlas",
     "geometry_with_local_fits",
+    "information",
     "nuisance_costs",
     "predictive",
     "predictive_p_values",
@@ -46,6 +50,7 @@ __all__ = [
     "save_figure",
     "save_figures",
     "traces",
+    "trade_off",
 ]
 
 FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
