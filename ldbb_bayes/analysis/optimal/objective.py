@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ __all__ = ["Case", "Objective"]
 
 Array = NDArray[Any]
 _CHUNK = 1 << 22
+_NOTHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,21 @@ class Case:
             root = np.linalg.cholesky(precision)
         except np.linalg.LinAlgError:
             return self._one_by_one(precision)
-        return np.asarray(self.criterion.value(root[..., -self.interest :, -self.interest :]) @ self.weight)
+        values = self.criterion.value(root[..., -self.interest :, -self.interest :])
+        return np.asarray(np.where(self._singular(precision, root), -np.inf, values) @ self.weight)
+
+    @cached_property
+    def _open(self) -> bool:
+        """Whether the tests must determine something that is not known before."""
+        return bool(np.linalg.matrix_rank(self.prior).min() < self.prior.shape[-1])
+
+    def _singular(self, precision: Array, root: Array) -> Array:
+        """Where only rounding kept a factorisation alive: what is left of a column beside the others is nothing, shape (...)."""
+        if not self._open:
+            return np.zeros(precision.shape[:-2], dtype=bool)
+        diagonal = np.diagonal(precision, axis1=-2, axis2=-1)
+        left = np.diagonal(root, axis1=-2, axis2=-1) / np.sqrt(diagonal)
+        return np.asarray(left.min(axis=-1) < _NOTHING)
 
     def _one_by_one(self, precision: Array) -> Array:
         flat = precision.reshape(-1, *precision.shape[-2:])
@@ -73,7 +89,8 @@ class Case:
                 root = np.linalg.cholesky(matrix)
             except np.linalg.LinAlgError:
                 continue
-            values[k] = self.criterion.value(root[-self.interest :, -self.interest :])
+            if not self._singular(matrix, root):
+                values[k] = self.criterion.value(root[-self.interest :, -self.interest :])
         return np.asarray(values.reshape(precision.shape[:-2]) @ self.weight)
 
     def direction(self, precision: Array) -> tuple[float, Array]:

@@ -186,3 +186,12 @@ def test_a_wrong_design_has_no_certificate() -> None:
     x = np.linspace(-1.0, 1.0, 21)
     wanted = objective(polynomial(2, x), Determinant(3))
     assert certificate(wanted, np.full(21, 1 / 21), 1.0).excess > 0.5
+
+
+@pytest.mark.parametrize("nudge", [0.0, 1e-12, -1e-12])
+def test_too_few_points_are_seen_whatever_the_rounding(nudge: float) -> None:
+    """Two points do not determine a parabola, also where rounding leaves the matrix positive definite."""
+    x = np.array([-1.0, 1.0 / 3.0, 1.0 / 3.0 + nudge, 1.0])
+    wanted = objective(polynomial(2, x), Determinant(3))
+    assert wanted.value(np.array([1.0, 2.0, 1.0, 0.0])) == -np.inf
+    assert np.isfinite(wanted.value(np.array([1.0, 0.0, 1.0, 1.0])))
