@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.evidences import Evidences
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.evidence import log_bayes_factor
 from ldbb_bayes.model.hybrid import NUISANCES, HybridModel
-from ldbb_bayes.model.terms import Discrepancy, Nuisance, SetupShift
+from ldbb_bayes.model.terms import Covariate, Discrepancy, Drift, Nuisance, SetupShift
 
 __all__ = [
     "SLOPE_SCALES",
@@ -100,15 +101,22 @@ def discrepancy_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assum
             yield Assumption(label, partial(_with_term, kind=kind, term=term))
 
 
-def nuisance_assumptions(models: Mapping[str, HybridModel]) -> Iterator[Assumption]:
-    """Every nuisance switched over, the truncation switched over, and nothing but white noise."""
+def nuisance_assumptions(models: Mapping[str, HybridModel], campaign: Campaign) -> Iterator[Assumption]:
+    """Every nuisance that can act on the campaign switched over, the truncation switched over, and nothing but white noise."""
     yield Assumption(_AS_GIVEN, lambda model: model)
     for name, kind in NUISANCES.items():
         words = _WORDS.get(name, name.replace("-", " "))
+        if name == "hysteresis" and not _both_ways(campaign):
+            continue
         if any(_term(model, kind) is not None for model in models.values()):
             yield Assumption(f"without {words}", partial(_with_term, kind=kind, term=None))
-        else:
-            yield Assumption(f"with {words}", partial(_with_term, kind=kind, term=kind()))
+            continue
+        terms: list[Nuisance] = [kind()]
+        if name == "drift":
+            terms = [Drift(over) for over, values in _recorded(campaign) if None not in values and len(set(values)) > 1]
+        for term in terms:
+            over = f" over {term.over}" if isinstance(term, Drift) else ""
+            yield Assumption(f"with {words}{over}", partial(_with_term, kind=kind, term=term))
     truncated = any(model.prior.truncated for model in models.values())
     label = "without truncation" if truncated else "with truncation"
     yield Assumption(label, lambda model: replace(model, prior=replace(model.prior, truncated=not truncated)))
@@ -122,6 +130,18 @@ def crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
         share = log_bayes_factor[i] / (log_bayes_factor[i] - log_bayes_factor[i + 1])
         found.append(float(np.exp(x[i] + share * (x[i + 1] - x[i]))))
     return tuple(found)
+
+
+def _both_ways(campaign: Campaign) -> bool:
+    return any({"CW", "CCW"} <= {t.direction for t in campaign.tests if t.plane == plane} for plane in campaign.machine().planes)
+
+
+def _recorded(campaign: Campaign) -> tuple[tuple[Covariate, list[float | None]], ...]:
+    """What the tests record that could drive a drift."""
+    return (
+        ("time", [test.time_s for test in campaign.tests]),
+        ("temperature", [test.temperature_C for test in campaign.tests]),
+    )
 
 
 def _term(model: HybridModel, kind: type[Nuisance]) -> Nuisance | None:

@@ -98,7 +98,7 @@ def compare(
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
     several = len(campaign.tests) > 1
     steps.total = len(chosen) * (1 + several * len(campaign.tests))
-    steps.total += 2 * len([*scales, *discrepancy_assumptions(pair), *nuisance_assumptions(pair)])
+    steps.total += 2 * len([*scales, *discrepancy_assumptions(pair), *nuisance_assumptions(pair, campaign)])
     steps.total += count_subsets(selected, evidences, quadratic=quadratic) if selected.degree else 0
 
     weighed = {name: evidences.of(model) for name, model in chosen.items()}
@@ -122,7 +122,7 @@ def compare(
         prior_sensitivity=tuple(ScaledSlopes(s, a.log_bayes_factor, a.error) for s, a in zip(scales, scaled, strict=True)),
         crossings=crossings(np.array(scales), np.array([assumed.log_bayes_factor for assumed in scaled])),
         discrepancy_sensitivity=compare_under(pair, discrepancy_assumptions(pair), evidences),
-        nuisances=compare_under(pair, nuisance_assumptions(pair), evidences),
+        nuisances=compare_under(pair, nuisance_assumptions(pair, campaign), evidences),
         slopes=slope_subsets(selected, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if selected.degree else None,
         tests=_tests(weighed, left, seed, tolerance),
         local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if campaign.force_levels > 1 else pd.DataFrame(),
@@ -206,7 +206,7 @@ def _models(
         found[name] = ComparedModel(
             name,
             bound.model.degree,
-            bound.model.terms,
+            bound.terms,
             one.evidence,
             float(probability),
             float(densities.sum()) if densities.size else np.nan,

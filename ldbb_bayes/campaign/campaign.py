@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +38,10 @@ class Campaign:
     mount : MountCompensation
     force_law : ForceLaw
         Used where a test has only one of force and pressure.
-    centre_mm : tuple of two floats
-        Default circle centre.
+    centre_mm : tuple of two or three floats
+        Default circle centre (X, Y, Z) in machine coordinates.
+    frames_mm : mapping of axis letter to (x, y, z), optional
+        Where the joints' frames stand; see `Machine`.
 
     Raises
     ------
@@ -55,7 +58,8 @@ class Campaign:
     resolution_um: float = 0.24
     mount: MountCompensation = field(default_factory=MountCompensation)
     force_law: ForceLaw = field(default_factory=ForceLaw)
-    centre_mm: tuple[float, float] = (0.0, 0.0)
+    centre_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
+    frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         tests = tuple(self.tests)
@@ -72,14 +76,12 @@ class Campaign:
                 f"campaign must have readings in all tests or in none, got test {missing!r} without. "
                 "Add its file or plan it apart."
             )
-        for plane in dict.fromkeys(test.plane for test in self.tests):
-            self.machine(plane)
-        if len({test.plane for test in self.tests}) > 1:
-            raise InputError("campaign must have all tests in one plane, got several. Fit each plane apart.")
+        object.__setattr__(self, "frames_mm", dict(self.machine().frames_mm))
 
     label = "campaign"
 
     def _resolved(self, test: CircularTest) -> CircularTest:
+        x, y, z = (*self.centre_mm, 0.0)[:3]
         force, pressure = test.force_N, test.pressure_bar
         if force is None:
             force = self.force_law.force_N(float(pressure or 0.0))
@@ -93,13 +95,15 @@ class Campaign:
             pressure_bar=self.force_law.pressure_bar(force) if pressure is None else float(pressure),
             radius_mm=self.radius_mm if test.radius_mm is None else float(test.radius_mm),
             plane=self.plane if test.plane is None else test.plane,
-            centre_x_mm=self.centre_mm[0] if test.centre_x_mm is None else float(test.centre_x_mm),
-            centre_y_mm=self.centre_mm[1] if test.centre_y_mm is None else float(test.centre_y_mm),
+            centre_x_mm=x if test.centre_x_mm is None else float(test.centre_x_mm),
+            centre_y_mm=y if test.centre_y_mm is None else float(test.centre_y_mm),
+            centre_z_mm=z if test.centre_z_mm is None else float(test.centre_z_mm),
+            setup=1 if test.setup is None else test.setup,
         )
 
-    def machine(self, plane: str | None = None) -> Machine:
-        """The machine in the campaign's plane (or another)."""
-        return Machine(self.topology, plane or self.tests[0].plane or self.plane)
+    def machine(self) -> Machine:
+        """The machine and the planes of all tests."""
+        return Machine(self.topology, tuple(str(test.plane) for test in self.tests), self.frames_mm)
 
     @property
     def is_plan(self) -> bool:
@@ -156,6 +160,8 @@ class Campaign:
                 "readings": len(test.angle_deg),
                 "arc (°)": test.arc_deg,
                 "direction": test.direction,
+                "plane": test.plane,
+                "radius (mm)": test.radius_mm,
                 "work ball (°)": test.work_ball_deg,
                 "tool ball (°)": test.tool_ball_deg,
             }
@@ -168,11 +174,15 @@ class Campaign:
     def sha256(self) -> str:
         """SHA-256 of the parsed data: everything the model uses, independent of file layout and of text formatting."""
         digest = hashlib.sha256()
-        head = [self.topology, self.resolution_um, self.mount.deflection_um_per_bar, self.mount.compensated]
+        head: list[Any] = [self.topology, self.resolution_um, self.mount.deflection_um_per_bar, self.mount.compensated]
+        head += [[axis, *frame] for axis, frame in sorted(self.frames_mm.items()) if any(frame)]
         digest.update(json.dumps(head).encode())
         for test in self.tests:
-            fields = [test.name, test.force_N, test.pressure_bar, test.direction, test.work_ball_deg, test.tool_ball_deg]
+            fields: list[Any] = [test.name, test.force_N, test.pressure_bar, test.direction]
+            fields += [test.work_ball_deg, test.tool_ball_deg]
             fields += [test.radius_mm, test.plane, test.centre_x_mm, test.centre_y_mm]
+            usual = {"centre_z_mm": 0.0, "setup": 1, "temperature_C": None, "time_s": None}
+            fields += [[name, getattr(test, name)] for name, value in usual.items() if getattr(test, name) != value]
             digest.update(json.dumps(fields).encode())
             for column in (test.angle_deg, test.reading_um):
                 digest.update(b"" if column is None else np.ascontiguousarray(column, dtype="<f8").tobytes())

@@ -21,6 +21,8 @@ MINIMUM_ARC_DEG = 180.0
 LARGEST_READING_UM = 1e5
 LARGEST_FORCE_N = 1e6
 LARGEST_LENGTH_MM = 1e5
+LARGEST_SETUP = 1000
+_CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 SAFE_NAME = re.compile(r"[\w+\-][\w+\-. ]{0,99}")
 
 
@@ -43,8 +45,10 @@ class CircularTest:
     direction : {"CW", "CCW"}, optional
     work_ball_deg, tool_ball_deg : float
         Clocking ψ: how far each ball is turned in its socket [deg].
-    radius_mm, plane, centre_x_mm, centre_y_mm : optional
-        Default: the campaign's.
+    radius_mm, plane, centre_x_mm, centre_y_mm, centre_z_mm : optional
+        Default: the campaign's. The centre is the work ball in machine coordinates, whatever the plane.
+    setup : int, optional
+        Number of the set-up, 1, 2, …: tests of one set-up share the tool ball's offsets. Default 1.
     temperature_C : float, optional
     time_s : float, optional
         Start of the test on any common clock [s].
@@ -67,6 +71,8 @@ class CircularTest:
     plane: str | None = None
     centre_x_mm: float | None = None
     centre_y_mm: float | None = None
+    centre_z_mm: float | None = None
+    setup: int | None = None
     temperature_C: float | None = None
     time_s: float | None = None
     angle_rad: Any = None
@@ -108,14 +114,17 @@ class CircularTest:
                 f"a test's name must be letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot, "
                 f"got {self.name!r}. Rename it: the name becomes a file's."
             )
-        for field in ("pressure_bar", "work_ball_deg", "tool_ball_deg", "centre_x_mm", "centre_y_mm", "temperature_C", "time_s"):
+        for field in ("pressure_bar", "work_ball_deg", "tool_ball_deg", *_CENTRE, "temperature_C", "time_s"):
             value = getattr(self, field)
             if value is not None and not (
                 np.isfinite(value) and (not field.startswith("centre") or abs(value) <= LARGEST_LENGTH_MM)
             ):
                 raise InputError(f"{self.label} must have a finite {field}, got {value}. Correct or remove it.")
+        if self.setup is not None and (self.setup != int(self.setup) or not 1 <= self.setup <= LARGEST_SETUP):
+            raise InputError(f"{self.label} must have a setup of 1, 2, …, got {self.setup}. Number the set-ups, or leave it out.")
         if self.direction not in (None, "CW", "CCW"):
             raise InputError(f"{self.label} must have direction CW or CCW, got {self.direction!r}. Correct or remove it.")
+        object.__setattr__(self, "setup", None if self.setup is None else int(self.setup))
         object.__setattr__(self, "angle_deg", angle)
         object.__setattr__(self, "reading_um", reading)
         object.__setattr__(self, "angle_rad", None)
@@ -153,8 +162,9 @@ class CircularTest:
 
     @property
     def circle(self) -> Circle:
-        """Radius and centre; the campaign's defaults must have been filled in."""
-        return Circle(float(self.radius_mm or 0.0), (float(self.centre_x_mm or 0.0), float(self.centre_y_mm or 0.0)))
+        """Radius, centre and plane; the campaign's defaults must have been filled in."""
+        x, y, z = (float(getattr(self, field) or 0.0) for field in _CENTRE)
+        return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")
 
     @property
     def arc_deg(self) -> float:

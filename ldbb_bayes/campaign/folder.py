@@ -53,6 +53,8 @@ class _TestFile(_Strict):
     plane: Literal["XY", "YZ", "ZX"] | None = None
     centre_x_mm: float | None = None
     centre_y_mm: float | None = None
+    centre_z_mm: float | None = None
+    setup: int | None = None
     temperature_C: float | None = None
     time_s: float | None = None
     readings: int | None = Field(default=None, ge=9)
@@ -70,6 +72,7 @@ class _CampaignFile(_Strict):
     resolution_um: float = 0.24
     mount: _MountFile = _MountFile()
     force: _ForceFile = _ForceFile()
+    frames_mm: dict[str, list[float]] = Field(default_factory=dict)
     test: list[_TestFile] = Field(min_length=1)
 
 
@@ -114,6 +117,7 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
             resolution_um=described.resolution_um,
             mount=MountCompensation(described.mount.deflection_um_per_bar, described.mount.compensated),
             force_law=ForceLaw(described.force.slope_N_per_bar, described.force.offset_N),
+            frames_mm={axis: tuple(frame) for axis, frame in described.frames_mm.items()},  # type: ignore[misc]
         )
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -165,6 +169,7 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
             "compensated": campaign.mount.compensated,
         },
         "force": {"slope_N_per_bar": campaign.force_law.slope_N_per_bar, "offset_N": campaign.force_law.offset_N},
+        "frames_mm": {axis: list(frame) for axis, frame in campaign.frames_mm.items()} or None,
     }
     entries = [f"\n[[test]]\n{tomli_w.dumps(_test_entry(campaign, test))}" for test in campaign.tests]
     (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")
@@ -187,6 +192,8 @@ def _test_entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
         "plane": None if test.plane == campaign.plane else test.plane,
         "centre_x_mm": test.centre_x_mm or None,
         "centre_y_mm": test.centre_y_mm or None,
+        "centre_z_mm": test.centre_z_mm or None,
+        "setup": None if test.setup == 1 else test.setup,
         "temperature_C": test.temperature_C,
         "time_s": test.time_s,
     }

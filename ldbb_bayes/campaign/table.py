@@ -30,11 +30,14 @@ PER_TEST_COLUMNS = (
     "radius_mm",
     "centre_x_mm",
     "centre_y_mm",
+    "centre_z_mm",
+    "setup",
+    "plane",
     "temperature_C",
     "time_s",
 )
 TIDY_COLUMNS = ("test", *READING_COLUMNS, *PER_TEST_COLUMNS)
-_TEXT_COLUMNS = ("test", "direction")
+_TEXT_COLUMNS = ("test", "direction", "plane")
 
 
 def read_columns(path: Path, known: Sequence[str], mapping: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -212,4 +215,4 @@ def _constant(path: Path, test: str, key: str, values: Array) -> Any:
             "Split the test or correct the rows."
         )
     value = values.tolist()[0]
-    return (value or None) if key == "direction" else value
+    return (value or None) if key in _TEXT_COLUMNS else value

@@ -10,6 +10,7 @@ import typer
 from ldbb_bayes.cli.options import (
     CiOption,
     DegreeOption,
+    DriftOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -46,6 +47,7 @@ def compare(
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
+    drift: DriftOption = None,
     model: ModelOption = None,
     also: Annotated[
         list[str] | None, typer.Option(help="Another model to compare, as NAME=FILE.toml; can be repeated.", metavar="NAME=FILE")
@@ -71,7 +73,7 @@ def compare(
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.model.spec import read_model
 
-    largest = model_from(degree, preset, without, model)
+    largest = model_from(degree, preset, without, model, drift)
     if largest.degree == 0:
         raise InputError(
             "compare must have a degree of at least 1, got 0: there is nothing to compare with. Use --degree 1 or 2."

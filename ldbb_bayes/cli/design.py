@@ -10,6 +10,7 @@ import typer
 
 from ldbb_bayes.cli.options import (
     DegreeOption,
+    DriftOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -87,6 +88,7 @@ def design(
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
+    drift: DriftOption = None,
     model: ModelOption = None,
     out: OutOption = None,
     force: ForceOption = False,
@@ -105,7 +107,7 @@ def design(
     from ldbb_bayes.cli.show import print_design, print_json, write_design
     from ldbb_bayes.files import check_target, staged_folder
 
-    chosen = model_from(degree, preset, without, model)
+    chosen = model_from(degree, preset, without, model, drift)
     if out is not None:
         check_target(out, force=force, ours=DESIGN_FILES)
     compared = _named(against, "--against", "PATH")

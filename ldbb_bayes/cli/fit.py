@@ -10,6 +10,7 @@ from ldbb_bayes.cli.options import (
     EXIT_INTERRUPTED,
     CiOption,
     DegreeOption,
+    DriftOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -35,6 +36,7 @@ def fit(
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
+    drift: DriftOption = None,
     model: ModelOption = None,
     sampler: str = typer.Option(
         "joint", help="joint (emcee over everything), collapsed (emcee over the hyper-parameters) or quadrature."
@@ -65,7 +67,7 @@ def fit(
     check_probability(ci)
     if resume and out is None:
         raise InputError("--resume must come with --out, got none. Give the folder the run was started with.")
-    chosen = model_from(degree, preset, without, model)
+    chosen = model_from(degree, preset, without, model, drift)
     if out is not None:
         check_target(out, force=force, ours=RESULT_FILES)
     checkpoint = None if out is None else out.with_name(out.name + ".checkpoint")

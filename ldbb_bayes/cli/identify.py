@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ldbb_bayes.cli.machine import ATLAS_FILES
 from ldbb_bayes.cli.options import (
     DegreeOption,
+    DriftOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -22,13 +24,14 @@ if TYPE_CHECKING:
 
 __all__ = ["identify"]
 
-_FIGURES = ("correlation", "prior_and_posterior", "alias", "nuisance_costs", "compliance_atlas", "geometric_atlas")
+_FIGURES = ("correlation", "prior_and_posterior", "alias", "nuisance_costs")
 IDENTIFY_FILES = (
     "identify.json",
     "parameters.csv",
     "alias.csv",
     "correlation.csv",
     *(f"{name}.{kind}" for name in _FIGURES for kind in ("png", "svg")),
+    *ATLAS_FILES,
 )
 
 
@@ -38,6 +41,7 @@ def identify(
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
+    drift: DriftOption = None,
     model: ModelOption = None,
     out: OutOption = None,
     force: ForceOption = False,
@@ -53,7 +57,7 @@ def identify(
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.report.text import identifiability_lines, identifiability_table
 
-    chosen = model_from(degree, preset, without, model)
+    chosen = model_from(degree, preset, without, model, drift)
     if out is not None:
         check_target(out, force=force, ours=IDENTIFY_FILES)
     result = run(chosen, tests)

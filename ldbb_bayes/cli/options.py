@@ -24,6 +24,7 @@ __all__ = [
     "CampaignArgument",
     "CiOption",
     "DegreeOption",
+    "DriftOption",
     "ForceOffsetOption",
     "ForceOption",
     "ForceSlopeOption",
@@ -59,7 +60,13 @@ WithoutOption = Annotated[
     str,
     typer.Option(
         help="Comma-separated terms to leave out: ball-form, bar-length, mount, force-error, setup-shift, discrepancy, "
-        "truncation."
+        "hysteresis, drift, truncation."
+    ),
+]
+DriftOption = Annotated[
+    str | None,
+    typer.Option(
+        "--drift", help="Centre and length drift with time or temperature, as the tests record it.", metavar="time|temperature"
     ),
 ]
 ModelOption = Annotated[Path | None, typer.Option("--model", help="Model as TOML (priors, terms, degree).", metavar="FILE.toml")]
@@ -100,7 +107,7 @@ _TABLE_OPTIONS: Mapping[str, tuple[Any, Any]] = MappingProxyType(
 )
 
 
-def model_from(degree: int | None, preset: str | None, without: str, file: Path | None) -> HybridModel:
+def model_from(degree: int | None, preset: str | None, without: str, file: Path | None, drift: str | None = None) -> HybridModel:
     """The model the options describe.
 
     Raises
@@ -119,7 +126,13 @@ def model_from(degree: int | None, preset: str | None, without: str, file: Path 
         model = read_model(file, degree=1)
         model = model if degree is None else model.with_degree(degree)
     names = [name.strip() for name in without.split(",") if name.strip()]
-    return model.without(*names)
+    return _drifting(model.without(*names), drift)
+
+
+def _drifting(model: HybridModel, drift: str | None) -> HybridModel:
+    from ldbb_bayes.model.terms import Drift
+
+    return model if drift is None else model.including(Drift(drift))  # type: ignore[arg-type]
 
 
 def campaign_from(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.validation import Validation
     from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.inference.ensemble import Progress
+    from ldbb_bayes.machine.chain import Circle, Machine
 
 __all__ = [
     "RESULT_FILES",
@@ -34,6 +35,7 @@ __all__ = [
     "reading_console",
     "sampling_progress",
     "worker_pool",
+    "write_atlases",
     "write_comparison",
     "write_design",
     "write_identifiability",
@@ -117,9 +119,7 @@ def write_identifiability(result: Identifiability, record: Mapping[str, Any], ca
     """The result, its tables and figures, and the atlases of the campaign's machine."""
     from ldbb_bayes.report.figures import (
         alias_map,
-        compliance_atlas,
         correlation_map,
-        geometric_atlas,
         nuisance_costs,
         prior_and_posterior,
         save_figure,
@@ -133,9 +133,18 @@ def write_identifiability(result: Identifiability, record: Mapping[str, Any], ca
     save_figure(prior_and_posterior(result), folder, "prior_and_posterior")
     save_figure(alias_map(result), folder, "alias")
     save_figure(nuisance_costs(result), folder, "nuisance_costs")
-    machine, circle = campaign.machine(), campaign.tests[0].circle
-    save_figure(compliance_atlas(machine, circle), folder, "compliance_atlas")
-    save_figure(geometric_atlas(machine, circle), folder, "geometric_atlas")
+    write_atlases(campaign.machine(), [test.circle for test in campaign.tests], folder)
+
+
+def write_atlases(machine: Machine, circles: Sequence[Circle], folder: Path) -> None:
+    """Patterns of compliances and geometric errors, for the first circle of every plane."""
+    from ldbb_bayes.report.figures import compliance_atlas, geometric_atlas, save_figure
+
+    first = {circle.plane: circle for circle in reversed(circles)}
+    for plane in machine.planes:
+        stem = f"_{plane}" if len(machine.planes) > 1 else ""
+        save_figure(compliance_atlas(machine, first[plane]), folder, f"compliance_atlas{stem}")
+        save_figure(geometric_atlas(machine, first[plane]), folder, f"geometric_atlas{stem}")
 
 
 def write_comparison(result: Comparison, record: Mapping[str, Any], folder: Path) -> None:

@@ -9,6 +9,7 @@ import typer
 
 from ldbb_bayes.cli.options import (
     DegreeOption,
+    DriftOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -31,6 +32,7 @@ def simulate(
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
+    drift: DriftOption = None,
     model: ModelOption = None,
     force: ForceOption = False,
     seed: SeedOption = 1,
@@ -46,7 +48,7 @@ def simulate(
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.model.truths import Truths, is_truths, read_truths
 
-    chosen = model_from(degree, preset, without, model)
+    chosen = model_from(degree, preset, without, model, drift)
     if is_truths(source):
         if truth is not None:
             raise InputError(

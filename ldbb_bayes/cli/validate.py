@@ -10,6 +10,7 @@ import typer
 from ldbb_bayes.cli.options import (
     CampaignArgument,
     DegreeOption,
+    DriftOption,
     ForceOption,
     JsonOption,
     ModelOption,
@@ -34,6 +35,7 @@ def validate(
     degree: DegreeOption = None,
     preset: PresetOption = None,
     without: WithoutOption = "",
+    drift: DriftOption = None,
     model: ModelOption = None,
     data_model: Annotated[
         Path | None,
@@ -59,7 +61,7 @@ def validate(
     from ldbb_bayes.model.spec import read_model
     from ldbb_bayes.report.text import coverage_table
 
-    chosen = model_from(degree, preset, without, model)
+    chosen = model_from(degree, preset, without, model, drift)
     generator = None if data_model is None else read_model(data_model, degree=chosen.degree)
     campaign = campaign_from(plan)
     if out is not None:

@@ -31,6 +31,8 @@ _TEST_FIELDS = (
     "plane",
     "centre_x_mm",
     "centre_y_mm",
+    "centre_z_mm",
+    "setup",
     "temperature_C",
     "time_s",
 )
@@ -53,6 +55,7 @@ def campaign_record(campaign: Campaign) -> dict[str, Any]:
             "feed_mm_per_min": campaign.feed_mm_per_min,
             "mount": [campaign.mount.deflection_um_per_bar, campaign.mount.compensated],
             "force_law": [campaign.force_law.slope_N_per_bar, campaign.force_law.offset_N],
+            "frames_mm": {axis: list(frame) for axis, frame in campaign.frames_mm.items()},
         },
         "test_fields": [{name: getattr(test, name) for name in _TEST_FIELDS} for test in campaign.tests],
     }

@@ -1,8 +1,8 @@
-"""The machine as a serial chain: topology string and test plane → two driven joints with frames and branches.
+"""The machine as a serial chain: topology string and test planes → driven joints with frames and branches.
 
 A topology such as ``wCAFYXZSt`` reads from the workpiece ``w`` through the foundation ``F`` to the tool ``t``
-(ISO 10791 style). A circular test drives the two linear axes of its plane; only their joints carry the compliance
-and geometric errors of the model.
+(ISO 10791 style). A circular test drives the two linear axes of its plane; the joints of all planes tested carry the
+compliances and geometric errors of the model. Vectors are (X, Y, Z) of the machine.
 """
 
 from __future__ import annotations
@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, check_known
 
-__all__ = ["PLANES", "Axes", "Circle", "Joint", "Machine"]
+__all__ = ["LINEAR", "PLANES", "ROTARY", "Axes", "Circle", "Joint", "Machine", "plane_of"]
 
 Array = NDArray[Any]
 Branch = Literal["tool", "workpiece"]
+LINEAR, ROTARY = "XYZ", "ABC"
+_AXIS_LETTERS = "XYZABCUVWS"
+_LARGEST_MM = 1e5
 
 
 @dataclass(frozen=True)
@@ -36,10 +39,18 @@ class Axes:
         """Planar twist and wrench components in order: translation or force, translation or force, rotation or moment."""
         return (self.first, self.second, self.rotation)
 
+    @property
+    def pair(self) -> tuple[int, int]:
+        """Where the two translations stand in a vector (X, Y, Z)."""
+        return LINEAR.index(self.first), LINEAR.index(self.second)
+
+    @property
+    def normal(self) -> int:
+        """Where the third translation stands."""
+        return ROTARY.index(self.rotation)
+
 
 PLANES: Mapping[str, Axes] = MappingProxyType({"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A"), "ZX": Axes("Z", "X", "B")})
-_LINEAR = "XYZ"
-_AXIS_LETTERS = "XYZABCUVWS"
 
 
 @dataclass(frozen=True)
@@ -50,30 +61,45 @@ class Circle:
     ----------
     radius_mm : float
         Nominal radius R [mm].
-    centre_mm : tuple of two floats
-        Axis coordinates of the work ball in the plane [mm].
+    centre_mm : tuple of three floats
+        Axis coordinates (X, Y, Z) of the work ball [mm]. What stands across the plane changes lever arms only.
+    plane : {"XY", "YZ", "ZX"}
+        Angles count from its first axis.
     """
 
     radius_mm: float = 150.0
-    centre_mm: tuple[float, float] = (0.0, 0.0)
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    plane: str = "XY"
+
+    @property
+    def axes(self) -> Axes:
+        """The axes of its plane."""
+        return PLANES[self.plane]
 
     def direction(self, angle_rad: Array) -> Array:
-        """Sensitive direction B̂ of the bar, shape (n, 2) [1]."""
-        return np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
+        """Sensitive direction B̂ of the bar, shape (n, 3) [1]."""
+        direction = np.zeros((len(angle_rad), 3))
+        first, second = self.axes.pair
+        direction[:, first], direction[:, second] = np.cos(angle_rad), np.sin(angle_rad)
+        return direction
 
     def position_mm(self, angle_rad: Array) -> Array:
-        """Nominal axis coordinates of the tool ball, shape (n, 2) [mm]."""
+        """Nominal axis coordinates of the tool ball, shape (n, 3) [mm]."""
         return self.radius_mm * self.direction(angle_rad) + np.asarray(self.centre_mm)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A driven linear joint: its axis, its index in the plane (0 or 1), its branch and where its frame stands."""
+    """A linear joint: its axis, its branch and where its frame stands (X, Y, Z) [mm]."""
 
     axis: str
-    index: int
     branch: Branch
-    frame_mm: tuple[float, float]
+    frame_mm: tuple[float, float, float]
+
+    @property
+    def index(self) -> int:
+        """Where its axis stands in a vector (X, Y, Z)."""
+        return LINEAR.index(self.axis)
 
     @property
     def sign(self) -> float:
@@ -83,14 +109,14 @@ class Joint:
 
 @dataclass(frozen=True)
 class Machine:
-    """A serial machine tool seen in one plane.
+    """A serial machine tool and the planes it is tested in.
 
     Parameters
     ----------
     topology : str
         Joints from workpiece to tool, for example ``wCAFYXZSt``.
-    plane : {"XY", "YZ", "ZX"}
-        Plane of the circular test; angles count from its first axis.
+    planes : str or tuple of {"XY", "YZ", "ZX"}
+        Planes of the circular tests.
     frames_mm : mapping of axis letter to (x, y, z), optional
         Where a joint's frame stands [mm], with all axes at zero, from the point where tool ball and work ball coincide. The
         default is that point itself, as in the paper.
@@ -102,11 +128,13 @@ class Machine:
     """
 
     topology: str = "wCAFYXZSt"
-    plane: str = "XY"
+    planes: str | tuple[str, ...] = ("XY",)
     frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_known("plane", [self.plane], PLANES)
+        planes = (self.planes,) if isinstance(self.planes, str) else tuple(self.planes)
+        check_known("plane", planes, PLANES)
+        object.__setattr__(self, "planes", tuple(plane for plane in PLANES if plane in planes))
         inner = self.topology[1:-1]
         if not (self.topology.startswith("w") and self.topology.endswith("t") and inner.count("F") == 1):
             raise InputError(
@@ -123,79 +151,105 @@ class Machine:
                 raise InputError(
                     f"topology must name each axis once, got {letter!r} twice in {self.topology!r}. Remove one of them."
                 )
-        for axis in (self.axes.first, self.axes.second):
-            if axis not in inner:
-                raise InputError(
-                    f"topology must hold the axes of plane {self.plane}, got {self.topology!r} without {axis}. "
-                    "Choose another plane or correct the topology."
-                )
+        for plane in self.planes:
+            for axis in PLANES[plane].components[:2]:
+                if axis not in inner:
+                    raise InputError(
+                        f"topology must hold the axes of plane {plane}, got {self.topology!r} without {axis}. "
+                        "Choose another plane or correct the topology."
+                    )
         for axis, frame in self.frames_mm.items():
-            if axis not in _LINEAR or axis not in inner:
+            if axis not in LINEAR or axis not in inner:
                 raise InputError(
                     f"frames_mm must name linear axes of {self.topology!r}, got {axis!r}. Remove it or correct the letter."
                 )
-            if len(frame) != 3 or not np.all(np.isfinite(frame)):
-                raise InputError(f"frames_mm[{axis!r}] must be three finite numbers (x, y, z) in mm, got {frame!r}. Correct it.")
-        object.__setattr__(self, "frames_mm", MappingProxyType(dict(self.frames_mm)))
+            if len(frame) != 3 or not np.all(np.isfinite(frame)) or np.abs(frame).max() > _LARGEST_MM:
+                raise InputError(
+                    f"frames_mm[{axis!r}] must be three finite numbers (x, y, z) below {_LARGEST_MM:g} mm, got {frame!r}. "
+                    "Correct it."
+                )
+        object.__setattr__(self, "frames_mm", MappingProxyType({k: tuple(v) for k, v in self.frames_mm.items()}))
+
+    def __hash__(self) -> int:
+        return hash((self.topology, self.planes, tuple(sorted(self.frames_mm.items()))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """To other processes; a read-only mapping does not pickle."""
+        return type(self), (self.topology, self.planes, dict(self.frames_mm))
 
     @property
-    def axes(self) -> Axes:
-        """The axes of the test plane."""
-        return PLANES[self.plane]
+    def plane(self) -> str:
+        """The planes in words: XY, or XY + YZ."""
+        return " + ".join(self.planes)
 
     @property
-    def joints(self) -> tuple[Joint, Joint]:
-        """The two driven joints in the order of the plane's axes."""
-        first, second = (self._joint(axis, i) for i, axis in enumerate((self.axes.first, self.axes.second)))
-        return first, second
+    def slides(self) -> tuple[Joint, ...]:
+        """Every linear joint of the chain, in the order X, Y, Z: they all set lever arms."""
+        return tuple(self._joint(axis) for axis in LINEAR if axis in self.topology)
 
-    def _joint(self, axis: str, index: int) -> Joint:
-        x, y, z = self.frames_mm.get(axis, (0.0, 0.0, 0.0))
-        frame = {"X": x, "Y": y, "Z": z}
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """The joints whose compliances and errors count: those driven in any of the planes, in the order of the planes' axes."""
+        axes = [axis for plane in self.planes for axis in PLANES[plane].components[:2]]
+        return tuple(self._joint(axis) for axis in dict.fromkeys(axes))
+
+    def joint(self, axis: str) -> Joint:
+        """The joint of an axis."""
+        check_known("axis", [axis], [joint.axis for joint in self.slides])
+        return self._joint(axis)
+
+    def _joint(self, axis: str) -> Joint:
         branch: Branch = "workpiece" if self.topology.index(axis) < self.topology.index("F") else "tool"
-        return Joint(axis, index, branch, (frame[self.axes.first], frame[self.axes.second]))
+        return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
-    @property
-    def primary(self) -> Joint:
-        """The reference axis of the squareness error: nearer the foundation, or in the workpiece branch if branches differ."""
-        a, b = self.joints
+    def primary(self, plane: str) -> Joint:
+        """The reference axis of a plane's squareness error: nearer the foundation, or in the workpiece branch if branches
+        differ."""
+        a, b = (self._joint(axis) for axis in PLANES[plane].components[:2])
         if a.branch != b.branch:
             return a if a.branch == "workpiece" else b
         return a if self._distance_to_foundation(a) < self._distance_to_foundation(b) else b
 
-    @property
-    def secondary(self) -> Joint:
+    def secondary(self, plane: str) -> Joint:
         """The axis whose direction the squareness error turns."""
-        a, b = self.joints
-        return b if self.primary == a else a
+        a, b = (self._joint(axis) for axis in PLANES[plane].components[:2])
+        return b if self.primary(plane) == a else a
 
     def _distance_to_foundation(self, joint: Joint) -> int:
         return abs(self.topology.index(joint.axis) - self.topology.index("F"))
 
+    def branch(self, branch: Branch) -> tuple[Joint, ...]:
+        """The linear joints of a branch, from the foundation outwards."""
+        return tuple(sorted((j for j in self.slides if j.branch == branch), key=self._distance_to_foundation))
+
     def carried_by(self, joint: Joint) -> tuple[Joint, ...]:
-        """The driven joints further out than ``joint`` in its branch: their motion sets its lever arm."""
-        return tuple(
-            other
-            for other in self.joints
-            if other.branch == joint.branch and self._distance_to_foundation(other) > self._distance_to_foundation(joint)
-        )
+        """The linear joints further out than ``joint`` in its branch: their motion sets its lever arm."""
+        own = self.branch(joint.branch)
+        return own[own.index(joint) + 1 :]
 
-    def lever_mm(self, joint: Joint, position_mm: Array, circle: Circle) -> Array:
-        """Lever arm from the joint's frame to the ball its branch carries.
-
-        Parameters
-        ----------
-        position_mm : ndarray, shape (n, 2) [mm]
-            Nominal axis coordinates of the tool ball.
+    def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
+        """Lever arm from the joint's frame, which moves with it, to the ball its branch carries.
 
         Returns
         -------
-        ndarray, shape (n, 2) [mm]
+        ndarray, shape (n, 3) [mm]
             Tool ball − frame in the tool branch; work ball − frame in the workpiece branch.
         """
-        lever = np.zeros_like(position_mm) - np.asarray(joint.frame_mm)
-        if joint.branch == "workpiece":
-            lever = lever + np.asarray(circle.centre_mm)
+        position = circle.position_mm(angle_rad)
+        lever = self.end_mm(joint.branch, circle, angle_rad) - np.asarray(joint.frame_mm)
         for other in self.carried_by(joint):
-            lever[:, other.index] += other.sign * position_mm[:, other.index]
+            lever[:, other.index] += other.sign * position[:, other.index]
         return lever
+
+    def end_mm(self, branch: Branch, circle: Circle, angle_rad: Array) -> Array:
+        """Where a branch's ball stands with all its axes at zero, shape (n, 3) [mm]: the work ball at the circle's centre, the
+        tool ball at the origin but for coordinates that the machine has no axis for."""
+        if branch == "workpiece":
+            return np.zeros((len(angle_rad), 3)) + np.asarray(circle.centre_mm)
+        lacking = [axis not in self.topology for axis in LINEAR]
+        return np.where(lacking, circle.position_mm(angle_rad), 0.0)
+
+
+def plane_of(rotation: str) -> str:
+    """The plane that a rotation turns: C → XY."""
+    return next(plane for plane, axes in PLANES.items() if axes.rotation == rotation)

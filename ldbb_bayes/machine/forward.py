@@ -1,6 +1,7 @@
 """The exact reading of the bar by homogeneous transforms (Eq. 1-14), with compliance deflections by Eq. 20.
 
-ρ = ‖P_tool − P_work‖ − R, each ball carried by its branch: foundation → joint frames → motions → errors → ball.
+ρ = ‖P_tool − P_work‖ − R, each ball carried by its branch: foundation → joint frames → motions → errors → ball. All of space:
+what an error does across the plane of the circle is part of it.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.machine.chain import Branch, Circle, Joint, Machine
-from ldbb_bayes.machine.jacobian import geometric_names, wrench_jacobian, wrench_names
+from ldbb_bayes.machine.chain import LINEAR, ROTARY, Branch, Circle, Joint, Machine
+from ldbb_bayes.machine.jacobian import bearer, compliance_jacobian
+from ldbb_bayes.machine.names import geometric_names, joint_names
 
 __all__ = ["exact_reading_mm", "geometric_reading_mm"]
 
@@ -36,7 +38,7 @@ def exact_reading_mm(
     angle_rad : ndarray, shape (n,) [rad]
     force_N : float [N]
     compliances : mapping, optional
-        Any of the 18 ``C_ijk`` [mm/N, rad/N, rad/(N mm)].
+        Any of the 36 ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)].
     geometric_errors : mapping, optional
         Any of `geometric_names` [1, 1/mm, rad, mm].
 
@@ -49,71 +51,67 @@ def exact_reading_mm(
     InputError
         For a parameter this machine does not have.
     """
-    labels = [name.label for name in wrench_names(machine)]
-    values = _vector(labels, compliances or {})
-    elastic = force_N * wrench_jacobian(machine, circle, angle_rad) @ values
+    given = compliances or {}
+    every = {name.label: name for name in joint_names(machine)}
+    check_known("parameter", given, tuple(every))
+    columns = compliance_jacobian(machine, circle, angle_rad, [every[label] for label in given])
+    elastic = force_N * columns @ np.array(list(given.values()), dtype=float)
     return geometric_reading_mm(machine, circle, angle_rad, geometric_errors or {}) + elastic
 
 
 def geometric_reading_mm(machine: Machine, circle: Circle, angle_rad: Array, geometric_errors: Mapping[str, Any]) -> Array:
     """Exact geometric part of the reading (Eq. 13-14), shape (n,) [mm]. Complex errors are allowed (complex step)."""
-    errors = _vector(geometric_names(machine), geometric_errors)
-    position = circle.position_mm(angle_rad)
-    n = len(angle_rad)
-    tool = _branch(machine, "tool", position, errors) @ _translation(n, errors[5], errors[6])
-    work = _branch(machine, "workpiece", position, errors) @ _translation(n, *circle.centre_mm)
-    gap = tool[:, :2, 3] - work[:, :2, 3]
-    distance: Array = np.sqrt(gap[:, 0] ** 2 + gap[:, 1] ** 2)
+    check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
+    tool = _branch(machine, "tool", circle, angle_rad, geometric_errors)
+    work = _branch(machine, "workpiece", circle, angle_rad, geometric_errors)
+    offset = np.array([geometric_errors.get(f"E_{axis}t0", 0.0) for axis in LINEAR])
+    tool = tool @ _translation(machine.end_mm("tool", circle, angle_rad) + offset)
+    work = work @ _translation(machine.end_mm("workpiece", circle, angle_rad))
+    gap = tool[:, :3, 3] - work[:, :3, 3]
+    distance: Array = np.sqrt((gap**2).sum(axis=1))
     return distance - circle.radius_mm
 
 
-def _branch(machine: Machine, branch: Branch, position: Array, errors: Array) -> Array:
+def _branch(machine: Machine, branch: Branch, circle: Circle, angle_rad: Array, errors: Mapping[str, Any]) -> Array:
     """Transform from the foundation to the end of a branch, shape (n, 4, 4)."""
-    transform = np.broadcast_to(np.eye(4, dtype=errors.dtype), (len(position), 4, 4))
-    joints = [joint for joint in machine.joints if joint.branch == branch]
-    for joint in sorted(joints, key=lambda joint: len(machine.carried_by(joint)), reverse=True):
-        transform = transform @ _joint(machine, joint, position, errors)
+    transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
+    position = circle.position_mm(angle_rad)
+    for joint in machine.branch(branch):
+        transform = transform @ _joint(machine, joint, joint.sign * position[:, joint.index], errors)
     return transform
 
 
-def _joint(machine: Machine, joint: Joint, position: Array, errors: Array) -> Array:
+def _joint(machine: Machine, joint: Joint, coordinate: Array, errors: Mapping[str, Any]) -> Array:
     """One joint: its nominal motion followed by its error motion (Eq. 4-5, 8-9), about its own frame."""
-    n = len(position)
-    coordinate = joint.sign * position[:, joint.index]
-    motion = [np.zeros(n), np.zeros(n)]
-    motion[joint.index] = coordinate
-    gain, straightness = (errors[0], errors[1]) if joint.index == 0 else (errors[3], errors[2])
-    error = [gain * coordinate, straightness * coordinate**2]
-    if joint.index == 1:
-        error.reverse()
-    same_branch = machine.primary.branch == machine.secondary.branch
-    squareness = errors[4]
-    turn_after = squareness if same_branch and joint == machine.primary else 0.0
-    turn_before = squareness if not same_branch and joint == machine.secondary else 0.0
-    frame, back = _translation(n, *joint.frame_mm), _translation(n, *(-c for c in joint.frame_mm))
-    moved = _rotation(n, turn_before, errors.dtype) @ _translation(n, *motion) @ _translation(n, *error)
-    return frame @ moved @ _rotation(n, turn_after, errors.dtype) @ back
+    motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
+    motion[:, joint.index] = coordinate
+    before, after = np.eye(4), np.eye(4)
+    for name in geometric_names(machine):
+        if name.kind == "offset" or bearer(machine, name)[0] != joint or name.label not in errors:
+            continue
+        value = errors[name.label]
+        if name.kind == "squareness":
+            turn = _rotation(ROTARY.index(name.component), value)
+            before, after = (before @ turn, after) if bearer(machine, name)[1] else (before, after @ turn)
+        else:
+            power = 1 if name.kind == "gain" else 2
+            motion[:, LINEAR.index(name.component)] += value * coordinate**power
+    frame = np.asarray(joint.frame_mm)[None]
+    return _translation(frame) @ before @ _translation(motion) @ after @ _translation(-frame)
 
 
-def _translation(n: int, first: Any, second: Any) -> Array:
-    first, second = np.asarray(first), np.asarray(second)
-    transform = np.zeros((n, 4, 4), dtype=np.result_type(first, second, float))
+def _translation(vector: Array) -> Array:
+    """Shape (n, 3) → (n, 4, 4)."""
+    transform = np.zeros((len(vector), 4, 4), dtype=vector.dtype)
     transform[:] = np.eye(4)
-    transform[:, 0, 3] = first
-    transform[:, 1, 3] = second
+    transform[:, :3, 3] = vector
     return transform
 
 
-def _rotation(n: int, angle: Any, dtype: Any) -> Array:
-    transform = np.zeros((n, 4, 4), dtype=dtype)
-    transform[:] = np.eye(4)
-    cosine, sine = np.cos(angle), np.sin(angle)
-    transform[:, 0, 0] = transform[:, 1, 1] = cosine
-    transform[:, 0, 1], transform[:, 1, 0] = -sine, sine
+def _rotation(axis: int, angle: Any) -> Array:
+    """About X, Y or Z, shape (4, 4)."""
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    transform = np.eye(4, dtype=np.result_type(float, angle))
+    transform[first, first] = transform[second, second] = np.cos(angle)
+    transform[first, second], transform[second, first] = -np.sin(angle), np.sin(angle)
     return transform
-
-
-def _vector(names: Any, values: Mapping[str, Any]) -> Array:
-    check_known("parameter", values, names)
-    vector: Array = np.array([values.get(name, 0.0) for name in names])
-    return vector.astype(np.result_type(vector, float))

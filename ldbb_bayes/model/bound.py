@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
@@ -17,24 +17,18 @@ from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.machine.jacobian import (
-    ComplianceName,
-    geometric_jacobian,
-    geometric_kinds,
-    geometric_names,
-    kept_compliances,
-    wrench_jacobian,
-    wrench_names,
-)
-from ldbb_bayes.model.basis import SIZE, coefficients
+from ldbb_bayes.machine.kept import kept_compliances
+from ldbb_bayes.machine.names import ComplianceName, GeometricName
+from ldbb_bayes.model.basis import SIZE
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.orthant import Orthant, Truncation
 from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
 from ldbb_bayes.model.reduction import Reduced, reduce_readings
+from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
 from ldbb_bayes.model.structured import StructuredGaussian
-from ldbb_bayes.model.terms import BasisNoise, Columns, Compliance, GeometricErrors, Setting
+from ldbb_bayes.model.terms import BasisNoise, Columns, Compliance, GeometricErrors
 
 __all__ = ["BoundModel", "Parameter"]
 
@@ -94,13 +88,12 @@ class BoundModel:
     ) -> None:
         _check(model, campaign if pilot is None else pilot)
         self.model, self.campaign, self.pilot = model, campaign, pilot
-        machine = campaign.machine()
         self.compliances: tuple[ComplianceName, ...] = kept_compliances(
-            machine, *dict.fromkeys(test.circle for test in campaign.tests)
+            campaign.machine(), *dict.fromkeys(test.circle for test in campaign.tests)
         ).names
-        self.geometric_errors: tuple[str, ...] = geometric_names(machine)
+        self.geometric_errors: tuple[GeometricName, ...] = geometric_errors_of(campaign)
         reduced = _reduced(campaign)
-        whole = _setting(model, campaign, self.compliances, forces_of=campaign if pilot is None else pilot)
+        whole = setting_of(campaign, self.compliances, model.reference_force_N, pilot=pilot)
         every = self._list_parameters(whole.force_range_N)
         check_known("fixed parameter", model.fixed, [parameter.name for parameter in every])
         self._free = np.array([parameter.name not in model.fixed for parameter in every])
@@ -110,7 +103,7 @@ class BoundModel:
         estimate = self._estimate(whole, reduced) if pilot is None else BoundModel(model, pilot).setting.compliance_estimate
         whole = replace(whole, compliance_estimate=estimate)
         rows = _rows(campaign, keep)
-        self.setting: Setting = _select(whole, rows)
+        self.setting: Setting = whole.select(rows)
         self.reduced = tuple(reduced[i] for i in rows)
         self.test_names = tuple(campaign.tests[i].name for i in rows)
         self.interest = self._interest(self.setting)
@@ -124,6 +117,12 @@ class BoundModel:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters of interest."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Class names of the terms that act on this campaign: hysteresis needs both directions of travel."""
+        idle = {type(term).__name__ for term in self.model.nuisances if not term.columns(self.setting)}
+        return tuple(name for name in self.model.terms if name not in idle)
 
     def compliance_at(self, force_N: float, *, reference_force_N: float | None = None) -> Array:
         """Rows A with C(F) = A β, one per kept compliance, shape (compliances, p)."""
@@ -238,7 +237,7 @@ class BoundModel:
         columns = np.concatenate([Compliance(0).columns(setting)[0], setting.geometric], axis=2)
         prior = Prior.default() if self.model.prior.flat else self.model.prior
         compliance = prior.compliance_sd(self.compliances, 0, setting.force_range_N)
-        scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors, geometric_kinds())])
+        scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors)])
         return self._fit(columns, scale, setting, reduced)[: len(self.compliances)]
 
     @staticmethod
@@ -259,8 +258,7 @@ class BoundModel:
             group: Group = "slope" if k else "compliance"
             suffix = f"_{k}" if k else ""
             names += [(c.label + suffix, compliance_unit(c, k), group, k) for c in self.compliances]
-        kinds = zip(self.geometric_errors, geometric_kinds(), strict=True)
-        names += [(name, geometric_unit(kind), "geometric", 0) for name, kind in kinds]
+        names += [(name.label, geometric_unit(name.kind), "geometric", 0) for name in self.geometric_errors]
         parameters = tuple(Parameter(n, u, float(s), g, k) for (n, u, g, k), s in zip(names, sd, strict=True))
         self.model.prior.check_names([parameter.name for parameter in parameters])
         return parameters
@@ -268,7 +266,7 @@ class BoundModel:
     def _sd_of(self, prior: Prior, force_range_N: float) -> Array:
         degrees = range(self.model.degree + 1)
         compliance = [prior.compliance_sd(self.compliances, k, force_range_N) for k in degrees]
-        return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors, geometric_kinds())])
+        return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors)])
 
     def _check_room(self, bounded: Sequence[int], at: Sequence[Array], reference_force_N: float) -> None:
         """Refuse a compliance fixed at zero at F0 whose free slope would make it negative on one side of F0."""
@@ -332,46 +330,6 @@ def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
             reduce_readings(test.angles_rad(), None if plan else test.readings_mm()) for test in campaign.tests
         )
     return _KEPT[campaign]
-
-
-def _setting(model: HybridModel, campaign: Campaign, compliances: tuple[ComplianceName, ...], *, forces_of: Campaign) -> Setting:
-    machine = campaign.machine()
-    labels = [name.label for name in wrench_names(machine)]
-    index = [labels.index(name.label) for name in compliances]
-    wrench, geometric = {}, {}
-    for circle in {test.circle for test in campaign.tests}:
-        wrench[circle] = coefficients(partial(wrench_jacobian, machine, circle))[:, index]
-        geometric[circle] = coefficients(partial(geometric_jacobian, machine, circle))
-    forces = campaign.forces_N
-    clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in campaign.tests])
-    reference, known = model.reference_force_N, forces_of.forces_N
-    return Setting(
-        force_N=forces,
-        pressure_bar=campaign.pressures_bar,
-        radius_mm=np.array([test.radius_mm for test in campaign.tests], dtype=float),
-        work_ball_rad=clockings[:, 0],
-        tool_ball_rad=clockings[:, 1],
-        wrench=np.stack([wrench[test.circle] for test in campaign.tests]),
-        geometric=np.stack([geometric[test.circle] for test in campaign.tests]),
-        reference_force_N=float((known.min() + known.max()) / 2.0) if reference is None else float(reference),
-        force_range_N=float(known.max() - known.min()),
-        two_balls=_clocked(clockings),
-        radii_mm=np.unique(np.array([test.radius_mm for test in campaign.tests], dtype=float)),
-        compliance_estimate=np.zeros(len(compliances)),
-        compensated=campaign.mount.compensated,
-        deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
-    )
-
-
-def _clocked(clockings: Array) -> bool:
-    """Whether the clocking of either ball differs between tests, whole turns aside."""
-    turned = np.exp(1j * clockings)
-    return bool(np.abs(turned - turned[0]).max() > 1e-9)
-
-
-def _select(setting: Setting, rows: Sequence[int]) -> Setting:
-    per_test = ("force_N", "pressure_bar", "radius_mm", "work_ball_rad", "tool_ball_rad", "wrench", "geometric")
-    return replace(setting, **{name: getattr(setting, name)[list(rows)] for name in per_test})
 
 
 def _mount_mean(setting: Setting) -> Array:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.campaign.circular_test import CircularTest, Direction
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.degeneracies import Degeneracy, degeneracies, joined
@@ -23,6 +23,8 @@ _CALIBRATIONS: Mapping[str, str] = {
     "BarLength": "a calibration of the bar's length",
     "Mount": "a measurement of the mount's deflection",
     "ForceError": "a calibration of the force",
+    "Hysteresis": "a narrower prior of it",
+    "Drift": "a measurement of it",
 }
 
 
@@ -77,6 +79,17 @@ def _further_tests(plan: Campaign) -> dict[str, list[CircularTest]]:
         "clocking both balls (0/45/90°)": again(1.0, 1.0),
         "a second radius": [replace(test, radius_mm=round(radius * 2.0 / 3.0, 1)) for test in plan.tests],
     }
+    if any(test.direction for test in plan.tests):
+        turned: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
+        further["both directions of travel at the same forces"] = [
+            replace(test, direction=turned.get(test.direction or "")) for test in plan.tests
+        ]
+    times = [test.time_s for test in plan.tests]
+    if all(time is not None for time in times) and len(set(times)) > 1:
+        end = 2.0 * max(time for time in times if time is not None) + 1.0
+        further["the same tests once more in reverse order"] = [
+            replace(test, time_s=end - float(test.time_s or 0.0)) for test in plan.tests
+        ]
     if any(test.arc_deg < _FULL_DEG or len(np.unique(np.round(test.angle_deg % 360.0, 6))) < _MANY for test in plan.tests):
         further["full circles of more readings"] = [replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests]
     return further

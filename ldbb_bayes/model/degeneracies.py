@@ -20,7 +20,7 @@ from ldbb_bayes.model.basis import basis
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import NUISANCES
 from ldbb_bayes.model.nullspace import NullSpace
-from ldbb_bayes.model.terms import HYPERS, Columns
+from ldbb_bayes.model.terms import HYPERS, Columns, Drift
 from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["Degeneracy", "degeneracies", "joined", "sentences", "standing_degeneracies"]
@@ -170,33 +170,42 @@ _CURES_IN_SHORT: Mapping[str, str] = {
     "BarLength": "Calibrate the bar's length.",
     "Mount": "Measure the mount's deflection.",
     "ForceError": "Calibrate the force.",
+    "Hysteresis": "Run both directions at the same forces.",
+    "Drift": "Run the forces in an order that has nothing to do with time.",
 }
 
 
 def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[str, ...]:
     """Degeneracies with effects that are not terms of the model, and what is told apart by force alone, in sentences."""
     said = []
-    cross = [display_name(name.label) for name in bound.compliances if name.kind == "cross"]
-    if cross and _friction_is_hidden(bound):
+    hidden = [display_name(name) for name in _like_friction(bound)]
+    if hidden:
         said.append(
-            f"Friction in the bar or lost motion in proportion to force looks exactly like {joined(cross)} "
+            f"Friction in the bar or lost motion in proportion to force looks exactly like {joined(hidden)} "
             "in these directions. Run both directions at the same forces."
         )
-    direct = [display_name(name.label) for name in bound.compliances if name.kind == "direct"]
-    if len(direct) == 2 and all(f"{label}_1" in bound.names for label in direct):
+    direct = [name.label for name in bound.compliances if name.kind == "direct"]
+    sloped = [display_name(label) for label in direct if f"{label}_1" in bound.names]
+    if len(sloped) == len(direct) > 1:
         said.append(
-            f"A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {joined(direct)}."
+            f"A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {joined(sloped)}."
         )
     rotary = [display_name(name.label) for name in bound.compliances if name.kind == "rotation_for_moment"]
     once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1 and bound.campaign.force_levels > 1
     four = any(name.endswith(("cos4", "sin4")) for d in found for name in d.nuisances)
     if rotary and once and not four and any(d.term == "BallForm" for d in found):
-        said.append(f"{rotary[0]} and the 4-lobe form of the balls are told apart by force alone.")
+        said.append(f"{joined(rotary)} and the 4-lobe form of the balls are told apart by force alone.")
+    for covariate, values in (("time", bound.setting.time_h), ("temperature", bound.setting.temperature_K)):
+        if np.isfinite(values).all() and np.ptp(values) > 0.0 and not any(isinstance(t, Drift) for t in bound.model.nuisances):
+            said.append(
+                f"The tests record {covariate}, the model has no drift over it: what changes steadily counts as set-up shift, "
+                "and as compliance where the forces were run in order. Add the term Drift."
+            )
     return tuple(said)
 
 
-def _friction_is_hidden(bound: BoundModel) -> bool:
-    """Whether a pattern like the cross compliance, turned with the direction of travel, is one of the parameters' own."""
+def _like_friction(bound: BoundModel) -> tuple[str, ...]:
+    """Cross compliances whose pattern, turned with the direction of travel, is one of the parameters' own."""
     by_name = {test.name: test for test in bound.campaign.tests}
     sign = np.array([-1.0 if by_name[name].direction == "CCW" else 1.0 for name in bound.test_names])
     labels = [name.label for name in bound.compliances if name.kind == "cross"]
@@ -204,7 +213,8 @@ def _friction_is_hidden(bound: BoundModel) -> bool:
     columns = _effects(bound, np.concatenate([bound.interest, bound.interest[:, :, cross] * sign[:, None, None]], axis=2))
     own, turned = columns[:, : len(bound.names)] * bound.scale, columns[:, len(bound.names) :]
     rest = turned - own @ np.linalg.lstsq(own, turned, rcond=1e-10)[0]
-    return bool((np.abs(rest).max(axis=0) < _HIDDEN * np.abs(turned).max(axis=0)).any())
+    alike = np.abs(rest).max(axis=0) < _HIDDEN * np.abs(turned).max(axis=0)
+    return tuple(bound.names[j] for j, like in zip(cross, alike, strict=True) if like)
 
 
 def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array]:
@@ -215,6 +225,8 @@ def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array
     names, owners = list(bound.names), [""] * len(bound.names)
     values, sd = [bound.interest], [bound.scale]
     for kind in NUISANCES.values():
+        if kind is Drift and kind not in own:
+            continue
         for part in own.get(kind, kind()).columns(bound.setting):
             if not isinstance(part, Columns) or part.private:
                 continue
@@ -248,23 +260,41 @@ def _term_words(term: str) -> str:
     return re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
 
 
+_FORM = re.compile(r"(work_|tool_)?form(?:_(XY|YZ|ZX))?_(cos|sin)(\d+)")
+_TRAVEL = re.compile(r"hysteresis(_force)?(?:_(XY|YZ|ZX))?_(?:(cos|sin)(\d+)|0)")
+_LENGTH = re.compile(r"bar_length(?:_([\d.]+))?")
+_BALL = {"work_": "the work ball", "tool_": "the tool ball"}
+
+
 def _pattern(name: str) -> str:
     """form_cos2 →  in cos 2θ; empty where the term has a single column."""
-    found = re.fullmatch(r"(work_|tool_)?form_(cos|sin)(\d+)", name)
-    if not found:
-        return ""
-    ball = {"work_": " of the work ball", "tool_": " of the tool ball"}.get(found[1] or "", "")
-    return f" in {found[2]} {found[3]}θ{ball}"
+    form, travel = _FORM.fullmatch(name), _TRAVEL.fullmatch(name)
+    if form:
+        ball = f" of {_BALL[form[1]]}" if form[1] else ""
+        return f" in {form[3]} {form[4]}θ{ball}{_in_plane(form[2])}"
+    if travel:
+        pattern = f"{travel[3]} {travel[4]}θ" if travel[3] else "order 0"
+        return f" in {pattern}{' times force' if travel[1] else ''}{_in_plane(travel[2])}"
+    return ""
+
+
+def _in_plane(plane: str | None) -> str:
+    return f" in plane {plane}" if plane else ""
 
 
 def _nuisance_words(name: str) -> str:
-    found = re.fullmatch(r"(work_|tool_)?form_(cos|sin)(\d+)", name)
-    if found:
-        ball = {"work_": "the work ball's ", "tool_": "the tool ball's "}.get(found[1] or "", "")
-        return f"{ball}{found[3]}-lobe form ({found[2]} {found[3]}θ)"
-    length = re.fullmatch(r"bar_length(?:_([\d.]+))?", name)
+    form, travel, length = (pattern.fullmatch(name) for pattern in (_FORM, _TRAVEL, _LENGTH))
+    if form:
+        ball = f"{_BALL[form[1]]}'s " if form[1] else ""
+        return f"{ball}{form[4]}-lobe form ({form[3]} {form[4]}θ{_in_plane(form[2])})"
+    if travel:
+        pattern = f"{travel[3]} {travel[4]}θ" if travel[3] else "order 0"
+        return f"hysteresis{' in proportion to force' if travel[1] else ''} ({pattern}{_in_plane(travel[2])})"
     if length:
         return "bar length" + (f" at R = {length[1]} mm" if length[1] else "")
+    if name.startswith("drift_"):
+        what = name.removeprefix("drift_")
+        return "drift of the bar's length" if what == "length" else f"drift of the centre along {what}"
     return {"mount": "mount deflection", "force_gain": "force gain"}.get(name, name)
 
 

@@ -20,9 +20,11 @@ from ldbb_bayes.model.terms import (
     BarLength,
     Compliance,
     Discrepancy,
+    Drift,
     ForceError,
     GeometricErrors,
     Hyper,
+    Hysteresis,
     Mount,
     Nuisance,
     SetupShift,
@@ -43,7 +45,10 @@ NUISANCES: Mapping[str, type[Nuisance]] = {
     "force-error": ForceError,
     "setup-shift": SetupShift,
     "discrepancy": Discrepancy,
+    "hysteresis": Hysteresis,
+    "drift": Drift,
 }
+_ON_DEMAND = ("drift",)
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,7 @@ class HybridModel:
     """
 
     degree: int = 1
-    nuisances: tuple[Nuisance, ...] = field(default_factory=lambda: tuple(term() for term in NUISANCES.values()))
+    nuisances: tuple[Nuisance, ...] = field(default_factory=lambda: _usual())
     prior: Prior = field(default_factory=Prior.default)
     reference_force_N: float | None = None
     preset: Preset = "default"
@@ -126,8 +131,13 @@ class HybridModel:
         """The same model with the named parameters fixed at zero."""
         return replace(self, fixed=(*self.fixed, *names))
 
+    def including(self, *terms: Nuisance) -> HybridModel:
+        """The same model with these nuisances, in place of its own of the same kind: ``including(Drift("temperature"))``."""
+        own = {type(term): term for term in (*self.nuisances, *terms)}
+        return replace(self, nuisances=tuple(own[kind] for kind in NUISANCES.values() if kind in own))
+
     def without(self, *names: str) -> HybridModel:
-        """The same model without the named terms (``ball-form`` … ``discrepancy``, ``truncation``).
+        """The same model without the named terms (``ball-form`` … ``hysteresis``, ``truncation``).
 
         Raises
         ------
@@ -187,6 +197,10 @@ class HybridModel:
         from ldbb_bayes.model.simulate import simulate
 
         return simulate(self, plan, seed=seed, parameters=parameters, hyper_um=hyper_um, exact=exact)
+
+
+def _usual() -> tuple[Nuisance, ...]:
+    return tuple(term() for name, term in NUISANCES.items() if name not in _ON_DEMAND)
 
 
 def _shown(value: float | str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,16 @@ Array = NDArray[Any]
 
 def linearisation_error_mm(bound: BoundModel, test: CircularTest, beta: Array) -> Array:
     """Exact minus linear geometric reading of one test, shape (n,) [mm]. β (p,)."""
-    errors = beta[-len(bound.geometric_errors) :]
+    values = dict(zip(bound.names, beta.tolist(), strict=True))
     angle = test.angles_rad()
+    errors = np.array([values.get(name.label, 0.0) for name in bound.geometric_errors])
     linear = basis(angle) @ (bound.setting.geometric[bound.test_names.index(test.name)] @ errors)
-    named = dict(zip(bound.geometric_errors, errors.tolist(), strict=True))
+    several = len({other.setup for other in bound.campaign.tests}) > 1
+    named = {
+        replace(name, setup=0).label: values.get(name.label, 0.0)
+        for name in bound.geometric_errors
+        if not (several and name.kind == "offset" and (name.setup or 1) != test.setup)
+    }
     return geometric_reading_mm(bound.campaign.machine(), test.circle, angle, named) - linear
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import erfc, erfcinv
 
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.machine.jacobian import ComplianceName, GeometricKind
+from ldbb_bayes.machine.names import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import HYPERS, Hyper
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "geometric_unit"]
@@ -24,6 +24,7 @@ _COMPLIANCE_UNITS = {
     "cross": "mm/N",
     "rotation_for_force": "rad/N",
     "rotation_for_moment": "rad/(N mm)",
+    "rotation_for_other_moment": "rad/(N mm)",
 }
 _GEOMETRIC_UNITS: dict[GeometricKind, str] = {"gain": "1", "straightness": "1/mm", "squareness": "rad", "offset": "mm"}
 
@@ -123,6 +124,7 @@ class Prior:
             "cross": self.cross_mm_per_N,
             "rotation_for_force": self.rotation_for_force_rad_per_N,
             "rotation_for_moment": self.rotation_for_moment_rad_per_N_mm,
+            "rotation_for_other_moment": self.rotation_for_moment_rad_per_N_mm,
         }
         labels = [name.label for name in names]
         constant = self._overridden(labels, [by_kind[name.kind] for name in names])
@@ -130,7 +132,7 @@ class Prior:
             return constant
         return self._overridden([f"{label}_{degree}" for label in labels], self.slope_scale * constant / force_range_N**degree)
 
-    def geometric_sd(self, names: Sequence[str], kinds: Sequence[GeometricKind]) -> Array:
+    def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Prior sd of every geometric error, shape (geometric errors,)."""
         by_kind = {
             "gain": self.gain,
@@ -138,7 +140,7 @@ class Prior:
             "squareness": self.squareness_rad,
             "offset": self.offset_mm,
         }
-        return self._overridden(names, [by_kind[kind] for kind in kinds])
+        return self._overridden([name.label for name in names], [by_kind[name.kind] for name in names])
 
     def check_names(self, parameters: Sequence[str]) -> None:
         """Refuse overrides of parameters the model does not have."""

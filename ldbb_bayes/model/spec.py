@@ -110,7 +110,7 @@ def model_sha256(model: HybridModel) -> str:
 
 def _checked_term(name: str, given: dict[str, Any]) -> dict[str, Any]:
     for key, value in given.items():
-        wanted = str if (name, key) == ("SetupShift", "moves") else float
+        wanted = str if (name, key) in (("SetupShift", "moves"), ("Drift", "over")) else float
         if not isinstance(value, wanted):
             raise InputError(f"{name} {key} must be a {wanted.__name__}, got {value!r}. Correct it.")
     return given

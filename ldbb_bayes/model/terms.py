@@ -6,6 +6,7 @@ columns are shared by all tests or stand for each test apart.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, get_args
 
@@ -13,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.basis import MAX_ORDER, ORDERS, SIZE, harmonic_index
+from ldbb_bayes.model.setting import Setting
 
 __all__ = [
     "HYPERS",
@@ -22,14 +25,16 @@ __all__ = [
     "BasisNoise",
     "Columns",
     "Compliance",
+    "Covariate",
     "Discrepancy",
+    "Drift",
     "ForceError",
     "GeometricErrors",
     "Hyper",
+    "Hysteresis",
     "Mount",
     "Moves",
     "Nuisance",
-    "Setting",
     "SetupShift",
 ]
 
@@ -37,52 +42,9 @@ Array = NDArray[Any]
 Hyper = Literal["sigma", "delta", "delta_0", "delta_1", "kappa", "tau"]
 HYPERS: tuple[Hyper, ...] = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau")
 Moves = Literal["together", "apart", "zero", "centre"]
+Covariate = Literal["time", "temperature"]
+_TRAVEL_ORDERS = 4
 FORM_ORDERS = range(2, MAX_ORDER + 1)
-
-
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What the terms see of a campaign: one row per test, and the properties that belong to the campaign as a whole.
-
-    Attributes
-    ----------
-    force_N, pressure_bar, radius_mm : ndarray, shape (tests,)
-    work_ball_rad, tool_ball_rad : ndarray, shape (tests,)
-    wrench : ndarray, shape (tests, 25, compliances)
-        Basis coefficients of j_C.
-    geometric : ndarray, shape (tests, 25, geometric errors)
-        Basis coefficients of j_G.
-    reference_force_N, force_range_N : float
-        F0 and F_max − F_min.
-    two_balls : bool
-        Whether the clocking of either ball differs between tests.
-    radii_mm : ndarray
-        Different radii of the whole campaign; every one has its own bar length.
-    compliance_estimate : ndarray, shape (compliances,)
-        Ĉ, used only to linearise the force error.
-    compensated : bool
-    deflection_um_per_bar : float
-    """
-
-    force_N: Array
-    pressure_bar: Array
-    radius_mm: Array
-    work_ball_rad: Array
-    tool_ball_rad: Array
-    wrench: Array
-    geometric: Array
-    reference_force_N: float
-    force_range_N: float
-    two_balls: bool
-    radii_mm: Array
-    compliance_estimate: Array
-    compensated: bool
-    deflection_um_per_bar: float
-
-    @property
-    def tests(self) -> int:
-        """Number of tests."""
-        return len(self.force_N)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +119,8 @@ class BallForm:
     """cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12: form error of the balls, τ/n per coefficient, the same at every force.
 
     While no ball is clocked the two forms are one sum. As soon as a clocking differs between tests there are two terms,
-    the work ball at θ − ψ_work and the tool ball, touched on its far side, at θ + 180° − ψ_tool, each with τ/(n √2).
+    the work ball at θ − ψ_work and the tool ball, touched on its far side, at θ + 180° − ψ_tool, each with τ/(n √2). Every plane
+    runs over another great circle of the balls: it has forms of its own.
     """
 
     @property
@@ -167,16 +130,18 @@ class BallForm:
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Columns, hyper-parameter τ [mm]."""
-        if not setting.two_balls:
-            return (self._ball("form", setting.work_ball_rad, 1.0),)
         half = 1.0 / np.sqrt(2.0)
-        return (
-            self._ball("work_form", setting.work_ball_rad, half),
-            self._ball("tool_form", setting.tool_ball_rad - np.pi, half),
-        )
+        found = []
+        for _, stem, own in _by_plane(setting):
+            if not setting.two_balls:
+                found.append(self._ball(f"form{stem}", setting.work_ball_rad, 1.0, own))
+                continue
+            found.append(self._ball(f"work_form{stem}", setting.work_ball_rad, half, own))
+            found.append(self._ball(f"tool_form{stem}", setting.tool_ball_rad - np.pi, half, own))
+        return tuple(found)
 
     @staticmethod
-    def _ball(stem: str, clocking_rad: Array, share: float) -> Columns:
+    def _ball(stem: str, clocking_rad: Array, share: float, own: Array) -> Columns:
         values = np.zeros((len(clocking_rad), SIZE, 2 * len(FORM_ORDERS)))
         names: list[str] = []
         for j, n in enumerate(FORM_ORDERS):
@@ -186,6 +151,7 @@ class BallForm:
             values[:, c, 2 * j + 1], values[:, s, 2 * j + 1] = -np.sin(turn), np.cos(turn)
             names += [f"{stem}_cos{n}", f"{stem}_sin{n}"]
         values[np.abs(values) < 1e-14] = 0.0
+        values[~own] = 0.0
         sd = share / np.repeat(np.array(FORM_ORDERS, dtype=float), 2)
         return Columns(tuple(names), values, sd, "tau")
 
@@ -308,8 +274,111 @@ class Discrepancy:
         return (BasisNoise("kappa", np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)),)
 
 
+@dataclass(frozen=True)
+class Hysteresis:
+    """s, s cos nθ, s sin nθ, n = 1 … 4, s = ±1 the sign of travel: what differs between the two directions (ISO 230-4).
+
+    A constant part (backlash, reversal of the axes, servo lag) and one in proportion to force (friction in the bar, lost motion),
+    a set of each for every plane. Active where a plane is run both ways; in one direction it looks like machine.
+
+    Parameters
+    ----------
+    constant_um : float
+        One sd of the constant part [µm], divided by n.
+    proportional_um_per_kN : float
+        One sd of the part in proportion to force [µm/kN], divided by n.
+    """
+
+    constant_um: float = 2.0
+    proportional_um_per_kN: float = 2.0
+
+    def __post_init__(self) -> None:
+        _check_positive(self)
+
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """None."""
+        return ()
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """Columns [1] and [N]."""
+        count = 2 * _TRAVEL_ORDERS + 1
+        spread = 1.0 / np.maximum(ORDERS[:count], 1.0)
+        found = []
+        for plane, stem, own in _by_plane(setting):
+            if plane not in setting.both_ways:
+                continue
+            values = np.zeros((setting.tests, SIZE, count))
+            values[:, np.arange(count), np.arange(count)] = np.where(own, setting.travel, 0.0)[:, None]
+            names = ("0", *(f"{trig}{n}" for n in range(1, _TRAVEL_ORDERS + 1) for trig in ("cos", "sin")))
+            found.append(Columns(tuple(f"hysteresis{stem}_{n}" for n in names), values, self.constant_um * 1e-3 * spread))
+            force = values * setting.force_N[:, None, None]
+            sd = self.proportional_um_per_kN * 1e-6 * spread
+            found.append(Columns(tuple(f"hysteresis_force{stem}_{n}" for n in names), force, sd))
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """u, u B̂: the bar's length and the circle's centre change in proportion to time or temperature u, from the campaign's mean.
+
+    Off by default: `SetupShift` covers what changes between circles at random.
+
+    Parameters
+    ----------
+    over : {"time", "temperature"}
+        ``time_s`` or ``temperature_C`` of the tests.
+    length_um, centre_um : float
+        One sd, per hour or per kelvin. A steel bar of 150 mm grows by 1.7 µm/K.
+    """
+
+    over: Covariate = "time"
+    length_um: float = 2.0
+    centre_um: float = 5.0
+
+    def __post_init__(self) -> None:
+        check_known("Drift over", [self.over], get_args(Covariate))
+        _check_positive(self)
+
+    @property
+    def hypers(self) -> tuple[Hyper, ...]:
+        """None."""
+        return ()
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        """One shared column of length and one per direction of the centre [h or K].
+
+        Raises
+        ------
+        InputError
+            Where tests do not record it, or all at the same value.
+        """
+        change = setting.time_h if self.over == "time" else setting.temperature_K
+        if not np.isfinite(change).all():
+            field = "time_s" if self.over == "time" else "temperature_C"
+            raise InputError(
+                f"drift over {self.over} must have {field} in every test, got {int(np.sum(~np.isfinite(change)))} without. "
+                "Record it, or leave the term Drift out."
+            )
+        axes = [k for k in range(3) if np.any(setting.direction[:, :, k])]
+        values = setting.direction[:, :, axes] * change[:, None, None]
+        length = np.zeros((setting.tests, SIZE, 1))
+        length[:, 0, 0] = change
+        names = ("drift_length", *(f"drift_{LINEAR[k]}" for k in axes))
+        sd = np.array([self.length_um, *[self.centre_um] * len(axes)]) * 1e-3
+        return (Columns(names, np.concatenate([length, values], axis=2), sd),)
+
+
+def _by_plane(setting: Setting) -> Iterator[tuple[str, str, Array]]:
+    """Every plane of the campaign, what its columns' names carry (nothing where there is one plane), and which tests are its."""
+    for plane in setting.planes:
+        yield plane, f"_{plane}" if len(setting.planes) > 1 else "", setting.plane == plane
+
+
 def _check_positive(term: Any) -> None:
     for name, value in vars(term).items():
+        if isinstance(value, str):
+            continue
         if not (np.isfinite(value) and value > 0):
             raise InputError(
                 f"{type(term).__name__} {name} must be a positive number, got {value}. To drop the term, leave it out."

@@ -137,8 +137,10 @@ def _changes(model: Mapping[str, Any]) -> str:
     """How the model differs from its preset."""
     if model["preset"] == "paper":
         return " (least squares: the intervals cover white noise alone)"
-    missing = [name for name in DEFAULT_TERMS if name not in model["terms"]] + ([] if model["truncated"] else ["truncation"])
+    there = (*model["terms"], *model.get("idle_terms", ("Hysteresis",)))
+    missing = [name for name in DEFAULT_TERMS if name not in there] + ([] if model["truncated"] else ["truncation"])
     said = [f"without {', '.join(missing)}"] if missing else []
+    said += [f"with {', '.join(more)}"] if (more := [name for name in model["terms"] if name not in DEFAULT_TERMS]) else []
     said += ["with edited priors"] if model["priors"] == "edited" else []
     return f" {' and '.join(said)}" if said else ""
 

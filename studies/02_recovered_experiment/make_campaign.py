@@ -20,7 +20,9 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.campaign.folder import write_campaign_into
 from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.machine.jacobian import geometric_jacobian, kept_compliances, wrench_jacobian, wrench_names
+from ldbb_bayes.machine.jacobian import geometric_jacobian, wrench_jacobian
+from ldbb_bayes.machine.kept import kept_compliances
+from ldbb_bayes.machine.names import wrench_names
 from ldbb_bayes.model.gaussian import LinearGaussian
 
 HERE = Path(__file__).resolve().parent

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.machine.jacobian import geometric_names
+from ldbb_bayes.machine.chain import PLANES, Circle, Machine
+from ldbb_bayes.machine.names import geometric_names
 
 ANGLE = np.array([0.3, 2.0, 4.5])
 
@@ -16,34 +16,59 @@ def test_the_papers_machine() -> None:
     machine = Machine()
     x, y = machine.joints
     assert (x.axis, x.branch, y.axis, y.branch) == ("X", "tool", "Y", "tool")
-    assert (machine.primary, machine.secondary) == (y, x)
-    assert geometric_names(machine) == ("E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0")
+    assert (machine.primary("XY"), machine.secondary("XY")) == (y, x)
+    assert _labels(machine) == ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
     position = Circle().position_mm(ANGLE)
-    np.testing.assert_array_equal(machine.lever_mm(x, position, Circle()), np.zeros((3, 2)))
-    np.testing.assert_array_equal(machine.lever_mm(y, position, Circle()), position * [1.0, 0.0])
+    np.testing.assert_array_equal(machine.lever_mm(x, Circle(), ANGLE), np.zeros((3, 3)))
+    np.testing.assert_array_equal(machine.lever_mm(y, Circle(), ANGLE), position * [1.0, 0.0, 0.0])
 
 
 def test_lever_arm_in_the_workpiece_branch() -> None:
     """wXYF…: the table X rides on Y. Seen from Y's frame the work ball stands where X has carried it: −x, plus its place."""
-    machine, circle = Machine("wXYFZt"), Circle(100.0, (10.0, 20.0))
+    machine, circle = Machine("wXYFZt"), Circle(100.0, (10.0, 20.0, 30.0))
     x, y = machine.joints
     position = circle.position_mm(ANGLE)
-    assert (x.branch, y.branch, machine.primary) == ("workpiece", "workpiece", y)
-    expected = np.column_stack([10.0 - position[:, 0], np.full(3, 20.0)])
-    np.testing.assert_allclose(machine.lever_mm(y, position, circle), expected)
-    np.testing.assert_allclose(machine.lever_mm(x, position, circle), [[10.0, 20.0]] * 3)
+    assert (x.branch, y.branch, machine.primary("XY")) == ("workpiece", "workpiece", y)
+    expected = np.column_stack([10.0 - position[:, 0], np.full(3, 20.0), np.full(3, 30.0)])
+    np.testing.assert_allclose(machine.lever_mm(y, circle, ANGLE), expected)
+    np.testing.assert_allclose(machine.lever_mm(x, circle, ANGLE), [[10.0, 20.0, 30.0]] * 3)
 
 
 def test_offset_frame_shifts_the_lever() -> None:
     machine = Machine(frames_mm={"Y": (5.0, -7.0, 99.0)})
-    position = Circle().position_mm(ANGLE)
-    expected = position * [1.0, 0.0] - [5.0, -7.0]
-    np.testing.assert_allclose(machine.lever_mm(machine.joints[1], position, Circle()), expected)
+    expected = Circle().position_mm(ANGLE) * [1.0, 0.0, 0.0] - [5.0, -7.0, 99.0]
+    np.testing.assert_allclose(machine.lever_mm(machine.joints[1], Circle(), ANGLE), expected)
+
+
+def test_an_axis_that_stands_still_sets_levers_too() -> None:
+    """wFXYZt at Z = 40: seen from X's and Y's frames the tool ball stands 40 mm up; without a Z axis the tool is as long."""
+    high = Circle(100.0, (0.0, 0.0, 40.0))
+    for topology in ("wFXYZt", "wFXYt"):
+        machine = Machine(topology)
+        for joint in machine.joints:
+            np.testing.assert_allclose(machine.lever_mm(joint, high, ANGLE)[:, 2], 40.0)
 
 
 def test_planes_are_right_handed() -> None:
-    assert geometric_names(Machine("wFXYZt", "ZX"))[:4] == ("E_ZZ1", "E_XZ2", "E_ZX2", "E_XX1")
-    assert Machine("wFXYZt", "YZ").axes.rotation == "A"
+    assert _labels(Machine("wFXYZt", "ZX"))[:4] == ["E_ZZ1", "E_XZ2", "E_ZX2", "E_XX1"]
+    for plane, axes in PLANES.items():
+        first, second = np.eye(3)[list(axes.pair)]
+        np.testing.assert_array_equal(np.cross(first, second), np.eye(3)[axes.normal])
+        assert plane == axes.first + axes.second
+
+
+def test_three_planes_share_axes() -> None:
+    machine = Machine("wFXYZt", ("ZX", "XY", "YZ"))
+    assert machine.planes == ("XY", "YZ", "ZX")
+    assert [joint.axis for joint in machine.joints] == ["X", "Y", "Z"]
+    labels = _labels(machine)
+    assert len(labels) == len(set(labels)) == 15
+    assert labels[-3:] == ["E_Xt0", "E_Yt0", "E_Zt0"]
+    assert {"E_C0XY", "E_A0YZ", "E_B0XZ"} < set(labels)
+
+
+def _labels(machine: Machine) -> list[str]:
+    return [name.label for name in geometric_names(machine)]
 
 
 @pytest.mark.parametrize(

@@ -9,19 +9,38 @@ import pytest
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.machine.forward import exact_reading_mm, geometric_reading_mm
-from ldbb_bayes.machine.jacobian import geometric_jacobian, geometric_names, kept_compliances, wrench_jacobian, wrench_names
+from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian, wrench_jacobian
+from ldbb_bayes.machine.kept import kept_compliances
+from ldbb_bayes.machine.names import geometric_names, joint_names, wrench_names
 
 ANGLE = np.deg2rad(np.arange(0.0, 361.0, 30.0))
 FORCES_N = [0.0, 36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0]
+FRAMES = {"X": (3.0, -5.0, 40.0), "Y": (4.0, -9.0, 22.0), "Z": (-8.0, 6.0, -15.0)}
+CENTRE = (20.0, -30.0, 55.0)
 MACHINES = [
     ("wCAFYXZSt", "XY", {}),
-    ("wCAFYXZSt", "YZ", {}),
-    ("wXFYZt", "XY", {}),
-    ("wYFXZt", "XY", {"Y": (4.0, -9.0, 2.0)}),
-    ("wYXFZt", "XY", {"X": (3.0, 5.0, 7.0)}),
-    ("wFXYZt", "ZX", {}),
-    ("wCBXFZYSt", "YZ", {"Y": (10.0, -20.0, 30.0)}),
+    ("wCAFYXZSt", "YZ", {"Y": (0.0, 0.0, 12.0)}),
+    ("wCAFYXZSt", "ZX", FRAMES),
+    ("wXFYZt", "XY", FRAMES),
+    ("wXFYZt", "ZX", FRAMES),
+    ("wYXFZt", "XY", FRAMES),
+    ("wYXFZt", "YZ", FRAMES),
+    ("wYFXZt", "XY", FRAMES),
+    ("wFXYZt", "ZX", FRAMES),
+    ("wFXYZt", "YZ", {}),
+    ("wCBXFZYSt", "YZ", FRAMES),
+    ("wCBXFZYSt", "XY", FRAMES),
+    ("wFYXt", "XY", {"X": (1.0, 2.0, 3.0)}),
+    ("wXFYZt", ("XY", "YZ", "ZX"), FRAMES),
+    ("wCAFYXZSt", ("XY", "YZ", "ZX"), FRAMES),
 ]
+
+
+def _planes(planes: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (planes,) if isinstance(planes, str) else planes
+
+
+CASES = [(topology, planes, frames, plane) for topology, planes, frames in MACHINES for plane in _planes(planes)]
 
 
 def code_name(printed: str) -> str:
@@ -41,7 +60,7 @@ def test_table_4(root) -> None:
     machine, circle = Machine(), Circle()
     kept = [name.label for name in kept_compliances(machine, circle).names]
     labels = [name.label for name in wrench_names(machine)]
-    names = geometric_names(machine)
+    names = [name.label for name in geometric_names(machine)]
     flip = np.array([-1.0 if name == "E_C0YX" else 1.0 for name in names])
     errors = {name: simulated[name] * sign for name, sign in zip(names, flip, strict=True)}
     compliances = {name: simulated[name] for name in kept}
@@ -64,55 +83,122 @@ def test_table_4(root) -> None:
     assert np.floor(by_name["C_CCY"] * 1e12) / 1e12 == pytest.approx(float(printed["C_CCY"]), abs=1e-16)
 
 
+def turned(vector: np.ndarray, about: int, angle: float) -> np.ndarray:
+    """Rodrigues' formula about a coordinate axis."""
+    axis = np.eye(3)[about]
+    along = axis * (axis @ vector)
+    return along + np.cos(angle) * (vector - along) + np.sin(angle) * np.cross(axis, vector)
+
+
 def rigid_body_reading(machine: Machine, circle: Circle, angle: np.ndarray, errors: dict[str, float]) -> np.ndarray:
-    """ρ by moving points through rotations about the frames, one branch after the other; own code, vectors not matrices."""
-    a, b = machine.axes.first, machine.axes.second
-    order = machine.topology
-    values = [errors.get(name, 0.0) for name in geometric_names(machine)]
-    gain, straight_ba, straight_ab, gain_b, square, offset_a, offset_b = values
+    """ρ by moving points: each joint, from the ball inwards, turns and shifts what it carries. Own code: vectors, no matrices,
+    branches read from the string, error names spelled out. Nothing of the package but its data is used."""
+    work, tool = machine.topology[1:-1].split("F")
+    order = {
+        "w": [c for c in work if c in "XYZ"],
+        "t": [c for c in reversed(tool) if c in "XYZ"],
+    }  # from the ball to the foundation
+    first, second = ("XYZ".index(c) for c in circle.plane)
     result = []
     for theta in angle:
-        x = {a: circle.centre_mm[0] + circle.radius_mm * np.cos(theta), b: circle.centre_mm[1] + circle.radius_mm * np.sin(theta)}
-        ends = {}
-        for branch, letters in (("t", order[order.index("F") + 1 : -1]), ("w", order[1 : order.index("F")][::-1])):
-            point = np.array([offset_a, offset_b]) if branch == "t" else np.array(circle.centre_mm)
-            for letter in reversed([c for c in letters if c in (a, b)]):
-                q = x[letter] if branch == "t" else -x[letter]
-                xyz = machine.frames_mm.get(letter, (0.0, 0.0, 0.0))
-                frame = np.array([xyz["XYZ".index(a)], xyz["XYZ".index(b)]])
-                both = {c for c in letters if c in (a, b)} == {a, b}
-                inner = both and letter == next(c for c in letters if c in (a, b))
-                if inner:
-                    turn = np.array([[np.cos(square), -np.sin(square)], [np.sin(square), np.cos(square)]])
-                    point = frame + turn @ (point - frame)
-                along = np.array([1.0, 0.0]) if letter == a else np.array([0.0, 1.0])
-                error = np.array([gain * q, straight_ba * q**2]) if letter == a else np.array([straight_ab * q**2, gain_b * q])
-                point = point + q * along + error
-                if not both and branch == "t" and set(order[1 : order.index("F")]) & {a, b}:
-                    turn = np.array([[np.cos(square), -np.sin(square)], [np.sin(square), np.cos(square)]])
-                    point = frame + turn @ (point - frame)
+        here = np.array(circle.centre_mm)
+        here[first] += circle.radius_mm * np.cos(theta)
+        here[second] += circle.radius_mm * np.sin(theta)
+        ends = {
+            "w": np.array(circle.centre_mm),
+            "t": np.array([0.0 if c in machine.topology else here[k] for k, c in enumerate("XYZ")])
+            + [errors.get(f"E_{c}t0", 0.0) for c in "XYZ"],
+        }
+        for branch, letters in order.items():
+            point = ends[branch]
+            for place, letter in enumerate(letters):
+                own = "XYZ".index(letter)
+                q = here[own] if branch == "t" else -here[own]
+                frame = np.array(machine.frames_mm.get(letter, (0.0, 0.0, 0.0)))
+                carried = letters[:place]
+                point = point - frame
+                for about, turning in ((1, "B"), (0, "A"), (2, "C")):  # C after A after B
+                    for other in carried:  # both axes in this branch: the inner one turns what it carries
+                        point = turned(point, about, errors.get(f"E_{turning}0{letter}{other}", 0.0))
+                point[own] += q * (1.0 + errors.get(f"E_{letter}{letter}1", 0.0))
+                for k, c in enumerate("XYZ"):
+                    if c != letter:
+                        point[k] += errors.get(f"E_{c}{letter}2", 0.0) * q**2
+                if branch == "t":  # axes in two branches: the one of the tool is turned itself
+                    for about, turning in ((1, "B"), (0, "A"), (2, "C")):  # C after A after B
+                        for other in order["w"]:
+                            point = turned(point, about, errors.get(f"E_{turning}0{other}{letter}", 0.0))
+                point = point + frame
             ends[branch] = point
-        result.append(np.hypot(*(ends["t"] - ends["w"])) - circle.radius_mm)
+        result.append(np.linalg.norm(ends["t"] - ends["w"]) - circle.radius_mm)
     return np.array(result)
 
 
-@pytest.mark.parametrize(("topology", "plane", "frames"), MACHINES)
-def test_against_moving_points(topology: str, plane: str, frames: dict) -> None:
-    machine, circle = Machine(topology, plane, frames), Circle(120.0, (20.0, -30.0))
-    values = [3e-4, 4e-6, -5e-6, -2e-4, 3e-3, 0.02, -0.03]
-    errors = dict(zip(geometric_names(machine), values, strict=True))
-    expected = rigid_body_reading(machine, circle, ANGLE, errors)
-    np.testing.assert_allclose(geometric_reading_mm(machine, circle, ANGLE, errors), expected, atol=1e-10)
+SIZE = {"gain": 3e-4, "straightness": -5e-6, "squareness": 3e-3, "offset": 0.02}
 
 
-@pytest.mark.parametrize(("topology", "plane", "frames"), MACHINES)
-def test_linear_model_is_the_derivative(topology: str, plane: str, frames: dict) -> None:
-    machine, circle = Machine(topology, plane, frames), Circle(120.0, (20.0, -30.0))
+@pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
+def test_against_moving_points(topology: str, planes: str, frames: dict, plane: str) -> None:
+    machine, circle = Machine(topology, planes, frames), Circle(120.0, CENTRE, plane)
+    errors = {name.label: SIZE[name.kind] * (1.0 + 0.1 * k) for k, name in enumerate(geometric_names(machine))}
+    for chosen in (errors, *({label: value} for label, value in errors.items())):
+        expected = rigid_body_reading(machine, circle, ANGLE, chosen)
+        np.testing.assert_allclose(
+            geometric_reading_mm(machine, circle, ANGLE, chosen), expected, atol=1e-10, err_msg=str(chosen)
+        )
+    assert np.abs(geometric_reading_mm(machine, circle, ANGLE, errors)).max() > 1e-3
+
+
+@pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
+def test_linear_model_is_the_derivative(topology: str, planes: str, frames: dict, plane: str) -> None:
+    """Column by column to 1e-8 of its own size, by complex step: geometric errors through homogeneous transforms, compliances
+    through Eq. 20 as the twist of a joint that deflects under its wrench."""
+    machine, circle = Machine(topology, planes, frames), Circle(120.0, CENTRE, plane)
     step = 1e-40
-    names = geometric_names(machine)
+    names = [name.label for name in geometric_names(machine)]
     exact = np.stack([geometric_reading_mm(machine, circle, ANGLE, {name: 1j * step}).imag / step for name in names], axis=1)
     linear = geometric_jacobian(machine, circle, ANGLE)
-    np.testing.assert_allclose(linear, exact, atol=1e-8 * np.abs(exact).max())
+    scale = np.abs(exact).max(axis=0)
+    np.testing.assert_allclose(linear / scale.clip(1e-3), exact / scale.clip(1e-3), atol=1e-8)
+
+
+@pytest.mark.parametrize(("topology", "planes", "frames", "plane"), CASES)
+def test_compliances_deflect_a_chain_of_springs(topology: str, planes: str, frames: dict, plane: str) -> None:
+    """Each joint a spring with six degrees of freedom: C times its wrench, found by carrying the bar's pull inwards along the
+    chain, moves the ball rigidly by d + φ × lever; the reading is that motion along the bar, for 1 N."""
+    machine, circle = Machine(topology, planes, frames), Circle(120.0, CENTRE, plane)
+    names = joint_names(machine)
+    linear = compliance_jacobian(machine, circle, ANGLE, names)
+    rng = np.random.default_rng(3)
+    value = rng.standard_normal(len(names))
+    scale = np.abs(linear).max(axis=0).clip(1.0)
+    first, second = ("XYZ".index(c) for c in plane)
+    for row, theta in enumerate(ANGLE):
+        bar = np.zeros(3)
+        bar[first], bar[second] = np.cos(theta), np.sin(theta)
+        here = np.array(circle.centre_mm) + circle.radius_mm * bar
+        total = 0.0
+        for letter in {name.joint for name in names}:
+            matrix = np.zeros((6, 6))
+            for name, v, s in zip(names, value, scale, strict=True):
+                if name.joint == letter:
+                    matrix["XYZABC".index(name.twist), "XYZABC".index(name.wrench)] = v / s
+            lever = _lever(machine.topology, letter, here, np.array(circle.centre_mm)) - machine.frames_mm.get(
+                letter, np.zeros(3)
+            )
+            moment = np.array([lever[1] * bar[2] - lever[2] * bar[1], lever[2] * bar[0] - lever[0] * bar[2], 0.0])
+            moment[2] = lever[0] * bar[1] - lever[1] * bar[0]
+            twist = matrix @ np.concatenate([bar, moment])
+            total += bar @ (twist[:3] + np.cross(twist[3:], lever))
+        np.testing.assert_allclose(linear[row] @ (value / scale), total, rtol=1e-9, atol=1e-9)
+
+
+def _lever(topology: str, letter: str, here: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """From a joint to its ball: what is carried has moved by the axes between them."""
+    place, foundation = topology.index(letter), topology.index("F")
+    if place > foundation:
+        return np.array([here[k] if topology.find(c) > place or c not in topology else 0.0 for k, c in enumerate("XYZ")])
+    return np.array([centre[k] - (here[k] if 0 < topology.find(c) < place else 0.0) for k, c in enumerate("XYZ")])
 
 
 def test_no_error_no_reading() -> None:

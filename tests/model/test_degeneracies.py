@@ -11,7 +11,8 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.machine.forward import geometric_reading_mm
-from ldbb_bayes.machine.jacobian import wrench_jacobian, wrench_names
+from ldbb_bayes.machine.jacobian import wrench_jacobian
+from ldbb_bayes.machine.names import wrench_names
 from ldbb_bayes.model.cures import cures
 from ldbb_bayes.model.degeneracies import Degeneracy, degeneracies, sentences, standing_degeneracies
 

@@ -10,7 +10,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.machine.jacobian import geometric_jacobian, geometric_names, kept_compliances, wrench_jacobian, wrench_names
+from ldbb_bayes.machine.jacobian import geometric_jacobian, wrench_jacobian
+from ldbb_bayes.machine.kept import kept_compliances
+from ldbb_bayes.machine.names import geometric_names, wrench_names
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, new_figure, styled
 from ldbb_bayes.units import display_name
 
@@ -24,7 +26,8 @@ _SWING = 0.45
 @styled
 def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     """The patterns of all joint compliances, proportional sets in one colour, the kept representative in bold."""
-    where = circle or Circle()
+    where = circle or Circle(plane=machine.planes[0])
+    machine = _in_plane(machine, where)
     names = [name.label for name in wrench_names(machine)]
     kept = kept_compliances(machine, where)
     colour: dict[str, str] = {}
@@ -45,11 +48,17 @@ def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
 @styled
 def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     """The patterns of the geometric errors."""
-    names = geometric_names(machine)
-    columns = dict(zip(names, geometric_jacobian(machine, circle or Circle(), _ANGLE).T, strict=True))
+    where = circle or Circle(plane=machine.planes[0])
+    machine = _in_plane(machine, where)
+    names = [name.label for name in geometric_names(machine)]
+    columns = dict(zip(names, geometric_jacobian(machine, where, _ANGLE).T, strict=True))
     figure = _atlas(columns, dict.fromkeys(names, ACCENT), set(names), {}, 4)
     figure.suptitle(f"{machine.topology}, plane {machine.plane}: patterns of the geometric errors", fontsize=9.5)
     return figure
+
+
+def _in_plane(machine: Machine, circle: Circle) -> Machine:
+    return Machine(machine.topology, circle.plane, machine.frames_mm)
 
 
 def _atlas(

@@ -19,6 +19,7 @@ from ldbb_bayes.inference.predictive import (
     residuals_mm,
     shared_coefficients,
 )
+from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.basis import MAX_ORDER, ORDERS, basis
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.report.figures.style import ACCENT, GREY, force_colours, new_figure, styled
@@ -32,7 +33,8 @@ _GRID = np.linspace(0.0, 2 * np.pi, 361)
 
 @styled
 def traces(posterior: xr.DataTree) -> Figure:
-    """Polar traces of all tests: readings, prediction (machine and shared nuisances) and the 95 % band for a new circle."""
+    """Polar traces of all tests, plane by plane: readings, prediction (machine and shared nuisances) and the 95 % band for a new
+    circle."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
     rng = np.random.default_rng(0)
@@ -42,31 +44,40 @@ def traces(posterior: xr.DataTree) -> Figure:
     low, high = min(r.min() for r in readings), max(r.max() for r in readings)
     span = max(high - low, 1e-3)
     zero = 1.1 * span - low
-    figure = Figure(figsize=(8.2, 6.6))
-    axes = figure.add_axes((0.07, 0.05, 0.70, 0.82), projection="polar")
-    if not isinstance(axes, PolarAxes):
-        raise TypeError("polar axes must be PolarAxes")
-    colours = force_colours(bound.setting.force_N.tolist())
-    for r, (test, colour) in enumerate(zip(_tests(bound), colours, strict=True)):
-        lower, upper = band_um(new[:, r], phi[:, 0], _GRID, rng)
-        axes.fill_between(_GRID, zero + lower, zero + upper, color=colour, alpha=0.22, linewidth=0)
-        axes.plot(test.angles_rad(), zero + readings[r], ".", color=colour, markersize=1.6)
-        axes.plot(_GRID, zero + predicted[r], color=colour, linewidth=1.1, label=f"{test.force_N:g} N")
-    axes.plot(_GRID, np.full_like(_GRID, zero), color="black", linewidth=0.8, linestyle=(0, (4, 3)), label="nominal circle")
     step = _round_step(span / 4.0)
-    plane = bound.campaign.machine().axes
-    axes.set_xticks(
-        np.deg2rad(range(0, 360, 45)), [f"+{plane.first}", "45°", f"+{plane.second}", "135°", "180°", "225°", "270°", "315°"]
-    )
     ticks = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
-    axes.set_rlim(0.0, zero + high + 0.08 * span)
-    axes.set_rgrids((zero + ticks).tolist(), [""] * len(ticks))
-    magnification = float(_tests(bound)[0].radius_mm or 0.0) * 1e3 / zero
-    axes.set_title(
-        "Readings (dots), prediction (lines), 95 % band for a new circle\n"
-        f"rings every {step:g} µm, radial magnification {magnification:.0f} : 1",
-        pad=22,
-    )
+    planes = bound.setting.planes
+    figure = Figure(figsize=(1.8 + 6.4 * len(planes), 6.6))
+    width = 5.74 / figure.get_figwidth()
+    colours = force_colours(bound.setting.force_N.tolist())
+    several = len(bound.setting.both_ways) > 0
+    for k, plane in enumerate(planes):
+        axes = figure.add_axes((0.57 / figure.get_figwidth() + k * 1.115 * width, 0.05, width, 0.82), projection="polar")
+        if not isinstance(axes, PolarAxes):
+            raise TypeError("polar axes must be PolarAxes")
+        for r, (test, colour) in enumerate(zip(_tests(bound), colours, strict=True)):
+            if test.plane != plane:
+                continue
+            lower, upper = band_um(new[:, r], phi[:, 0], _GRID, rng)
+            style = "--" if test.direction == "CCW" and several else "-"
+            label = f"{test.force_N:g} N" + (f" {test.direction}" if several and test.direction else "")
+            axes.fill_between(_GRID, zero + lower, zero + upper, color=colour, alpha=0.22, linewidth=0)
+            axes.plot(test.angles_rad(), zero + readings[r], ".", color=colour, markersize=1.6)
+            axes.plot(_GRID, zero + predicted[r], color=colour, linewidth=1.1, linestyle=style, label=label)
+        axes.plot(_GRID, np.full_like(_GRID, zero), color="black", linewidth=0.8, linestyle=(0, (4, 3)), label="nominal circle")
+        ends = PLANES[plane]
+        axes.set_xticks(
+            np.deg2rad(range(0, 360, 45)), [f"+{ends.first}", "45°", f"+{ends.second}", "135°", "180°", "225°", "270°", "315°"]
+        )
+        axes.set_rlim(0.0, zero + high + 0.08 * span)
+        axes.set_rgrids((zero + ticks).tolist(), [""] * len(ticks))
+        magnification = float(_tests(bound)[0].radius_mm or 0.0) * 1e3 / zero
+        where = f"Plane {plane}: r" if len(planes) > 1 else "R"
+        axes.set_title(
+            f"{where}eadings (dots), prediction (lines), 95 % band for a new circle\n"
+            f"rings every {step:g} µm, radial magnification {magnification:.0f} : 1",
+            pad=22,
+        )
     axes.legend(loc="center left", bbox_to_anchor=(1.06, 0.5))
     return figure
 

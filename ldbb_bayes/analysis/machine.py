@@ -1,0 +1,144 @@
+"""What a circular test can show of a machine: compliances and geometric errors with their patterns and sets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.kept import Kept, kept_compliances
+from ldbb_bayes.machine.names import geometric_names
+from ldbb_bayes.machine.pattern import pattern_of
+from ldbb_bayes.model.prior import compliance_unit, geometric_unit
+from ldbb_bayes.units import display_name
+
+__all__ = ["DescribedMachine", "Seen", "describe", "sum_in_words"]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A parameter that circles show.
+
+    Attributes
+    ----------
+    name, unit, meaning : str
+        Inside unit.
+    pattern : mapping of plane to str
+        Change of the reading per unit (per unit and N for a compliance); c = cos θ, s = sin θ, lengths in mm.
+    members : mapping of name to float
+        What the parameter stands for: the sum of these times their weights. Empty where it stands for itself.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    pattern: Mapping[str, str]
+    members: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class DescribedMachine:
+    """A machine as its circular tests see it.
+
+    Attributes
+    ----------
+    topology, planes, joints : as words
+        Joints with branch, from the workpiece to the tool.
+    compliances, geometric_errors : tuple of Seen
+    null : tuple of str
+        Compliances that no reading shows.
+    dependent : tuple of str
+        Compliances whose pattern is a combination of several kept ones.
+    rank : int
+    condition_number : float
+        Of the kept compliances' columns, unscaled (mm, N), uniform full circles.
+    """
+
+    topology: str
+    planes: tuple[str, ...]
+    joints: tuple[str, ...]
+    compliances: tuple[Seen, ...]
+    geometric_errors: tuple[Seen, ...]
+    null: tuple[str, ...]
+    dependent: tuple[str, ...]
+    rank: int
+    condition_number: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"schema": 1, **asdict(self)}
+
+
+def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
+    """Names, units, patterns and sets of all that circular tests in these planes show.
+
+    Parameters
+    ----------
+    machine : Machine
+    circles : sequence of Circle
+        Default: R = 150 mm about the frames' origin in every plane. Patterns are those of the first circle of each plane.
+    """
+    circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
+    strangers = sorted({circle.plane for circle in circles} - set(machine.planes))
+    if strangers:
+        raise InputError(f"circles must lie in the machine's planes {machine.plane}, got {strangers[0]}. Add the plane.")
+    kept = kept_compliances(machine, *circles)
+    first = {circle.plane: circle for circle in reversed(circles)}
+    return DescribedMachine(
+        machine.topology,
+        tuple(machine.planes),
+        tuple(
+            f"{joint.axis} in the {joint.branch} branch, frame at ({', '.join(f'{x:g}' for x in joint.frame_mm)}) mm"
+            for joint in machine.joints
+        ),
+        tuple(_compliance(machine, first, kept, k) for k in range(len(kept.names))),
+        tuple(_geometric(machine, first, k) for k in range(len(geometric_names(machine)))),
+        kept.null,
+        kept.dependent,
+        kept.rank,
+        kept.condition_number,
+    )
+
+
+def _compliance(machine: Machine, circles: Mapping[str, Circle], kept: Kept, k: int) -> Seen:
+    name = kept.names[k]
+
+    def column(circle: Circle, radius_mm: float, angle_rad: Array) -> Array:
+        return compliance_jacobian(machine, replace(circle, radius_mm=radius_mm), angle_rad, [name])[:, 0]
+
+    pattern = {plane: pattern_of(partial(column, circle), 2) for plane, circle in circles.items()}
+    members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) if len(kept.sets[k]) > 1 else {}
+    return Seen(name.label, compliance_unit(name), name.meaning, _in_order(machine, pattern), members)
+
+
+def _geometric(machine: Machine, circles: Mapping[str, Circle], k: int) -> Seen:
+    name = geometric_names(machine)[k]
+
+    def column(circle: Circle, radius_mm: float, angle_rad: Array) -> Array:
+        return geometric_jacobian(machine, replace(circle, radius_mm=radius_mm), angle_rad)[:, k]
+
+    pattern = {plane: pattern_of(partial(column, circle), 1) for plane, circle in circles.items()}
+    return Seen(name.label, geometric_unit(name.kind), name.meaning, _in_order(machine, pattern), {})
+
+
+def _in_order(machine: Machine, pattern: Mapping[str, str]) -> dict[str, str]:
+    """Planes in the machine's order, those that do not show it left out."""
+    return {plane: pattern[plane] for plane in machine.planes if pattern.get(plane, "0") != "0"}
+
+
+def sum_in_words(seen: Seen) -> str:
+    """C_XXX + C_XXY; weights where they are not one, in mm and mm²."""
+    text = ""
+    for name, weight in seen.members.items():
+        size = "" if abs(weight) == 1.0 else f"{abs(weight):g} "
+        sign = ("−" if weight < 0 else "") if not text else (" − " if weight < 0 else " + ")
+        text += f"{sign}{size}{display_name(name)}"
+    return text

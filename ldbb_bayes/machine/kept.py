@@ -1,0 +1,144 @@
+"""What can be known of the compliances: null columns, proportional sets and the representatives that are kept (Table 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from ldbb_bayes.machine.chain import LINEAR, ROTARY, Circle, Machine
+from ldbb_bayes.machine.jacobian import compliance_jacobian
+from ldbb_bayes.machine.names import ComplianceName, joint_names, wrench_names
+
+__all__ = ["Kept", "kept_compliances"]
+
+Array = NDArray[Any]
+
+_ANGLES = 64
+_PARALLEL = 1e-10
+_TINY = 1e-10
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What remains of the wrench Jacobian.
+
+    Attributes
+    ----------
+    names : tuple of ComplianceName
+        One representative per proportional set, in the order of Table 1.
+    sets : tuple of tuples of str
+        The proportional sets (Table 2), representative first. Each kept parameter stands for its set's weighted sum.
+    weights : tuple of tuples of float
+        Of each member: its pattern in units of the representative's; all one for the paper's machine [mm or mm² per rotation
+        that it has more].
+    null : tuple of str
+        Compliances that never change a reading.
+    dependent : tuple of str
+        Sets dropped because they are combinations of several others (with joint-frame offsets or several planes).
+    rank : int
+        Rank of the full Jacobian.
+    condition_number : float
+        Ratio of singular values of the kept columns: unit force, full uniform circle, unscaled (mm, N).
+    """
+
+    names: tuple[ComplianceName, ...]
+    sets: tuple[tuple[str, ...], ...]
+    weights: tuple[tuple[float, ...], ...]
+    null: tuple[str, ...]
+    dependent: tuple[str, ...]
+    rank: int
+    condition_number: float
+
+
+def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
+    """Null columns, proportional sets and representatives of the wrench Jacobian (Table 2), found numerically.
+
+    The planar compliances of every plane are looked at, and of the others those that the circles' lever arms load. In a set
+    the representative is chosen by these rules, in this order; for the paper's machine they give the paper's choice:
+
+    1. a rotation for a force before a translation for a moment;
+    2. the fewest rotations;
+    3. the joint whose axis is the deflection;
+    4. of a rotation, a joint that drives the plane it turns;
+    5. alphabetical order.
+
+    Parameters
+    ----------
+    machine : Machine
+    *circles : Circle
+        The circles of the campaign, taken together: another centre or plane can tell compliances apart that one circle cannot.
+        Default: R = 150 mm about the frames' origin in every plane.
+    """
+    return _kept(machine, circles or tuple(Circle(plane=plane) for plane in machine.planes))
+
+
+@lru_cache(maxsize=64)
+def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
+    angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
+    planar, names = set(wrench_names(machine)), joint_names(machine)
+    jacobian = np.concatenate([compliance_jacobian(machine, circle, angle, names) for circle in circles])
+    unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
+    norms = np.linalg.norm(unit, axis=0)
+    used = [i for i in range(len(names)) if norms[i] > _TINY * norms.max() or names[i] in planar]
+    used.sort(key=lambda i: (names[i] not in planar, i))
+    names = tuple(names[i] for i in used)
+    jacobian, unit, norms = jacobian[:, used], unit[:, used], norms[used]
+    live = [i for i in range(len(names)) if norms[i] > _TINY * norms.max()]
+    unit = unit / np.where(norms > 0, norms, 1.0)
+    by_head = {group[0]: group for group in _proportional_sets(unit, live, names)}
+    chosen, dropped = _independent(unit, sorted(by_head, key=lambda i: _table_order(names[i], machine)))
+    singular = np.linalg.svd(jacobian[:, chosen], compute_uv=False)
+    return Kept(
+        names=tuple(names[i] for i in chosen),
+        sets=tuple(tuple(names[j].label for j in by_head[i]) for i in chosen),
+        weights=tuple(tuple(_multiple(jacobian[:, j], jacobian[:, i]) for j in by_head[i]) for i in chosen),
+        null=tuple(name.label for i, name in enumerate(names) if i not in live),
+        dependent=tuple(names[i].label for i in dropped),
+        rank=int(np.linalg.matrix_rank(unit[:, live], tol=_TINY * np.sqrt(len(live)))),
+        condition_number=float(singular[0] / singular[-1]),
+    )
+
+
+def _multiple(column: Array, of: Array) -> float:
+    return float(np.round(column @ of / (of @ of), 9))
+
+
+def _proportional_sets(unit: Array, live: Sequence[int], names: Sequence[ComplianceName]) -> list[list[int]]:
+    """Group columns that are multiples of one another; the preferred name leads its set."""
+    sets: list[list[int]] = []
+    for i in live:
+        for group in sets:
+            if 1.0 - abs(unit[:, i] @ unit[:, group[0]]) <= _PARALLEL:
+                group.append(i)
+                break
+        else:
+            sets.append([i])
+    return [sorted(group, key=lambda i: names[i].preference) for group in sets]
+
+
+def _table_order(name: ComplianceName, machine: Machine) -> tuple[int, int, int, int]:
+    """Order of Table 1: translations for forces, rotations for forces, rotation for moment; joints in the planes' order."""
+    joints = [joint.axis for joint in machine.joints]
+    components = [*joints, *(axis for axis in LINEAR if axis not in joints), *ROTARY]
+    return (name.rotations, components.index(name.twist), components.index(name.wrench), joints.index(name.joint))
+
+
+def _independent(unit: Array, representatives: Sequence[int]) -> tuple[list[int], list[int]]:
+    """Keep representatives in order while each adds a new direction."""
+    chosen: list[int] = []
+    dropped: list[int] = []
+    basis = np.zeros((unit.shape[0], 0))
+    for i in representatives:
+        rest = unit[:, i] - basis @ (basis.T @ unit[:, i])
+        if np.linalg.norm(rest) > 1e-8:
+            chosen.append(i)
+            basis = scipy.linalg.orth(unit[:, chosen])
+        else:
+            dropped.append(i)
+    return chosen, dropped

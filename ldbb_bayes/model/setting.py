@@ -1,0 +1,206 @@
+"""What the terms of the model see of a campaign: one row per test, and the properties that belong to the campaign as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.names import ComplianceName, GeometricName, geometric_names
+from ldbb_bayes.model.basis import coefficients
+
+__all__ = ["TRAVEL", "Setting", "geometric_errors_of", "setting_of"]
+
+Array = NDArray[Any]
+TRAVEL = {"CW": 1.0, "CCW": -1.0}
+_HOUR_S = 3600.0
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """One row per test.
+
+    Attributes
+    ----------
+    force_N, pressure_bar, radius_mm : ndarray, shape (tests,)
+    work_ball_rad, tool_ball_rad : ndarray, shape (tests,)
+    plane : ndarray of str, shape (tests,)
+    travel : ndarray, shape (tests,)
+        +1 clockwise, −1 counterclockwise, 0 where not stated.
+    time_h, temperature_K : ndarray, shape (tests,)
+        From the mean of the whole campaign; NaN where not recorded.
+    direction : ndarray, shape (tests, 25, 3)
+        Basis coefficients of the bar's direction (X, Y, Z).
+    wrench : ndarray, shape (tests, 25, compliances)
+        Basis coefficients of j_C.
+    geometric : ndarray, shape (tests, 25, geometric errors)
+        Basis coefficients of j_G.
+    reference_force_N, force_range_N : float
+        F0 and F_max − F_min.
+    two_balls : bool
+        Whether the clocking of either ball differs between tests.
+    radii_mm : ndarray
+        Different radii of the whole campaign; every one has its own bar length.
+    planes : tuple of str
+        Planes of the whole campaign.
+    both_ways : tuple of str
+        Planes run in both directions of travel.
+    compliance_estimate : ndarray, shape (compliances,)
+        Ĉ, used only to linearise the force error.
+    compensated : bool
+    deflection_um_per_bar : float
+    """
+
+    force_N: Array
+    pressure_bar: Array
+    radius_mm: Array
+    work_ball_rad: Array
+    tool_ball_rad: Array
+    plane: Array
+    travel: Array
+    time_h: Array
+    temperature_K: Array
+    direction: Array
+    wrench: Array
+    geometric: Array
+    reference_force_N: float
+    force_range_N: float
+    two_balls: bool
+    radii_mm: Array
+    planes: tuple[str, ...]
+    both_ways: tuple[str, ...]
+    compliance_estimate: Array
+    compensated: bool
+    deflection_um_per_bar: float
+
+    @property
+    def tests(self) -> int:
+        """Number of tests."""
+        return len(self.force_N)
+
+    def select(self, rows: Sequence[int]) -> Setting:
+        """Only these tests; what belongs to the whole campaign stays."""
+        per_test = [name for name, value in vars(self).items() if name in _PER_TEST and isinstance(value, np.ndarray)]
+        return replace(self, **{name: getattr(self, name)[list(rows)] for name in per_test})
+
+
+_PER_TEST = (
+    "force_N",
+    "pressure_bar",
+    "radius_mm",
+    "work_ball_rad",
+    "tool_ball_rad",
+    "plane",
+    "travel",
+    "time_h",
+    "temperature_K",
+    "direction",
+    "wrench",
+    "geometric",
+)
+
+
+def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
+    """The geometric errors of a campaign's machine; where there are several set-ups, tool offsets of each."""
+    setups = sorted({test.setup or 1 for test in campaign.tests})
+    if len(setups) == 1:
+        return geometric_names(campaign.machine())
+    names: list[GeometricName] = []
+    for name in geometric_names(campaign.machine()):
+        if name.kind != "offset":
+            names.append(name)
+            continue
+        seen = [s for s in setups if any((test.setup or 1) == s and name.component in str(test.plane) for test in campaign.tests)]
+        names += [replace(name, setup=0 if setup == 1 else setup) for setup in seen]
+    return tuple(names)
+
+
+def setting_of(
+    campaign: Campaign, compliances: Sequence[ComplianceName], reference_force_N: float | None, *, pilot: Campaign | None
+) -> Setting:
+    """The setting of a campaign or plan; of a plan F0, force range and the zero of time and temperature are the pilot's."""
+    machine = campaign.machine()
+    wrench, geometric, direction = {}, {}, {}
+    for circle in {test.circle for test in campaign.tests}:
+        wrench[circle] = coefficients(partial(compliance_jacobian, machine, circle, names=compliances))
+        geometric[circle] = coefficients(partial(geometric_jacobian, machine, circle))
+        direction[circle] = coefficients(circle.direction)
+    clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in campaign.tests])
+    known = (pilot or campaign).forces_N
+    plane = np.array([str(test.plane) for test in campaign.tests])
+    travel = np.array([TRAVEL.get(test.direction or "", 0.0) for test in campaign.tests])
+    return Setting(
+        force_N=campaign.forces_N,
+        pressure_bar=campaign.pressures_bar,
+        radius_mm=np.array([test.radius_mm for test in campaign.tests], dtype=float),
+        work_ball_rad=clockings[:, 0],
+        tool_ball_rad=clockings[:, 1],
+        plane=plane,
+        travel=travel,
+        time_h=_recorded("time_s", campaign, pilot) / _HOUR_S,
+        temperature_K=_recorded("temperature_C", campaign, pilot),
+        direction=np.stack([direction[test.circle] for test in campaign.tests]),
+        wrench=np.stack([wrench[test.circle] for test in campaign.tests]),
+        geometric=_by_setup(campaign, np.stack([geometric[test.circle] for test in campaign.tests])),
+        reference_force_N=float((known.min() + known.max()) / 2.0) if reference_force_N is None else float(reference_force_N),
+        force_range_N=float(known.max() - known.min()),
+        two_balls=_clocked(clockings),
+        radii_mm=np.unique(np.array([test.radius_mm for test in campaign.tests], dtype=float)),
+        planes=machine.planes if isinstance(machine.planes, tuple) else (machine.planes,),
+        both_ways=_both_ways(campaign, plane, travel),
+        compliance_estimate=np.zeros(len(compliances)),
+        compensated=campaign.mount.compensated,
+        deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
+    )
+
+
+def _by_setup(campaign: Campaign, columns: Array) -> Array:
+    """Columns of the machine's errors (tests, 25, errors) → those of the campaign's: a tool offset only in its own set-up."""
+    machine_errors = [name.label for name in geometric_names(campaign.machine())]
+    names = geometric_errors_of(campaign)
+    found = columns[:, :, [machine_errors.index(replace(name, setup=0).label) for name in names]]
+    several = len({test.setup for test in campaign.tests}) > 1
+    for j, name in enumerate(names):
+        if several and name.kind == "offset":
+            found[[test.setup != (name.setup or 1) for test in campaign.tests], :, j] = 0.0
+    return found
+
+
+def _recorded(field: str, campaign: Campaign, pilot: Campaign | None) -> Array:
+    """From the campaign's mean. Tests of a plan beside a pilot that record nothing are taken at the pilot's mean: run in an
+    order that has nothing to do with what differs between them."""
+    own = np.array([np.nan if getattr(test, field) is None else getattr(test, field) for test in campaign.tests], dtype=float)
+    before = own if pilot is None else np.array([getattr(test, field) for test in pilot.tests], dtype=float)
+    if not np.isfinite(before).any():
+        return own * np.nan
+    shifted: Array = own - np.nanmean(before)
+    return shifted if pilot is None else np.where(np.isfinite(shifted), shifted, 0.0)
+
+
+def _both_ways(campaign: Campaign, plane: Array, travel: Array) -> tuple[str, ...]:
+    found = []
+    for name in dict.fromkeys(plane.tolist()):
+        ways = set(travel[plane == name].tolist())
+        if not {1.0, -1.0} <= ways:
+            continue
+        if 0.0 in ways:
+            silent = next(test for test, p, t in zip(campaign.tests, plane, travel, strict=True) if p == name and t == 0.0)
+            raise InputError(
+                f"{silent.label} must state its direction, CW or CCW, as others of the campaign run both ways, got none. "
+                "Give direction in every test."
+            )
+        found.append(name)
+    return tuple(found)
+
+
+def _clocked(clockings: Array) -> bool:
+    """Whether the clocking of either ball differs between tests, whole turns aside."""
+    turned = np.exp(1j * clockings)
+    return bool(np.abs(turned - turned[0]).max() > 1e-9)
