@@ -46,6 +46,9 @@ _HOMES = {
     "embedded_campaign": "ldbb_bayes.campaign.embedded",
     "Circle": "ldbb_bayes.machine.chain",
     "Machine": "ldbb_bayes.machine.chain",
+    "describe": "ldbb_bayes.analysis.machine",
+    "Drift": "ldbb_bayes.model.terms",
+    "Hysteresis": "ldbb_bayes.model.terms",
     "HybridModel": "ldbb_bayes.model.hybrid",
     "Prior": "ldbb_bayes.model.prior",
     "read_model": "ldbb_bayes.model.spec",
@@ -62,8 +65,10 @@ __all__ = [
     "Comparison",
     "Costs",
     "Design",
+    "Drift",
     "ForceLaw",
     "HybridModel",
+    "Hysteresis",
     "Identifiability",
     "InputError",
     "Machine",
@@ -76,6 +81,7 @@ __all__ = [
     "belonging",
     "compare",
     "compensate_mount",
+    "describe",
     "design",
     "embedded_campaign",
     "identify",
@@ -109,6 +115,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.identifiability import identify, verdicts
     from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiability
     from ldbb_bayes.analysis.local_fits import local_fits
+    from ldbb_bayes.analysis.machine import describe
     from ldbb_bayes.analysis.preview import preview
     from ldbb_bayes.analysis.validation import validate
     from ldbb_bayes.campaign.campaign import Campaign, Plan
@@ -128,6 +135,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.hybrid import HybridModel
     from ldbb_bayes.model.prior import Prior
     from ldbb_bayes.model.spec import read_model
+    from ldbb_bayes.model.terms import Drift, Hysteresis
     from ldbb_bayes.report.figures import save_figures
 
 

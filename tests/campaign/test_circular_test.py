@@ -65,7 +65,7 @@ def test_refused(changes: dict[str, object], message: str) -> None:
 def test_defaults_come_from_the_campaign() -> None:
     campaign = lb.Campaign((make(), make(force_N=742.0, radius_mm=100.0)), radius_mm=150.0, centre_mm=(1.0, 2.0))
     first, second = campaign.tests
-    assert (first.radius_mm, second.radius_mm, first.circle.centre_mm) == (150.0, 100.0, (1.0, 2.0))
+    assert (first.radius_mm, second.radius_mm, first.circle.centre_mm) == (150.0, 100.0, (1.0, 2.0, 0.0))
     assert [test.name for test in campaign.tests] == ["f036", "f742"]
     assert first.pressure_bar == pytest.approx((36.0 + 14.2) / 126.04)
 
@@ -89,7 +89,9 @@ def test_repeats_are_numbered_and_given_names_must_differ() -> None:
         ((), {}, "at least one test"),
         ((make(), make(reading_um=None, name="p")), {}, "got test 'p' without"),
         ((make(),), {"plane": "XZ"}, "plane must be one of"),
-        ((make(), make(plane="YZ")), {}, "one plane"),
+        ((make(), make(plane="YZ")), {"topology": "wFYXt"}, "topology must hold the axes of plane YZ, got 'wFYXt' without Z"),
+        ((make(),), {"frames_mm": {"W": (0.0, 0.0, 0.0)}}, "frames_mm must name linear axes"),
+        ((make(),), {"frames_mm": {"X": (0.0, 0.0)}}, "three finite numbers"),
         ((make(),), {"resolution_um": 0.0}, "resolution_um must be a positive"),
         ((make(),), {"topology": "wFXt"}, "without Y"),
     ],

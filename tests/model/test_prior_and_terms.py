@@ -13,7 +13,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.basis import SIZE, basis, harmonic_index
 from ldbb_bayes.model.spec import model_sha256
-from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, ForceError, Mount, SetupShift
+from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, Drift, ForceError, Mount, SetupShift
 
 
 def test_default_prior_of_the_papers_machine() -> None:
@@ -184,7 +184,10 @@ def test_models() -> None:
         "ForceError",
         "SetupShift",
         "Discrepancy",
+        "Hysteresis",
     )
+    assert model.including(Drift("temperature"), BarLength(1.0)).nuisances[1::6] == (BarLength(1.0), Drift("temperature"))
+    assert model.including(Drift()).without("drift") == model
     assert model.without("discrepancy", "ball-form").hypers == ("sigma", "delta")
     assert not model.without("truncation").prior.truncated
     assert lb.HybridModel.paper().terms == ("Compliance", "GeometricErrors")

@@ -1,0 +1,48 @@
+"""The campaigns of this study: each has what one circle, one radius and one direction lack."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import ldbb_bayes as lb
+
+MODEL = lb.HybridModel.default(degree=1)
+FORCES_N = (36.0, 212.0, 389.0, 566.0, 742.0)
+ANGLE_DEG = np.arange(360.0)
+FIVE_MINUTES_S = 300.0
+
+
+def circles(**fields: object) -> tuple[lb.CircularTest, ...]:
+    """One circle at each force."""
+    return tuple(lb.CircularTest(force, ANGLE_DEG, **fields) for force in FORCES_N)
+
+
+def one_radius() -> lb.Plan:
+    """Ten circles of 150 mm."""
+    return lb.Plan((*circles(), *circles()), name="one radius")
+
+
+def two_radii() -> lb.Plan:
+    """Five circles of 150 mm, five of 100 mm; no ball is clocked."""
+    return lb.Plan((*circles(), *circles(radius_mm=100.0)), name="two radii")
+
+
+def both_directions() -> lb.Plan:
+    """Five circles clockwise, five counterclockwise."""
+    return lb.Plan((*circles(direction="CW"), *circles(direction="CCW")), name="both directions")
+
+
+def three_planes() -> lb.Plan:
+    """XY, YZ and ZX, each with a set-up of its own."""
+    tests = [test for k, plane in enumerate(("XY", "YZ", "ZX")) for test in circles(plane=plane, setup=k + 1)]
+    return lb.Plan(tuple(tests), name="three planes")
+
+
+def everything() -> tuple[lb.HybridModel, lb.Plan]:
+    """Two radii in both directions, in a random order that takes 100 minutes; the model has a drift over time."""
+    tests = [test for radius in (150.0, 100.0) for way in ("CW", "CCW") for test in circles(radius_mm=radius, direction=way)]
+    order = np.random.default_rng(8).permutation(len(tests))
+    timed = tuple(replace(test, time_s=FIVE_MINUTES_S * float(place)) for test, place in zip(tests, order, strict=True))
+    return MODEL.including(lb.Drift("time")), lb.Plan(timed, name="radii, directions and drift")
