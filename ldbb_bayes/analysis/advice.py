@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from ldbb_bayes.analysis.places import ALWAYS, place_words
 from ldbb_bayes.model.degeneracies import joined
 from ldbb_bayes.units import display_name, display_unit
 
@@ -24,14 +25,11 @@ def recommendation(design: Design) -> tuple[str, ...]:
 
 def _tests(design: Design) -> Iterator[str]:
     table = design.table()
-    plain = bool((table[["work_ball_deg", "tool_ball_deg"]] == 0.0).all(axis=None)) and table["radius_mm"].nunique() == 1
+    plain = bool((table[list(ALWAYS[:2])] == 0.0).all(axis=None)) and table["radius_mm"].nunique() == 1
+    plain = plain and design.columns == ALWAYS
     words = []
     for row in table.to_dict(orient="records"):
-        place = (
-            ""
-            if plain
-            else f" (work ball {row['work_ball_deg']:g}°, tool ball {row['tool_ball_deg']:g}°, R {row['radius_mm']:g} mm)"
-        )
+        place = "" if plain else f" ({place_words({str(name): value for name, value in row.items()})})"
         words.append(f"{row['count']} × {row['force_N']:.4g} N{place}")
     more = " more" if design.augment else ""
     listed = joined(words) if len(words) <= _MANY else "see the table"

@@ -43,29 +43,26 @@ _NEGLIGIBLE = 1e-12
 
 
 def grid_of_tests(
-    pilot: Campaign,
+    templates: Sequence[CircularTest],
     forces_N: Sequence[float],
     clockings_deg: Sequence[tuple[float, float]],
     radii_mm: Sequence[float],
     readings: int | None,
 ) -> tuple[CircularTest, ...]:
-    """Every combination as a planned test: all forces of the first clocking and radius, then of the next.
+    """Every combination as a planned test: all forces of the first template, radius and clocking, then of the next.
 
     Parameters
     ----------
-    pilot : Campaign
-        Gives the direction of travel, plane, centre and, where ``readings`` is None, the angles: those of its test with the
-        median number of readings.
+    templates : sequence of CircularTest
+        Give plane, set-up, centre, direction of travel and, where ``readings`` is None, the angles.
     clockings_deg : sequence of (work ball, tool ball)
     readings : int, optional
         Readings of a full uniform circle.
     """
-    ordered = sorted(pilot.tests, key=lambda test: len(test.angle_deg))
-    template = ordered[len(ordered) // 2]
-    angle = template.angle_deg if readings is None else np.arange(readings) * 360.0 / readings
-    plain = replace(template.with_reading_um(None), angle_deg=angle, pressure_bar=None, name="", temperature_C=None, time_s=None)
+    plain = [t if readings is None else replace(t, angle_deg=np.arange(readings) * 360.0 / readings) for t in templates]
     return tuple(
-        replace(plain, force_N=float(force), work_ball_deg=float(work), tool_ball_deg=float(tool), radius_mm=float(radius))
+        replace(like, force_N=float(force), work_ball_deg=float(work), tool_ball_deg=float(tool), radius_mm=float(radius))
+        for like in plain
         for radius in radii_mm
         for work, tool in clockings_deg
         for force in forces_N

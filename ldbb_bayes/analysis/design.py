@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -16,16 +15,18 @@ from ldbb_bayes.analysis.candidates import CriterionName, bind_tests
 from ldbb_bayes.analysis.costs import Costs
 from ldbb_bayes.analysis.designed import Certificate, Design, Judged
 from ldbb_bayes.analysis.discrimination import DECISIVE
+from ldbb_bayes.analysis.places import frame_of
 from ldbb_bayes.analysis.planning import Needed, trade_off
 from ldbb_bayes.analysis.robustness import default_assumptions, robustness
 from ldbb_bayes.analysis.search import MOST_TESTS, Found
 from ldbb_bayes.analysis.space import DesignSpace
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.campaign.circular_test import CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.model.cures import cures
 from ldbb_bayes.model.degeneracies import degeneracies, joined
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.units import display_name
 
 __all__ = ["design"]
@@ -50,6 +51,9 @@ def design(
     forces_N: Sequence[float] | None = None,
     clockings_deg: Sequence[tuple[float, float]] = ((0.0, 0.0),),
     radii_mm: Sequence[float] = (),
+    planes: Sequence[str] = (),
+    directions: Sequence[Direction] = (),
+    centres_mm: Sequence[tuple[float, float, float]] = (),
     readings: int | None = None,
     criterion: CriterionName | None = None,
     parameters: Sequence[str] = (),
@@ -89,6 +93,9 @@ def design(
         Clockings to choose from.
     radii_mm : sequence of float
         Radii to choose from; default: the pilot's.
+    planes, directions, centres_mm : sequences
+        Planes, directions of travel (CW, CCW) and centres (X, Y, Z) to choose from; default: those of the pilot. A plane that the
+        pilot lacks is another set-up. Where both directions may be chosen, hysteresis counts for every design.
     readings : int, optional
         Readings per full circle; default: as in the pilot.
     criterion : {"eig", "d", "a", "c", "i", "e", "discriminate"}, optional
@@ -122,18 +129,30 @@ def design(
         For unknown names, several goals at once, or tests that leave parameters undetermined.
     """
     check_campaign(pilot)
-    _check_kinds(tests, forces_N, clockings_deg, radii_mm, parameters, against, seed)
+    several = {
+        "radii_mm": radii_mm,
+        "planes": planes,
+        "directions": directions,
+        "centres_mm": centres_mm,
+        "parameters": parameters,
+    }
+    _check_kinds(tests, forces_N, clockings_deg, several, against, seed)
     goals = {"tests": tests, "budget": budget, "targets": targets or None, "power": power}
     given = [name for name, value in goals.items() if value is not None]
     if len(given) > 1:
         raise InputError(f"a design must have one goal, got {' and '.join(given)}. Keep one of them.")
-    check_known("target", targets, model.bind(pilot).names)
+    for name, campaign in against.items():
+        check_campaign(campaign)
+        _check_same_machine(name, campaign, pilot)
     space = DesignSpace(
         model,
         pilot,
         _levels(pilot) if forces_N is None else tuple(float(force) for force in forces_N),
         tuple(clockings_deg),
         tuple(radii_mm),
+        tuple(planes),
+        tuple(directions),
+        tuple(tuple(centre) for centre in centres_mm),  # type: ignore[misc]
         readings,
         _criterion(model, criterion, targets, power),
         tuple(targets) or tuple(parameters),
@@ -143,16 +162,15 @@ def design(
         threshold,
         targets=targets,
         nodes=_AMONG_SEVERAL if robust else _ALONE,
+        judged=tuple(test for campaign in against.values() for test in campaign.tests),
         starts=starts,
         seed=seed,
     )
+    check_known("target", targets, [parameter.name for parameter in space.parameters_of_pilot])
     if robust:
         space = replace(space, assumptions=default_assumptions(space) if assumptions is None else assumptions)
     notes: list[str] = []
     reached = True
-    for name, campaign in against.items():
-        check_campaign(campaign)
-        _check_same_machine(name, campaign, pilot)
     if targets or power is not None:
         needed = Needed(space, targets, power)
         found, reached, said = needed.fewest()
@@ -169,35 +187,33 @@ def design(
 
 
 def _check_same_machine(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Refuse a design of another machine or plane."""
+    """Refuse a design of another machine."""
     own, other = campaign.machine(), pilot.machine()
-    if (own.topology, own.plane) != (other.topology, other.plane):
+    if (own.topology, own.frames_mm) != (other.topology, other.frames_mm):
         raise InputError(
-            f"{name} must be of the pilot's machine and plane, {other.topology} {other.plane}, got {own.topology} {own.plane}. "
-            "Leave it out."
+            f"{name} must be of the pilot's machine, {other.topology} with frames {dict(other.frames_mm)}, "
+            f"got {own.topology} with {dict(own.frames_mm)}. Leave it out."
         )
 
 
 def _check_kinds(
-    tests: object, forces_N: object, clockings_deg: object, radii_mm: object, parameters: object, against: object, seed: object
+    tests: object, forces_N: object, clockings_deg: object, several: Mapping[str, object], against: object, seed: object
 ) -> None:
     """Answer arguments of the wrong kind with the right call."""
     if tests is not None and not isinstance(tests, int | np.integer):
         raise InputError(f"tests must be a whole number, got {tests!r}. For example 6.")
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed must be a whole number ≥ 0, got {seed!r}. For example 1.")
-    for name, values in (
-        ("forces_N", forces_N),
-        ("clockings_deg", clockings_deg),
-        ("radii_mm", radii_mm),
-        ("parameters", parameters),
-    ):
+    for name, values in {"forces_N": forces_N, "clockings_deg": clockings_deg, **several}.items():
         if values is not None and (isinstance(values, str) or not isinstance(values, Iterable)):
             raise InputError(f"{name} must be a sequence, got {values!r}. Put it into a list.")
     if any(not isinstance(pair, Sequence) or len(pair) != 2 for pair in clockings_deg):  # type: ignore[attr-defined]
         raise InputError(
             f"clockings_deg must be pairs (work ball, tool ball), got {clockings_deg!r}. For example [(0, 0), (45, 0)]."
         )
+    for centre in several["centres_mm"]:  # type: ignore[attr-defined]
+        if not isinstance(centre, Sequence) or len(centre) != 3:
+            raise InputError(f"centres_mm must be triples (X, Y, Z), got {centre!r}. For example [(0, 0, 0), (100, 0, 0)].")
     if not isinstance(against, Mapping):
         raise InputError(f"against must be a mapping of names to campaigns, got {type(against).__name__}. Give each a name.")
     reserved = next((name for name in against if name in _RESERVED), None)
@@ -211,7 +227,7 @@ def _designed(
     tests = _chosen(space, found)
     optimum, allowed = found.optimum, found.allowed
     shown = optimum.share > _SHOWN_SHARE
-    compared = {"equal steps": _equal_steps(space, len(tests))}
+    compared = {"equal steps": space.equal_steps(len(tests))}
     compared |= {name: _tests_of(campaign) for name, campaign in against.items()}
     baseline, *others = (_judged(space, name, own, found) for name, own in compared.items())
     return Design(
@@ -222,6 +238,7 @@ def _designed(
         Certificate(optimum.max_sensitivity, optimum.bound, optimum.concave),
         _frame(space, allowed[shown], "share", optimum.share[shown]),
         _frame(space, allowed, "sensitivity", optimum.sensitivity),
+        space.columns,
         space.forecast(tests),
         baseline,
         tuple(others),
@@ -231,7 +248,7 @@ def _designed(
         space.augment,
         reached,
         (*notes, *_limits(space, tests), space.basis),
-        trade_off(space, len(tests), partial(_equal_steps, space)) if curve else pd.DataFrame(),
+        trade_off(space, len(tests), space.equal_steps) if curve else pd.DataFrame(),
         robustness(space, found.counts, compared["equal steps"]) if space.assumptions else pd.DataFrame(),
     )
 
@@ -252,24 +269,8 @@ def _tests_of(campaign: Campaign) -> tuple[CircularTest, ...]:
     return tuple(replace(test.with_reading_um(None), name="") for test in campaign.tests)
 
 
-def _equal_steps(space: DesignSpace, number: int) -> tuple[CircularTest, ...]:
-    """Equal steps of force, each at the nearest level there is, at the first clocking and radius."""
-    levels = np.array(sorted(space.forces_N))
-    steps = np.linspace(levels[0], levels[-1], number)
-    return space.planned([float(levels[np.argmin(np.abs(levels - step))]) for step in steps])
-
-
 def _frame(space: DesignSpace, chosen: Array, name: str, values: Array) -> pd.DataFrame:
-    rows = [space.tests[i] for i in chosen]
-    return pd.DataFrame(
-        {
-            "force_N": [test.force_N for test in rows],
-            "work_ball_deg": [test.work_ball_deg for test in rows],
-            "tool_ball_deg": [test.tool_ball_deg for test in rows],
-            "radius_mm": [test.radius_mm for test in rows],
-            name: values,
-        }
-    )
+    return frame_of([space.tests[i] for i in chosen], space.columns).assign(**{name: values})
 
 
 def _limits(space: DesignSpace, tests: Sequence[CircularTest]) -> tuple[str, ...]:
@@ -281,6 +282,11 @@ def _limits(space: DesignSpace, tests: Sequence[CircularTest]) -> tuple[str, ...
         said.append(
             f"With {levels} different force{'s' if levels > 1 else ''} the readings cannot show that compliance is not "
             f"{_ASSUMED[space.model.degree]} in force: the design trusts the model. Another level would tell."
+        )
+    if any(isinstance(term, Drift) for term in space.model.nuisances):
+        said.append(
+            "Drift is taken to have nothing to do with what differs between the new circles: run them in the order given, "
+            "which is at random, and record time and temperature."
         )
     stuck = [name for name in space.chosen if own[name].floor_sd > _STUCK * own[name].sd]
     if not stuck:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ import pandas as pd
 from ldbb_bayes.analysis.advice import recommendation
 from ldbb_bayes.analysis.costs import running_order
 from ldbb_bayes.analysis.forecast import Forecast
+from ldbb_bayes.analysis.places import frame_of
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.model.hybrid import HybridModel
@@ -80,9 +81,12 @@ class Design:
         Beside the best shares of as many tests.
     certificate : Certificate
     shares : DataFrame
-        The best shares: force_N, work_ball_deg, tool_ball_deg, radius_mm, share.
+        The best shares: force_N, `columns`, share.
     sensitivity : DataFrame
-        Of every candidate, for the best shares: force_N, work_ball_deg, tool_ball_deg, radius_mm, sensitivity.
+        Of every candidate, for the best shares: force_N, `columns`, sensitivity.
+    columns : tuple of str
+        What tables say of a test beside its force: clockings and radius; plane, direction, set-up and centre where candidates
+        differ in them.
     forecast : Forecast
     baseline : Judged
         Equal steps of force at the first clocking and radius.
@@ -110,6 +114,7 @@ class Design:
     certificate: Certificate
     shares: pd.DataFrame
     sensitivity: pd.DataFrame
+    columns: tuple[str, ...]
     forecast: Forecast
     baseline: Judged
     others: tuple[Judged, ...]
@@ -123,15 +128,14 @@ class Design:
     robustness: pd.DataFrame
 
     def table(self) -> pd.DataFrame:
-        """One row per different test: force_N, work_ball_deg, tool_ball_deg, radius_mm, count."""
-        rows = [(t.force_N, t.work_ball_deg, t.tool_ball_deg, t.radius_mm) for t in self.tests]
-        frame = pd.DataFrame(rows, columns=["force_N", "work_ball_deg", "tool_ball_deg", "radius_mm"])
+        """One row per different test: force_N, `columns`, count."""
+        frame = frame_of(self.tests, self.columns)
         return frame.value_counts(sort=False).rename("count").reset_index()
 
     def plan(self, *, seed: int = 1) -> Campaign:
         """The tests as a plan, in the order in which to run them: blocks of one clocking, forces at random within."""
         tests = running_order(self.tests, np.random.default_rng(seed))
-        return replace(self.pilot, tests=tests, name=f"{self.pilot.name}, next campaign")
+        return replace(self.pilot, tests=tests, foreseen=(), name=f"{self.pilot.name}, next campaign")
 
     def expected_table(self) -> pd.DataFrame:
         """Expected sd of every parameter beside prior, floor and baseline; inside units."""
@@ -169,7 +173,7 @@ class Design:
             "shares": self.shares.to_dict(orient="records"),
             **self.forecast.as_dict(),
             "baseline": {name: entry.as_dict() for name, entry in self.baseline.forecast.expected.items()},
-            "compared": [_judged_dict(self.baseline), *(_judged_dict(other) for other in self.others)],
+            "compared": [_judged_dict(judged, self.columns) for judged in (self.baseline, *self.others)],
             "trade_off": self.trade_off.to_dict(orient="records"),
             "robustness": self.robustness.to_dict(orient="index"),
             "notes": list(self.notes),
@@ -191,7 +195,7 @@ class Design:
         return table_html("Tests to run", rows) + table_html("Design", said)
 
 
-def _judged_dict(judged: Judged) -> dict[str, Any]:
-    forces = [{"force_N": t.force_N, "work_ball_deg": t.work_ball_deg, "tool_ball_deg": t.tool_ball_deg} for t in judged.tests]
+def _judged_dict(judged: Judged, columns: Sequence[str]) -> dict[str, Any]:
+    forces = frame_of(judged.tests, columns).to_dict(orient="records")
     own: Mapping[str, Any] = judged.forecast.as_dict()
     return {"name": judged.name, "tests": forces, "cost": judged.cost, "efficiency": judged.efficiency, **own}

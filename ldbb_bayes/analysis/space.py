@@ -24,12 +24,15 @@ from ldbb_bayes.analysis.forecast import Forecast, forecast
 from ldbb_bayes.analysis.known import Known, hyper_nodes, known_before
 from ldbb_bayes.analysis.optimal.continuous import Optimum
 from ldbb_bayes.analysis.optimal.objective import Case, Objective
+from ldbb_bayes.analysis.places import foreseen_by, place_columns, templates
 from ldbb_bayes.analysis.search import Search
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.campaign.circular_test import CircularTest, Direction
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.bound import BoundModel, Parameter
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.setting import TRAVEL
 
 __all__ = ["AS_GIVEN", "DesignSpace"]
 
@@ -54,6 +57,9 @@ class DesignSpace:
         Whole turns apart count as one.
     radii_mm : sequence of float
         Default: those of the pilot.
+    planes, directions, centres_mm : tuple
+        Planes, directions of travel (CW, CCW) and centres (X, Y, Z) to choose from; default: those of the pilot. A plane that it
+        lacks is another set-up.
     readings : int, optional
         Readings per circle; default: as in the pilot.
     criterion : {"eig", "d", "a", "c", "i", "e", "discriminate"}
@@ -74,6 +80,8 @@ class DesignSpace:
         Values of the hyper-parameters the search averages over.
     targets : mapping of parameter to sd
         With criterion "a": sd in these units are averaged, instead of in units of the prior sd.
+    judged : tuple of CircularTest
+        Tests of other designs that are to be compared.
     starts, seed : int
         Of the search.
     """
@@ -83,6 +91,9 @@ class DesignSpace:
     forces_N: tuple[float, ...]
     clockings_deg: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
     radii_mm: tuple[float, ...] = ()
+    planes: tuple[str, ...] = ()
+    directions: tuple[Direction, ...] = ()
+    centres_mm: tuple[tuple[float, float, float], ...] = ()
     readings: int | None = None
     criterion: CriterionName = "eig"
     parameters: tuple[str, ...] = ()
@@ -94,6 +105,7 @@ class DesignSpace:
     targets: Mapping[str, float] = field(default_factory=dict)
     factors: Mapping[str, float] = field(default_factory=dict)
     nodes: int = _SEARCHED
+    judged: tuple[CircularTest, ...] = ()
     starts: int = 6
     seed: int = 1
 
@@ -112,7 +124,11 @@ class DesignSpace:
         for name, value in (("slope_size", self.slope_size), ("threshold", self.threshold)):
             if not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} must be a positive number, got {value}. Correct it.")
-        count = len(self.forces_N) * len(self.clockings_deg) * max(len(self.radii_mm), 1)
+        check_known("plane", self.planes, PLANES)
+        check_known("direction", self.directions, TRAVEL)
+        for name in ("planes", "directions", "centres_mm"):
+            object.__setattr__(self, name, tuple(dict.fromkeys(getattr(self, name))))
+        count = len(self.forces_N) * len(self.clockings_deg) * max(len(self.radii_mm), 1) * len(self.templates)
         if count > _MOST_CANDIDATES:
             raise InputError(
                 f"a design must choose among at most {_MOST_CANDIDATES} candidates, got {count}. Take longer steps of "
@@ -128,26 +144,38 @@ class DesignSpace:
             )
         if self.starts < 1:
             raise InputError(f"starts must be at least 1, got {self.starts}. Give the number of designs to start from.")
+        object.__setattr__(self, "pilot", foreseen_by(self.pilot, (*self.tests, *self.judged)))
         chosen_parameters(self._bound_alone, self.criterion, self.parameters)
         for label, (model, _) in self.assumptions.items():
             if not set(self.chosen) & set(model.bind(self.pilot).names):
                 raise InputError(f"assumption {label!r} must leave parameters of interest, got none. Leave it out.")
 
     @cached_property
+    def templates(self) -> tuple[CircularTest, ...]:
+        """One test for every plane, direction and centre."""
+        return templates(self.pilot, self.planes, self.directions, self.centres_mm)
+
+    @cached_property
     def tests(self) -> tuple[CircularTest, ...]:
         """The candidates."""
-        return self.planned(self.forces_N, self.clockings_deg, self.radii_mm)
+        return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm, self.readings)
 
-    def planned(
-        self,
-        forces_N: Sequence[float],
-        clockings_deg: Sequence[tuple[float, float]] | None = None,
-        radii_mm: Sequence[float] = (),
-    ) -> tuple[CircularTest, ...]:
-        """Planned tests at these forces; default: the first clocking and radius."""
-        return grid_of_tests(
-            self.pilot, forces_N, clockings_deg or self.clockings_deg[:1], radii_mm or self.radii_mm[:1], self.readings
-        )
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """What tables say of a test beside its force."""
+        return place_columns((*self.tests, *self.judged))
+
+    def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
+        """Equal steps of force, each at the nearest level there is, at the first clocking and radius; in turn over planes,
+        directions and centres."""
+        levels = np.array(sorted(self.forces_N))
+        found: list[CircularTest] = []
+        for k, like in enumerate(self.templates):
+            share = len(range(k, number, len(self.templates)))
+            steps = np.linspace(levels[0], levels[-1], share)
+            nearest = [float(levels[np.argmin(np.abs(levels - step))]) for step in steps]
+            found += grid_of_tests([like], nearest, self.clockings_deg[:1], self.radii_mm[:1], self.readings)
+        return tuple(found)
 
     @cached_property
     def chosen(self) -> tuple[str, ...]:
@@ -249,7 +277,10 @@ class DesignSpace:
         forces = [float(test.force_N or 0.0) for test in tests]
         if model.prior.flat or np.isclose(max(forces) - min(forces), bound.setting.force_range_N, rtol=1e-9):
             return model
-        slopes = {p.name: p.prior_sd for p in bound.parameters if p.group == "slope"}
+        there = BoundModel(
+            self.model, replace(self.pilot, tests=tests, foreseen=()), pilot=replace(self.pilot, foreseen=())
+        ).names
+        slopes = {p.name: p.prior_sd for p in bound.parameters if p.group == "slope" and p.name in there}
         return replace(model, prior=replace(model.prior, overrides={**model.prior.overrides, **slopes}))
 
     @property

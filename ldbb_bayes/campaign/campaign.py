@@ -42,6 +42,8 @@ class Campaign:
         Default circle centre (X, Y, Z) in machine coordinates.
     frames_mm : mapping of axis letter to (x, y, z), optional
         Where the joints' frames stand; see `Machine`.
+    foreseen : sequence of CircularTest, optional
+        Tests that may follow: what only they can show is modelled already. Their readings, if any, are dropped.
 
     Raises
     ------
@@ -60,6 +62,7 @@ class Campaign:
     force_law: ForceLaw = field(default_factory=ForceLaw)
     centre_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
     frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    foreseen: tuple[CircularTest, ...] = ()
 
     def __post_init__(self) -> None:
         tests = tuple(self.tests)
@@ -69,6 +72,8 @@ class Campaign:
             raise InputError(f"resolution_um must be a positive number, got {self.resolution_um}. Give the readout's step in µm.")
         check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
         object.__setattr__(self, "tests", _named(self._resolved(test) for test in tests))
+        foreseen = tuple(self._resolved(replace(test.with_reading_um(None), name="")) for test in self.foreseen)
+        object.__setattr__(self, "foreseen", foreseen)
         with_readings = [test.reading_um is not None for test in self.tests]
         if any(with_readings) and not all(with_readings):
             missing = next(test.name for test in self.tests if test.reading_um is None)
@@ -102,8 +107,13 @@ class Campaign:
         )
 
     def machine(self) -> Machine:
-        """The machine and the planes of all tests."""
-        return Machine(self.topology, tuple(str(test.plane) for test in self.tests), self.frames_mm)
+        """The machine and the planes of all tests, run or foreseen."""
+        return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
+
+    @property
+    def scope(self) -> tuple[CircularTest, ...]:
+        """All tests that the model knows of: those run and those foreseen."""
+        return (*self.tests, *self.foreseen)
 
     @property
     def is_plan(self) -> bool:

@@ -21,6 +21,7 @@ from ldbb_bayes.cli.options import (
     WithoutOption,
     model_from,
     of_campaign,
+    three_numbers,
 )
 from ldbb_bayes.errors import InputError
 
@@ -69,6 +70,14 @@ def design(
         ),
     ] = "0",
     radii: Annotated[str, typer.Option(help="Radii to choose from (mm). Default: the pilot's.", metavar="LIST")] = "",
+    planes: Annotated[str, typer.Option(help="Planes to choose from. Default: the pilot's.", metavar="LIST")] = "",
+    directions: Annotated[
+        str, typer.Option(help="Directions of travel to choose from: CW,CCW. Default: the pilot's.", metavar="LIST")
+    ] = "",
+    centre: Annotated[
+        list[str] | None,
+        typer.Option(help="Centre to choose from (mm); can be repeated. Default: the pilot's.", metavar="X,Y,Z"),
+    ] = None,
     readings: Annotated[int | None, typer.Option(help="Readings per full circle. Default: as in the pilot.", min=25)] = None,
     criterion: Annotated[
         str | None, typer.Option(help="eig (default), d (default for flat priors), a, c, i, e or discriminate.")
@@ -121,9 +130,12 @@ def design(
         forces_N=_range(forces, "--forces") if forces else None,
         clockings_deg=_clockings(clockings),
         radii_mm=_range(radii, "--radii") if radii else (),
+        planes=_list(planes),
+        directions=_list(directions),  # type: ignore[arg-type]
+        centres_mm=[three_numbers(text, "--centre") for text in centre or ()],
         readings=readings,
         criterion=criterion,  # type: ignore[arg-type]
-        parameters=[name.strip() for name in parameters.split(",") if name.strip()],
+        parameters=_list(parameters),
         augment=augment,
         costs=Costs(cost_circle, cost_work_ball, cost_tool_ball),
         against={name: read_campaign(Path(path)) for name, path in compared.items()},
@@ -155,6 +167,10 @@ def design(
             )
     if not (found.certificate.holds and found.reached):
         raise typer.Exit(1)
+
+
+def _list(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def _named(entries: list[str] | None, option: str, what: str) -> dict[str, str]:

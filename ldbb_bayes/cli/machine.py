@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ldbb_bayes.cli.options import ForceOption, JsonOption, OutOption, QuietOption, guarded
+from ldbb_bayes.cli.options import ForceOption, JsonOption, OutOption, QuietOption, guarded, three_numbers
 from ldbb_bayes.errors import InputError
 
 __all__ = ["ATLAS_FILES", "MACHINE_FILES", "machine"]
@@ -49,7 +49,7 @@ def machine(
 
     planes = tuple(part.strip() for part in plane.split(","))
     own = Machine(topology, planes, dict(_frame(text) for text in frame or ()))
-    centres = [_three(text, "--centre") for text in centre or ("0,0,0",)]
+    centres = [three_numbers(text, "--centre") for text in centre or ("0,0,0",)]
     circles = [Circle(centre_mm=at, plane=name) for name in own.planes for at in centres]
     found = describe(own, circles)
     if out is not None:
@@ -77,12 +77,4 @@ def _frame(text: str) -> tuple[str, tuple[float, float, float]]:
     axis, sign, place = text.partition("=")
     if not sign:
         raise InputError(f"--frame must be AXIS=X,Y,Z, got {text!r}. For example Y=0,-200,350.")
-    return axis.strip(), _three(place, "--frame")
-
-
-def _three(text: str, option: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"{option} must hold three numbers X,Y,Z in mm, got {text!r}. For example 0,-200,350.") from None
-    return x, y, z
+    return axis.strip(), three_numbers(place, "--frame")

@@ -46,6 +46,7 @@ __all__ = [
     "guarded",
     "model_from",
     "of_campaign",
+    "three_numbers",
 ]
 
 EXIT_BAD_INPUT = 2
@@ -181,6 +182,15 @@ def of_campaign(command: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return guarded(run)
+
+
+def three_numbers(text: str, option: str) -> tuple[float, float, float]:
+    """X,Y,Z of an option [mm]."""
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{option} must hold three numbers X,Y,Z in mm, got {text!r}. For example 0,-200,350.") from None
+    return x, y, z
 
 
 def fail(message: str, code: int) -> NoReturn:

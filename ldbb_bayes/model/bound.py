@@ -89,7 +89,7 @@ class BoundModel:
         _check(model, campaign if pilot is None else pilot)
         self.model, self.campaign, self.pilot = model, campaign, pilot
         self.compliances: tuple[ComplianceName, ...] = kept_compliances(
-            campaign.machine(), *dict.fromkeys(test.circle for test in campaign.tests)
+            campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope)
         ).names
         self.geometric_errors: tuple[GeometricName, ...] = geometric_errors_of(campaign)
         reduced = _reduced(campaign)
@@ -232,13 +232,16 @@ class BoundModel:
 
     def _estimate(self, setting: Setting, reduced: Sequence[Reduced]) -> Array:
         """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, minimum norm in units of the prior sd."""
+        planned = np.array([_PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances])
         if reduced[0].projection is None:
-            return np.array([_PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances])
+            return planned
         columns = np.concatenate([Compliance(0).columns(setting)[0], setting.geometric], axis=2)
         prior = Prior.default() if self.model.prior.flat else self.model.prior
         compliance = prior.compliance_sd(self.compliances, 0, setting.force_range_N)
         scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors)])
-        return self._fit(columns, scale, setting, reduced)[: len(self.compliances)]
+        found = self._fit(columns, scale, setting, reduced)[: len(self.compliances)]
+        seen = np.abs(setting.wrench).max(axis=(0, 1)) > 0.0
+        return np.where(seen, found, planned)
 
     @staticmethod
     def _fit(columns: Array, scale: Array, setting: Setting, reduced: Sequence[Reduced]) -> Array:

@@ -109,7 +109,7 @@ _PER_TEST = (
 
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
     """The geometric errors of a campaign's machine; where there are several set-ups, tool offsets of each."""
-    setups = sorted({test.setup or 1 for test in campaign.tests})
+    setups = sorted({test.setup or 1 for test in campaign.scope})
     if len(setups) == 1:
         return geometric_names(campaign.machine())
     names: list[GeometricName] = []
@@ -117,7 +117,7 @@ def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
         if name.kind != "offset":
             names.append(name)
             continue
-        seen = [s for s in setups if any((test.setup or 1) == s and name.component in str(test.plane) for test in campaign.tests)]
+        seen = [s for s in setups if any((test.setup or 1) == s and name.component in str(test.plane) for test in campaign.scope)]
         names += [replace(name, setup=0 if setup == 1 else setup) for setup in seen]
     return tuple(names)
 
@@ -154,7 +154,7 @@ def setting_of(
         two_balls=_clocked(clockings),
         radii_mm=np.unique(np.array([test.radius_mm for test in campaign.tests], dtype=float)),
         planes=machine.planes if isinstance(machine.planes, tuple) else (machine.planes,),
-        both_ways=_both_ways(campaign, plane, travel),
+        both_ways=_both_ways(campaign),
         compliance_estimate=np.zeros(len(compliances)),
         compensated=campaign.mount.compensated,
         deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
@@ -166,7 +166,7 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
     found = columns[:, :, [machine_errors.index(replace(name, setup=0).label) for name in names]]
-    several = len({test.setup for test in campaign.tests}) > 1
+    several = len({test.setup for test in campaign.scope}) > 1
     for j, name in enumerate(names):
         if several and name.kind == "offset":
             found[[test.setup != (name.setup or 1) for test in campaign.tests], :, j] = 0.0
@@ -184,19 +184,20 @@ def _recorded(field: str, campaign: Campaign, pilot: Campaign | None) -> Array:
     return shifted if pilot is None else np.where(np.isfinite(shifted), shifted, 0.0)
 
 
-def _both_ways(campaign: Campaign, plane: Array, travel: Array) -> tuple[str, ...]:
+def _both_ways(campaign: Campaign) -> tuple[str, ...]:
+    """Planes run, or to be run, in both directions."""
     found = []
-    for name in dict.fromkeys(plane.tolist()):
-        ways = set(travel[plane == name].tolist())
-        if not {1.0, -1.0} <= ways:
+    for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
+        own = [test for test in campaign.scope if test.plane == plane]
+        if not {"CW", "CCW"} <= {test.direction for test in own}:
             continue
-        if 0.0 in ways:
-            silent = next(test for test, p, t in zip(campaign.tests, plane, travel, strict=True) if p == name and t == 0.0)
+        silent = next((test for test in own if test.direction is None), None)
+        if silent is not None:
             raise InputError(
-                f"{silent.label} must state its direction, CW or CCW, as others of the campaign run both ways, got none. "
+                f"{silent.label} must state its direction, CW or CCW, as circles of plane {plane} go both ways, got none. "
                 "Give direction in every test."
             )
-        found.append(name)
+        found.append(plane)
     return tuple(found)
 
 

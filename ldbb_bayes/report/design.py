@@ -12,14 +12,27 @@ from ldbb_bayes.units import display_name, display_unit
 __all__ = ["expected_table", "robustness_table", "tests_table"]
 
 
+_HEADS = {
+    "force_N": "force (N)",
+    "work_ball_deg": "work ball (°)",
+    "tool_ball_deg": "tool ball (°)",
+    "radius_mm": "radius (mm)",
+    "setup": "set-up",
+    "centre_x_mm": "centre X (mm)",
+    "centre_y_mm": "centre Y (mm)",
+    "centre_z_mm": "centre Z (mm)",
+}
+
+
 def tests_table(design: Design) -> Table:
     """Different tests and how often to run each."""
     table = Table(box=None, pad_edge=False)
-    for name in ("force (N)", "work ball (°)", "tool ball (°)", "radius (mm)", "circles"):
-        table.add_column(name, justify="right")
+    for name in ("force_N", *design.columns):
+        table.add_column(_HEADS.get(name, name), justify="right")
+    table.add_column("circles", justify="right")
     for row in design.table().to_dict(orient="records"):
-        places = (row["force_N"], row["work_ball_deg"], row["tool_ball_deg"], row["radius_mm"])
-        table.add_row(*(f"{value:.4g}" for value in places), str(row["count"]))
+        values = [row[name] for name in ("force_N", *design.columns)]
+        table.add_row(*(value if isinstance(value, str) else f"{value:.4g}" for value in values), str(row["count"]))
     return table
 
 

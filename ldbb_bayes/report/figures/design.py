@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis.designed import Design
+from ldbb_bayes.analysis.places import place_words
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
 from ldbb_bayes.units import display_name
 
 __all__ = ["efficiency", "expected_widths", "information", "trade_off"]
 
-_PLACE = ["work_ball_deg", "tool_ball_deg", "radius_mm"]
 _SHOWN = 8
 _ALIKE = 0.02
 _CURVES = 6
@@ -30,7 +30,7 @@ def information(design: Design) -> Figure:
     curves = _different(design)
     for k, (place, (own, alike)) in enumerate(curves.items()):
         others = f" ({alike} more alike)" if alike else ""
-        label = f"{_place(place)}{others}" if len(curves) > 1 or alike else None
+        label = f"{_place(place, design.columns)}{others}" if len(curves) > 1 or alike else None
         marker = "" if len(own) > 2 else "o"
         axes.plot(own["force_N"], own["sensitivity"], color=PALETTE[k % len(PALETTE)], marker=marker, label=label)
     axes.axhline(design.certificate.bound, color="black", linewidth=0.9, linestyle="--", label="bound: no candidate above it")
@@ -44,7 +44,8 @@ def information(design: Design) -> Figure:
 
 def _different(design: Design) -> dict[Any, tuple[pd.DataFrame, int]]:
     """Sensitivities against force at every clocking and radius, the highest first; those much alike counted, not shown."""
-    groups = [(place, own.sort_values("force_N")) for place, own in design.sensitivity.groupby(_PLACE, sort=False)]
+    by_place = design.sensitivity.groupby(list(design.columns), sort=False)
+    groups = [(place, own.sort_values("force_N")) for place, own in by_place]
     found: dict[Any, tuple[pd.DataFrame, int]] = {}
     for place, own in sorted(groups, key=lambda group: -group[1]["sensitivity"].max()):
         values = own["sensitivity"].to_numpy()
@@ -76,9 +77,10 @@ def _stems(axes: Axes, design: Design) -> None:
     axes.set_xlabel("force (N)")
 
 
-def _place(place: Any) -> str:
-    work, tool, radius = place
-    return f"balls {work:g}°/{tool:g}°, R {radius:g} mm"
+def _place(place: Any, columns: tuple[str, ...]) -> str:
+    own = dict(zip(columns, place, strict=True))
+    first = [part for part in place_words(own).split(", ") if not part.startswith(("work ball", "tool ball", "R "))]
+    return ", ".join([*first, f"balls {own['work_ball_deg']:g}°/{own['tool_ball_deg']:g}°, R {own['radius_mm']:g} mm"])
 
 
 @styled
