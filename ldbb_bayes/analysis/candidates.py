@@ -72,7 +72,8 @@ def grid_of_tests(
 def bind_tests(model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool) -> BoundModel:
     """The model bound to a plan of these tests, after the pilot's own where these are kept; F0, force range and Ĉ the pilot's."""
     run = pilot.plan().tests if keep else ()
-    return BoundModel(model, replace(pilot, tests=(*run, *(replace(test, name="") for test in tests))), pilot=pilot)
+    planned = tuple(replace(test, name="") for test in tests)
+    return BoundModel(model, replace(pilot, tests=(*run, *planned), foreseen=pilot.scope), pilot=pilot)
 
 
 def chosen_parameters(bound: BoundModel, criterion: CriterionName, names: Sequence[str]) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
+from typing import Any
 
 import numpy as np
 
@@ -77,10 +78,24 @@ def _tool_changes(sequence: Sequence[tuple[float, float]]) -> int:
 
 
 def running_order(tests: Sequence[CircularTest], rng: np.random.Generator) -> tuple[CircularTest, ...]:
-    """Blocks of one work-ball clocking, in them of one tool-ball clocking, forces at random: so that drift is not force.
+    """Blocks of one set-up and radius, in them of one work-ball clocking, in them of one tool-ball clocking, forces and
+    directions of travel at random: so that drift is not force.
 
-    The blocks' order is drawn among those that change the tool ball least.
+    The clockings' order is drawn among those that change the tool ball least.
     """
+    ordered: list[CircularTest] = []
+    mounted = sorted({_mounting(test) for test in tests})
+    for place in rng.permutation(len(mounted)) if len(mounted) > 1 else range(len(mounted)):
+        ordered += _order_of_block([test for test in tests if _mounting(test) == mounted[place]], rng)
+    return tuple(replace(test, name="") for test in ordered)
+
+
+def _mounting(test: CircularTest) -> tuple[Any, ...]:
+    """What cannot be changed without touching the bar or its mounts."""
+    return (test.setup or 1, str(test.plane), float(test.radius_mm or 0.0), test.circle.centre_mm)
+
+
+def _order_of_block(tests: Sequence[CircularTest], rng: np.random.Generator) -> list[CircularTest]:
     clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
     best = _best_sequence(clockings)
     works = sorted({work for work, _ in clockings})
@@ -90,4 +105,4 @@ def running_order(tests: Sequence[CircularTest], rng: np.random.Generator) -> tu
     for clocking in sequence:
         block = [test for test in tests if (test.work_ball_deg, test.tool_ball_deg) == clocking]
         ordered += [block[i] for i in rng.permutation(len(block))]
-    return tuple(replace(test, name="") for test in ordered)
+    return ordered

@@ -22,7 +22,7 @@ from ldbb_bayes.analysis.search import MOST_TESTS, Found
 from ldbb_bayes.analysis.space import DesignSpace
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.campaign.circular_test import CircularTest, Direction
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.cures import cures
 from ldbb_bayes.model.degeneracies import degeneracies, joined
 from ldbb_bayes.model.hybrid import HybridModel
@@ -166,7 +166,6 @@ def design(
         starts=starts,
         seed=seed,
     )
-    check_known("target", targets, [parameter.name for parameter in space.parameters_of_pilot])
     if robust:
         space = replace(space, assumptions=default_assumptions(space) if assumptions is None else assumptions)
     notes: list[str] = []
@@ -188,12 +187,12 @@ def design(
 
 def _check_same_machine(name: str, campaign: Campaign, pilot: Campaign) -> None:
     """Refuse a design of another machine."""
-    own, other = campaign.machine(), pilot.machine()
-    if (own.topology, own.frames_mm) != (other.topology, other.frames_mm):
-        raise InputError(
-            f"{name} must be of the pilot's machine, {other.topology} with frames {dict(other.frames_mm)}, "
-            f"got {own.topology} with {dict(own.frames_mm)}. Leave it out."
-        )
+    for what, own, other in (
+        ("machine", campaign.topology, pilot.topology),
+        ("machine, its frames at", dict(campaign.frames_mm), dict(pilot.frames_mm)),
+    ):
+        if own != other:
+            raise InputError(f"{name} must be of the pilot's {what} {other}, got {own}. Leave it out.")
 
 
 def _check_kinds(

@@ -49,6 +49,10 @@ class TestPreview:
     largest_gap_deg: float
     direction: str | None
     travel: str | None
+    plane: str
+    setup: int
+    radius_mm: float
+    centre_mm: tuple[float, float, float]
     work_ball_deg: float
     tool_ball_deg: float
     noise_um: float | None
@@ -113,6 +117,10 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
         largest_gap_deg=gap,
         direction=test.direction,
         travel=travel,
+        plane=str(test.plane),
+        setup=test.setup or 1,
+        radius_mm=test.circle.radius_mm,
+        centre_mm=test.circle.centre_mm,
         work_ball_deg=test.work_ball_deg,
         tool_ball_deg=test.tool_ball_deg,
         noise_um=noise,
@@ -174,8 +182,12 @@ def _assumptions(campaign: Campaign) -> tuple[str, ...]:
     clocked = len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in campaign.tests}) > 1
     forces = campaign.forces_N
     radii = sorted({float(test.radius_mm or 0.0) for test in campaign.tests})
+    frames = "; ".join(f"{axis} ({', '.join(f'{x:g}' for x in at)})" for axis, at in campaign.frames_mm.items())
     return (
-        f"Machine {campaign.topology}, plane {campaign.machine().plane}, R = {', '.join(f'{r:g}' for r in radii)} mm.",
+        f"Machine {campaign.topology}, plane {campaign.machine().plane}, R = {', '.join(f'{r:g}' for r in radii)} mm"
+        + (", each with a length of its own." if len(radii) > 1 else "."),
+        *([f"Joint frames stand at {frames} mm."] if frames else []),
+        *_several(campaign),
         f"Readings are actual ball distance − R; readout resolution {campaign.resolution_um:g} µm.",
         f"Mount (Eq. 32) {mount.deflection_um_per_bar:g} µm/bar, {state}.",
         f"Force law F = {law.slope_N_per_bar:g} N/bar · P {law.offset_N:+g} N, where a test gives only one of the two.",
@@ -184,6 +196,24 @@ def _assumptions(campaign: Campaign) -> tuple[str, ...]:
         if clocked
         else "No ball clocked between tests: one form, the sum of both balls.",
     )
+
+
+def _several(campaign: Campaign) -> list[str]:
+    """What a fit makes of set-ups, directions, times and temperatures."""
+    said = []
+    setups = sorted({test.setup or 1 for test in campaign.tests})
+    if len(setups) > 1:
+        said.append(f"Set-ups {', '.join(map(str, setups))}: tool offsets of each; everything else is shared.")
+    both = [p for p in campaign.machine().planes if {"CW", "CCW"} <= {t.direction for t in campaign.tests if t.plane == p}]
+    if both:
+        said.append(f"Both directions of travel in {', '.join(both)}: hysteresis is a term of the model.")
+    for what, values in (
+        ("times", [test.time_s for test in campaign.tests]),
+        ("temperatures", [test.temperature_C for test in campaign.tests]),
+    ):
+        if None not in values and len(set(values)) > 1:
+            said.append(f"Tests record {what}; a drift over them is modelled only when asked for (--drift {what[:-1]}).")
+    return said
 
 
 def _remarks(campaign: Campaign) -> tuple[str, ...]:
@@ -203,6 +233,14 @@ def _remarks(campaign: Campaign) -> tuple[str, ...]:
         for first, second in combinations(campaign.tests, 2)
         if first.reading_um is not None and np.array_equal(first.reading_um, second.reading_um)
     ]
-    if not {"CW", "CCW"} <= {test.direction for test in campaign.tests}:
-        found.append("One direction of travel (or none stated): friction in the bar cannot be told from C_XYX.")
+    for plane in campaign.machine().planes:
+        if not {"CW", "CCW"} <= {test.direction for test in campaign.tests if test.plane == plane}:
+            first, second = sorted(plane)
+            cross = f"C_{first}{second}{first}"
+            where = f" in plane {plane}" if len(campaign.machine().planes) > 1 else ""
+            found.append(f"One direction of travel (or none stated){where}: friction in the bar cannot be told from {cross}.")
+    if len({test.setup for test in campaign.tests}) == 1 and len(campaign.machine().planes) > 1:
+        found.append(
+            "Several planes in one set-up: the tool ball's offsets are shared. If the bar was mounted anew, number the set-ups."
+        )
     return tuple(found)

@@ -145,6 +145,7 @@ class DesignSpace:
         if self.starts < 1:
             raise InputError(f"starts must be at least 1, got {self.starts}. Give the number of designs to start from.")
         object.__setattr__(self, "pilot", foreseen_by(self.pilot, (*self.tests, *self.judged)))
+        check_known("target", self.targets, self._bound_alone.names)
         chosen_parameters(self._bound_alone, self.criterion, self.parameters)
         for label, (model, _) in self.assumptions.items():
             if not set(self.chosen) & set(model.bind(self.pilot).names):
@@ -277,9 +278,8 @@ class DesignSpace:
         forces = [float(test.force_N or 0.0) for test in tests]
         if model.prior.flat or np.isclose(max(forces) - min(forces), bound.setting.force_range_N, rtol=1e-9):
             return model
-        there = BoundModel(
-            self.model, replace(self.pilot, tests=tests, foreseen=()), pilot=replace(self.pilot, foreseen=())
-        ).names
+        alone = replace(self.pilot, foreseen=())
+        there = BoundModel(self.model, replace(alone, tests=tuple(tests)), pilot=alone).names
         slopes = {p.name: p.prior_sd for p in bound.parameters if p.group == "slope" and p.name in there}
         return replace(model, prior=replace(model.prior, overrides={**model.prior.overrides, **slopes}))
 

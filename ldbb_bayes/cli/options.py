@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -189,7 +190,9 @@ def three_numbers(text: str, option: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"{option} must hold three numbers X,Y,Z in mm, got {text!r}. For example 0,-200,350.") from None
+        x = y = z = math.nan
+    if not all(math.isfinite(value) for value in (x, y, z)):
+        raise InputError(f"{option} must hold three finite numbers X,Y,Z in mm, got {text!r}. For example 0,-200,350.")
     return x, y, z
 
 

@@ -20,6 +20,7 @@ __all__ = ["bound_of", "campaign_of", "campaign_record", "draws_of", "model_of",
 
 Array = NDArray[Any]
 
+_ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 _TEST_FIELDS = (
     "name",
     "force_N",
@@ -58,6 +59,7 @@ def campaign_record(campaign: Campaign) -> dict[str, Any]:
             "frames_mm": {axis: list(frame) for axis, frame in campaign.frames_mm.items()},
         },
         "test_fields": [{name: getattr(test, name) for name in _TEST_FIELDS} for test in campaign.tests],
+        "foreseen": [{name: getattr(test, name) for name in _TEST_FIELDS} for test in campaign.foreseen],
     }
 
 
@@ -77,6 +79,7 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
         for i, fields in enumerate(record["test_fields"])
     )
     fields = dict(record["fields"])
+    fields["foreseen"] = tuple(CircularTest(angle_deg=_ANY_CIRCLE_DEG, **own) for own in record.get("foreseen", ()))
     mount, law = MountCompensation(*fields.pop("mount")), ForceLaw(*fields.pop("force_law"))
     return Campaign(tests, name=record["name"], mount=mount, force_law=law, **fields)
 

@@ -100,7 +100,7 @@ class BoundModel:
         self.parameters = tuple(parameter for parameter in every if parameter.name not in model.fixed)
         self.physical = Truncation(self._physical_rows(campaign, whole.reference_force_N))
         self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.parameters))))
-        estimate = self._estimate(whole, reduced) if pilot is None else BoundModel(model, pilot).setting.compliance_estimate
+        estimate = self._estimate(whole, reduced) if pilot is None else self._estimate_of(pilot)
         whole = replace(whole, compliance_estimate=estimate)
         rows = _rows(campaign, keep)
         self.setting: Setting = whole.select(rows)
@@ -230,18 +230,31 @@ class BoundModel:
         by_degree = Compliance(self.model.degree).columns(setting)
         return np.concatenate([*by_degree, GeometricErrors().columns(setting)], axis=2)[:, :, self._free]
 
+    def _estimate_of(self, pilot: Campaign) -> Array:
+        """The pilot's Ĉ; what it does not know of, as for a plan."""
+        known = BoundModel(self.model, pilot)
+        labels = [name.label for name in known.compliances]
+        return np.array(
+            [
+                known.setting.compliance_estimate[labels.index(name.label)] if name.label in labels else planned
+                for name, planned in zip(self.compliances, self._planned(), strict=True)
+            ]
+        )
+
+    def _planned(self) -> Array:
+        return np.array([_PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances])
+
     def _estimate(self, setting: Setting, reduced: Sequence[Reduced]) -> Array:
         """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, minimum norm in units of the prior sd."""
-        planned = np.array([_PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances])
         if reduced[0].projection is None:
-            return planned
+            return self._planned()
         columns = np.concatenate([Compliance(0).columns(setting)[0], setting.geometric], axis=2)
         prior = Prior.default() if self.model.prior.flat else self.model.prior
         compliance = prior.compliance_sd(self.compliances, 0, setting.force_range_N)
         scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors)])
         found = self._fit(columns, scale, setting, reduced)[: len(self.compliances)]
         seen = np.abs(setting.wrench).max(axis=(0, 1)) > 0.0
-        return np.where(seen, found, planned)
+        return np.where(seen, found, self._planned())
 
     @staticmethod
     def _fit(columns: Array, scale: Array, setting: Setting, reduced: Sequence[Reduced]) -> Array:

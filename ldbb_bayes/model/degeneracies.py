@@ -91,7 +91,7 @@ class Degeneracy:
         if len(others) > _COMPANY:
             return f" in company with {len(others)} other nuisances"
         amounts = [
-            f"{self.combination[name] / self.combination[lead]:.2g} times as much {_nuisance_words(name)}" for name in others
+            f"{_signed(self.combination[name] / self.combination[lead])} times as much {_nuisance_words(name)}" for name in others
         ]
         return f" with {joined(amounts)}" if amounts else ""
 
@@ -199,7 +199,7 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
         if np.isfinite(values).all() and np.ptp(values) > 0.0 and not any(isinstance(t, Drift) for t in bound.model.nuisances):
             said.append(
                 f"The tests record {covariate}, the model has no drift over it: what changes steadily counts as set-up shift, "
-                "and as compliance where the forces were run in order. Add the term Drift."
+                f"and as compliance where the forces were run in order. Ask for it (--drift {covariate})."
             )
     return tuple(said)
 
@@ -310,6 +310,10 @@ def _change_words(name: str, change: float, unit: str) -> str:
     if value < _SMALL and label.startswith("µ"):
         value, label = value * 1e3, "n" + label[1:]
     return f"{'+' if change > 0 else '−'}{_three(value)} {label} of {display_name(name)}"
+
+
+def _signed(ratio: float) -> str:
+    return f"{ratio:.2g}".replace("-", "−")
 
 
 def _three(value: float) -> str:

@@ -218,8 +218,9 @@ def meaning(constant: Mapping[str, Any], linear: Mapping[str, Any]) -> list[str]
 
 
 def preview_table(seen: CampaignPreview) -> Table:
-    """One line per test of a campaign."""
+    """One line per test of a campaign; plane, set-up, radius and centre where tests differ in them."""
     table = Table(box=None, pad_edge=False)
+    different = [field for field in _PLACES if len({getattr(test, field) for test in seen.tests}) > 1]
     for name in (
         "test",
         "force N",
@@ -228,12 +229,13 @@ def preview_table(seen: CampaignPreview) -> Table:
         "arc °",
         "gap °",
         "direction",
+        *(["circle"] if different else []),
         "balls °",
         "noise µm",
         "end − start µm",
         "p-p µm",
     ):
-        table.add_column(name, justify="left" if name in ("test", "direction") else "right", no_wrap=True)
+        table.add_column(name, justify="left" if name in ("test", "direction", "circle") else "right", no_wrap=True)
     for test in seen.tests:
         travel = test.direction or (f"({test.travel})" if test.travel else "–")
         table.add_row(
@@ -244,10 +246,14 @@ def preview_table(seen: CampaignPreview) -> Table:
             f"{test.arc_deg:.0f}",
             f"{test.largest_gap_deg:.2g}",
             travel,
+            *([" ".join(_PLACES[field].format(getattr(test, field)) for field in different)] if different else []),
             f"{test.work_ball_deg:g}/{test.tool_ball_deg:g}",
             *("–" if value is None else f"{value:.3g}" for value in (test.noise_um, test.start_end_um, test.peak_to_peak_um)),
         )
     return table
+
+
+_PLACES = {"plane": "{}", "setup": "set-up {}", "radius_mm": "R {:g}", "centre_mm": "({0[0]:g}, {0[1]:g}, {0[2]:g})"}
 
 
 def preview_lines(seen: CampaignPreview) -> list[str]:

@@ -17,6 +17,7 @@ from ldbb_bayes.analysis.costs import running_order
 from ldbb_bayes.analysis.discrimination import discrimination_of
 from ldbb_bayes.analysis.forecast import forecast
 from ldbb_bayes.analysis.known import Known, narrowed
+from ldbb_bayes.analysis.places import templates
 from ldbb_bayes.analysis.space import DesignSpace
 from ldbb_bayes.cli.show import json_text
 from ldbb_bayes.errors import InputError
@@ -68,8 +69,8 @@ def test_information_against_the_dense_oracle(pilot: lb.Campaign) -> None:
     """Posterior covariance of a plan with clocked balls and two radii, and the expected information gain, by dense matrices."""
     model = LINEAR.without("force-error", "truncation")
     tests = [
-        *grid_of_tests(pilot, (36.0, 742.0), ((0.0, 0.0), (45.0, 90.0)), (150.0,), 30),
-        *grid_of_tests(pilot, (300.0,), ((0.0, 0.0),), (100.0,), 30),
+        *grid_of_tests(templates(pilot, (), (), ()), (36.0, 742.0), ((0.0, 0.0), (45.0, 90.0)), (150.0,), 30),
+        *grid_of_tests(templates(pilot, (), (), ()), (300.0,), ((0.0, 0.0),), (100.0,), 30),
     ]
     zero = np.zeros(30)
     law = pilot.force_law
@@ -132,8 +133,9 @@ def test_balls_that_are_not_clocked_are_one_term_or_two(pilot: lb.Campaign) -> N
     """The pilot's rule does not matter where no clocking differs, and a common turn of all tests changes nothing."""
     space = DesignSpace(LINEAR, pilot, LEVELS, BOTH)
     plain = DesignSpace(LINEAR, pilot, LEVELS)
-    turned = space.planned(LEVELS[::3], ((45.0, 90.0),))
-    assert space.value(turned) == pytest.approx(plain.value(plain.planned(LEVELS[::3])), rel=1e-9)
+    turned = grid_of_tests(space.templates, LEVELS[::3], ((45.0, 90.0),), space.radii_mm, None)
+    still = grid_of_tests(plain.templates, LEVELS[::3], ((0.0, 0.0),), plain.radii_mm, None)
+    assert space.value(turned) == pytest.approx(plain.value(still), rel=1e-9)
 
 
 def test_a_design_of_six(six: lb.Design, pilot: lb.Campaign) -> None:
@@ -392,7 +394,7 @@ def test_what_a_design_brings_is_judged_as_it_is(pilot: lb.Campaign) -> None:
     circles, short = found.others
     assert short.efficiency < circles.efficiency
     assert short.forecast.expected["C_XYX"].sd > circles.forecast.expected["C_XYX"].sd
-    with pytest.raises(InputError, match="other must be of the pilot's machine and plane, wCAFYXZSt XY, got wXYFZt XY"):
+    with pytest.raises(InputError, match="other must be of the pilot's machine wCAFYXZSt, got wXYFZt"):
         lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS, against={"other": replace(plan(), topology="wXYFZt")})
 
 
@@ -427,7 +429,7 @@ def test_the_order_in_which_to_run(six: lb.Design, pilot: lb.Campaign) -> None:
     assert [t.name for t in ordered.tests] == [t.name for t in six.plan(seed=3).tests]
     orders = {tuple(six.plan(seed=seed).forces_N) for seed in range(6)}
     assert len(orders) > 3
-    tests = grid_of_tests(pilot, LEVELS[::4], BOTH[:6], (150.0,), None)
+    tests = grid_of_tests(templates(pilot, (), (), ()), LEVELS[::4], BOTH[:6], (150.0,), None)
     run = running_order(tests, np.random.default_rng(1))
     works = [t.work_ball_deg for t in run]
     assert sum(a != b for a, b in pairwise(works)) == len(set(works)) - 1

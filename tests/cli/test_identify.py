@@ -37,7 +37,9 @@ def test_a_plan_will_do(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert set(record["degeneracies"][0]) == {"combination", "statement", "cure", "modelled"}
     assert 0.0 < record["effective_parameters"] < 13.0
     assert not record["measured"]
-    assert sorted(path.name for path in out.iterdir()) == sorted(IDENTIFY_FILES)
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        name for name in IDENTIFY_FILES if not name.split(".")[0].endswith(("_XY", "_YZ", "_ZX"))
+    )
     assert json.loads((out / "identify.json").read_text()) == record
     alias = pd.read_csv(out / "alias.csv", index_col="parameter")
     assert np.isfinite(alias.to_numpy()).all()
