@@ -237,6 +237,7 @@ class Comparison:
             "white_noise_overstates_by_nats": self.overstatement,
             "slopes": _slopes(self.slopes),
             "slope_subsets": _subsets(self.slopes),
+            "slope_subsets_possible": None if self.slopes is None else self.slopes.possible,
             "compliance_against_force": {} if self.slopes is None else {n: c.as_dict() for n, c in self.slopes.curves.items()},
             "tests": {name: test.as_dict() for name, test in self.tests.items()},
             "local_fits": self.local_fits.replace({np.nan: None}).to_dict("records"),

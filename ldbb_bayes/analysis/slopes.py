@@ -1,12 +1,13 @@
 """Which compliances vary with force? Every subset of slopes is a model; its exact evidence says how probable it is.
 
-Every compliance varies or not with probability ½ beforehand, independently of the others. C(F) is averaged over all subsets.
+Every compliance varies or not with probability ½ beforehand, independently of the others. C(F) is averaged over all subsets;
+where there are too many (several planes), over those that a search from the best to its neighbours visits first.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,7 @@ __all__ = ["Curve", "SlopeSubset", "SlopeSubsets", "averaged_curves", "count_sub
 Array = NDArray[Any]
 _DRAWS = 8000
 _POINTS = 41
+_EVERY, _SEARCHED = 729, 256
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,8 @@ class SlopeSubsets:
         Posterior probability that it varies with force; that it varies with a quadratic part (empty unless asked for).
     curves : mapping of compliance to Curve
         Averaged over the subsets.
+    possible : int
+        How many subsets there are; more than ``subsets`` where only the best were searched for.
     error : float
         Largest of the log evidences [nat].
     """
@@ -83,11 +87,14 @@ class SlopeSubsets:
     quadratic: Mapping[str, float]
     curves: Mapping[str, Curve]
     error: float
+    possible: int
 
 
 def count_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool) -> int:
     """How many models `slope_subsets` weighs."""
-    return len(_choices(model.bind(evidences.campaign), quadratic=quadratic))
+    options = _options(model.bind(evidences.campaign), quadratic=quadratic)
+    possible = int(np.prod([len(own) for own in options.values()]))
+    return possible if possible <= _EVERY else _SEARCHED
 
 
 def slope_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool, seed: int, ci_prob: float = 0.95) -> SlopeSubsets:
@@ -101,9 +108,16 @@ def slope_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool, 
         Choose linear or quadratic for every compliance apart; else a compliance that varies does so in the model's degree.
     """
     bound = model.bind(evidences.campaign)
-    choices = _choices(bound, quadratic=quadratic)
-    models = [model.fixing(*_fixed(bound, powers)) for powers in choices]
-    weighed = [evidences.of(subset) for subset in models]
+    options = _options(bound, quadratic=quadratic)
+    possible = int(np.prod([len(own) for own in options.values()]))
+
+    def of(powers: tuple[int, ...]) -> Weighed:
+        return evidences.of(model.fixing(*_fixed(bound, dict(zip(options, powers, strict=True)))))
+
+    every = itertools.product(*options.values())
+    found = {powers: of(powers) for powers in every} if possible <= _EVERY else _best_first(list(options.values()), of)
+    choices = [dict(zip(options, powers, strict=True)) for powers in found]
+    weighed = list(found.values())
     log_evidence = np.array([one.evidence.log_value for one in weighed])
     share = probabilities(log_evidence)
     powers = np.array([list(choice.values()) for choice in choices])
@@ -115,7 +129,23 @@ def slope_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool, 
         dict(zip(labels, (share @ (powers > 1)).tolist(), strict=True)) if quadratic else {},
         averaged_curves(weighed, share, np.random.default_rng(seed), ci_prob),
         max(one.evidence.error for one in weighed),
+        possible,
     )
+
+
+def _best_first(options: Sequence[Sequence[int]], of: Callable[[tuple[int, ...]], Weighed]) -> dict[tuple[int, ...], Weighed]:
+    """From no slope and from all: the neighbours (one compliance changed) of the best subset whose neighbours are not yet known,
+    until there are ``_SEARCHED``."""
+    found = {powers: of(powers) for powers in (tuple(own[0] for own in options), tuple(own[-1] for own in options))}
+    expanded: set[tuple[int, ...]] = set()
+    while len(found) < _SEARCHED and len(expanded) < len(found):
+        best = max((powers for powers in found if powers not in expanded), key=lambda powers: found[powers].evidence.log_value)
+        expanded.add(best)
+        near = ((*best[:i], power, *best[i + 1 :]) for i, own in enumerate(options) for power in own)
+        for powers in near:
+            if powers not in found and len(found) < _SEARCHED:
+                found[powers] = of(powers)
+    return found
 
 
 def averaged_curves(
@@ -148,14 +178,13 @@ def _compliances(weighed: Weighed, size: int, force_N: Array, rng: np.random.Gen
     return np.einsum("fcp,wp->wfc", rows, beta)
 
 
-def _choices(bound: BoundModel, *, quadratic: bool) -> list[dict[str, int]]:
-    """Power of force of every compliance that has slopes, in all combinations."""
+def _options(bound: BoundModel, *, quadratic: bool) -> dict[str, tuple[int, ...]]:
+    """Powers of force to choose from, of every compliance that has slopes."""
     highest: dict[str, int] = {}
     for parameter in bound.parameters:
         if parameter.group == "slope":
             highest[parameter.compliance] = max(highest.get(parameter.compliance, 0), parameter.degree)
-    options = [range(top + 1) if quadratic else (0, top) for top in highest.values()]
-    return [dict(zip(highest, powers, strict=True)) for powers in itertools.product(*options)]
+    return {name: tuple(range(top + 1)) if quadratic else (0, top) for name, top in highest.items()}
 
 
 def _fixed(bound: BoundModel, powers: Mapping[str, int]) -> list[str]:

@@ -146,6 +146,11 @@ def _slopes(comparison: Comparison) -> Iterator[str]:
     sure = joined([name for name, p in slopes.inclusion.items() if p >= _SURE])
     none = next(subset.probability for subset in slopes.subsets if not subset.varying)
     best = slopes.subsets[0]
+    if slopes.possible > len(slopes.subsets):
+        yield (
+            f"Of {slopes.possible} sets of slopes the {len(slopes.subsets)} found from the best to its neighbours are weighed: "
+            "probabilities are among these."
+        )
     yield (
         f"Slopes one by one (each {prior} beforehand): {', '.join(listed)}; beyond {_SURE:g}: "
         f"{sure or 'none'}. No slope at all has probability {none:.2g}, the likeliest set "

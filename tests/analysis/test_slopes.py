@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from campaigns import HYPER_UM, TRUTH, plan, simulated
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis import slopes
 from ldbb_bayes.analysis.evidences import Evidences, probabilities
-from ldbb_bayes.analysis.slopes import SlopeSubsets, count_subsets, slope_subsets
+from ldbb_bayes.analysis.slopes import SlopeSubsets, _best_first, count_subsets, slope_subsets
 
 FREE = ("C_XYX", "C_CCY")
 LINEAR = lb.HybridModel.default(1).fixing(*(f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY")))
@@ -92,3 +95,30 @@ def test_quadratic_on_request() -> None:
     together = slope_subsets(model, evidences, quadratic=False, seed=1)
     assert len(together.subsets) == 2
     assert together.quadratic == {}
+
+
+def test_too_many_subsets_are_searched_from_the_best() -> None:
+    """15 compliances of known, independent evidence: 256 of 32768 sets hold the best and nearly all the probability."""
+    gain = np.array([3.0, -4.0, 2.5, -3.0, -5.0, 1.5, -2.0, -6.0, -3.5, -4.5, -2.5, -3.0, 4.0, -5.5, -4.0])
+
+    def of(powers: tuple[int, ...]) -> SimpleNamespace:
+        return SimpleNamespace(evidence=SimpleNamespace(log_value=float(gain @ np.array(powers))))
+
+    found = _best_first([(0, 1)] * 15, of)  # type: ignore[arg-type]
+    assert len(found) == 256
+    assert max(found, key=lambda powers: found[powers].evidence.log_value) == tuple((gain > 0).astype(int))
+    log_total = np.log1p(np.exp(gain)).sum()
+    share = np.exp([one.evidence.log_value for one in found.values()]) / np.exp(log_total)
+    assert share.sum() > 0.9
+    inclusion = probabilities(np.array([one.evidence.log_value for one in found.values()])) @ np.array(list(found))
+    np.testing.assert_allclose(inclusion, 1.0 / (1.0 + np.exp(-gain)), atol=0.05)
+
+
+def test_the_search_visits_every_subset_of_few(
+    campaign: lb.Campaign, monkeypatch: pytest.MonkeyPatch, found: SlopeSubsets
+) -> None:
+    monkeypatch.setattr(slopes, "_EVERY", 1)
+    searched = slope_subsets(LINEAR, Evidences(campaign, tolerance=1e-2), quadratic=False, seed=1)
+    assert {s.varying for s in searched.subsets} == {s.varying for s in found.subsets}
+    assert searched.inclusion == pytest.approx(found.inclusion)
+    assert searched.possible == 4

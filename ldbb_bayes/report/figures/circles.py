@@ -51,6 +51,7 @@ def traces(posterior: xr.DataTree) -> Figure:
     width = 5.74 / figure.get_figwidth()
     colours = force_colours(bound.setting.force_N.tolist())
     several = len(bound.setting.both_ways) > 0
+    lines: dict[str, Any] = {}
     for k, plane in enumerate(planes):
         axes = figure.add_axes((0.57 / figure.get_figwidth() + k * 1.115 * width, 0.05, width, 0.82), projection="polar")
         if not isinstance(axes, PolarAxes):
@@ -78,7 +79,8 @@ def traces(posterior: xr.DataTree) -> Figure:
             f"rings every {step:g} µm, radial magnification {magnification:.0f} : 1",
             pad=22,
         )
-    axes.legend(loc="center left", bbox_to_anchor=(1.06, 0.5))
+        lines |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    axes.legend(lines.values(), lines.keys(), loc="center left", bbox_to_anchor=(1.06, 0.5))
     return figure
 
 

@@ -143,7 +143,7 @@ def _sd_labels(axes: Axes, rows: Array, identifiability: Identifiability) -> Non
 
 def _edges(names: list[str], own: list[str]) -> list[int]:
     """Where one block of parameters ends and the next begins."""
-    kinds = [("slope" if name.count("_") == 2 else name[0]) if name in own else "nuisance" for name in names]
+    kinds = [("slope" if name[0] == "C" and name.count("_") == 2 else name[0]) if name in own else "nuisance" for name in names]
     return [i for i in range(1, len(kinds)) if kinds[i] != kinds[i - 1]]
 
 

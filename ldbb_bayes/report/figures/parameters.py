@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,7 +22,9 @@ from ldbb_bayes.units import display_name, display_unit
 __all__ = ["compliance_against_force", "corner", "forest"]
 
 Array = NDArray[Any]
-_CORNER = ("C_XXX", "C_YYY", "C_CCY", "E_XX1", "E_YY1", "E_C0YX")
+# Direct compliances, rotations for moments, scale gains, squareness.
+_CORNER = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
+_MOST = 8
 
 
 @styled
@@ -108,7 +111,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     group = posterior["posterior"]
     if names is None:
         fallback = list(record_of(posterior)["model"]["groups"])
-        names = [name for name in _CORNER if name in group.data_vars] or fallback[:6]
+        names = [name for kind in _CORNER for name in fallback if re.fullmatch(kind, name)][:_MOST] or fallback[:6]
     check_known("parameter", names, [str(name) for name in group.data_vars])
     columns, labels = [], []
     for name in names:
