@@ -41,7 +41,7 @@ def test_python_runs(root: Path, desk: Path) -> None:
 
 
 def test_truths_run(root: Path, tmp_path: Path) -> None:
-    (block,) = re.findall(r"```toml\n(.*?)```", text(root), re.S)
+    (block,) = [own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[hyper_um]" in own]
     (tmp_path / "truths.toml").write_text(block)
     arguments = [sys.executable, "-m", "ldbb_bayes", "simulate", "truths.toml", "--out", "c"]
     assert subprocess.run(arguments, cwd=tmp_path, capture_output=True, check=False).returncode == 0
@@ -57,6 +57,17 @@ def test_the_tidy_example_is_understood(root: Path, tmp_path: Path) -> None:
     campaign = ldbb_bayes.read_campaign(tmp_path / "readings.csv")
     assert campaign.forces_N.tolist() == [36.0, 742.0]
     assert campaign.tests[0].reading_um[:2].tolist() == [-12.31, -12.30]
+
+
+def test_a_campaign_of_another_machine_reads(root: Path, tmp_path: Path) -> None:
+    (block,) = [own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[[test]]" in own]
+    (tmp_path / "campaign.toml").write_text(block)
+    (tmp_path / "yz_400.csv").write_text("angle_deg,reading_um\n" + "\n".join(f"{3 * i},{0.1 * i}" for i in range(120)))
+    campaign = ldbb_bayes.read_campaign(tmp_path)
+    (test,) = campaign.tests
+    assert (test.plane, test.setup, test.direction, test.circle.centre_mm) == ("YZ", 2, "CCW", (120.0, 0.0, 0.0))
+    assert (test.radius_mm, test.time_s, test.temperature_C) == (100.0, 5400.0, 20.3)
+    assert campaign.machine().frames_mm["Y"] == (0.0, -200.0, 350.0)
 
 
 def test_commands_and_options_exist(root: Path) -> None:
