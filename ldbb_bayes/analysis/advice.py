@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ldbb_bayes.analysis.places import ALWAYS, place_words
-from ldbb_bayes.model.degeneracies import joined
+from ldbb_bayes.model.wording import joined
 from ldbb_bayes.units import display_name, display_unit
 
 if TYPE_CHECKING:

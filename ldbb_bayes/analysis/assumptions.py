@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ldbb_bayes.analysis.evidences import Evidences
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.evidence import log_bayes_factor
+from ldbb_bayes.model.columns import Nuisance
 from ldbb_bayes.model.hybrid import NUISANCES, HybridModel
-from ldbb_bayes.model.terms import Covariate, Discrepancy, Drift, Nuisance, SetupShift
+from ldbb_bayes.model.terms import Covariate, Discrepancy, Drift, SetupShift
 
 __all__ = [
     "SLOPE_SCALES",

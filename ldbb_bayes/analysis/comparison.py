@@ -39,8 +39,8 @@ from ldbb_bayes.inference.origin import campaign_of, model_of
 from ldbb_bayes.inference.predictive import FitQuality, fit_quality
 from ldbb_bayes.inference.savage_dickey import savage_dickey
 from ldbb_bayes.inference.summary import check_probability
-from ldbb_bayes.model.degeneracies import joined
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.wording import joined
 
 __all__ = ["compare"]
 

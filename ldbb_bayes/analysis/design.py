@@ -24,9 +24,10 @@ from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.campaign.circular_test import CircularTest, Direction
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.cures import cures
-from ldbb_bayes.model.degeneracies import degeneracies, joined
+from ldbb_bayes.model.degeneracies import degeneracies
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.model.wording import joined
 from ldbb_bayes.units import display_name
 
 __all__ = ["design"]

@@ -13,9 +13,9 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.evidence import Evidence, check_comparable, evidence_on
 from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.model.columns import Hyper
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.spec import model_to_toml
-from ldbb_bayes.model.terms import Hyper
 
 __all__ = ["Evidences", "Weighed", "probabilities"]
 

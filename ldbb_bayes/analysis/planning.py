@@ -18,7 +18,7 @@ from ldbb_bayes.analysis.search import Found
 from ldbb_bayes.analysis.space import DesignSpace
 from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.degeneracies import joined
+from ldbb_bayes.model.wording import joined
 from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["Needed", "trade_off"]

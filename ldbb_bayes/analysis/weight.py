@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldbb_bayes.analysis.assumptions import WHITE_NOISE, Assumed
-from ldbb_bayes.model.degeneracies import joined
+from ldbb_bayes.model.wording import joined
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.compared import Comparison

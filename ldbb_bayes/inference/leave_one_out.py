@@ -20,7 +20,7 @@ from ldbb_bayes.inference.posterior import psis_loo
 from ldbb_bayes.inference.predictive import own_nuisances
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.terms import Columns
+from ldbb_bayes.model.columns import Columns
 
 __all__ = ["LeftOut", "harmonics_of", "leave_one_out", "pareto_smoothed", "replicate_left_out"]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.origin import record_of
 from ldbb_bayes.inference.posterior import diagnose
-from ldbb_bayes.model.terms import HYPERS
+from ldbb_bayes.model.columns import HYPERS
 
 __all__ = ["check_probability", "result_json", "summarize"]
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.model.basis import SIZE
+from ldbb_bayes.model.columns import BasisNoise, Columns, Hyper
 from ldbb_bayes.model.reduction import Reduced
-from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper
 
 __all__ = ["Block", "Rows", "arrange", "split"]
 

@@ -20,6 +20,7 @@ from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.kept import kept_compliances
 from ldbb_bayes.machine.names import ComplianceName, GeometricName
 from ldbb_bayes.model.basis import SIZE
+from ldbb_bayes.model.columns import BasisNoise, Columns
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import HybridModel
@@ -28,7 +29,7 @@ from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
 from ldbb_bayes.model.reduction import Reduced, reduce_readings
 from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
 from ldbb_bayes.model.structured import StructuredGaussian
-from ldbb_bayes.model.terms import BasisNoise, Columns, Compliance, GeometricErrors
+from ldbb_bayes.model.terms import Compliance, GeometricErrors
 
 __all__ = ["BoundModel", "Parameter"]
 

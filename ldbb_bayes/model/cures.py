@@ -12,7 +12,8 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest, Direction
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.degeneracies import Degeneracy, degeneracies, joined
+from ldbb_bayes.model.degeneracies import Degeneracy, degeneracies
+from ldbb_bayes.model.wording import joined
 
 __all__ = ["cures"]
 

@@ -8,7 +8,6 @@ imitate it.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,21 +17,31 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.model.basis import basis
 from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.columns import HYPERS, Columns
 from ldbb_bayes.model.hybrid import NUISANCES
 from ldbb_bayes.model.nullspace import NullSpace
-from ldbb_bayes.model.terms import HYPERS, Columns, Drift
+from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.model.wording import (
+    amount_words,
+    change_words,
+    joined,
+    natural_amount,
+    nuisance_words,
+    pattern,
+    signed,
+    term_words,
+    three,
+)
 from ldbb_bayes.units import display_name, display_unit
 
-__all__ = ["Degeneracy", "degeneracies", "joined", "sentences", "standing_degeneracies"]
+__all__ = ["Degeneracy", "degeneracies", "sentences", "standing_degeneracies"]
 
 Array = NDArray[Any]
 _ANGLES = 240
 _NEGLIGIBLE = 0.02
 _COMPANY = 3
 _HIDDEN = 1e-3
-_SMALL = 0.01
 _MICROMETRE = 1e-3
-_NATURAL: Mapping[str, tuple[float, str]] = {"ForceError": (0.01, "1 % of force gain")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +85,11 @@ class Degeneracy:
         changes = {name: self.combination[name] for name in self.parameters}
         if self.term:
             amount = self.combination[self.nuisances[0]]
-            subject = _amount_words(self.term, self.nuisances[0], amount) + self._company()
-            looks = joined([_change_words(name, -change, self.units[name]) for name, change in changes.items()])
+            subject = amount_words(self.term, self.nuisances[0], amount) + self._company()
+            looks = joined([change_words(name, -change, self.units[name]) for name, change in changes.items()])
             verb, said = "looks exactly like", looks + self._difference({name: -change for name, change in changes.items()})
         else:
-            subject = joined([_change_words(name, change, self.units[name]) for name, change in changes.items()])
+            subject = joined([change_words(name, change, self.units[name]) for name, change in changes.items()])
             verb, said = "together change", "no reading"
         left_out = "" if self.modelled else "; the model leaves it out, and the intervals do not cover it"
         return f"{subject} {verb} {said}{left_out}."
@@ -91,7 +100,7 @@ class Degeneracy:
         if len(others) > _COMPANY:
             return f" in company with {len(others)} other nuisances"
         amounts = [
-            f"{_signed(self.combination[name] / self.combination[lead])} times as much {_nuisance_words(name)}" for name in others
+            f"{signed(self.combination[name] / self.combination[lead])} times as much {nuisance_words(name)}" for name in others
         ]
         return f" with {joined(amounts)}" if amounts else ""
 
@@ -103,7 +112,7 @@ class Degeneracy:
         if self.units[first] != self.units[second] or not abs(a + b) < 1e-6 * abs(a):
             return ""
         factor, unit = display_unit(self.units[first])
-        return f" ({_three(abs(a - b) * factor)} {unit} of {display_name(first)} − {display_name(second)})"
+        return f" ({three(abs(a - b) * factor)} {unit} of {display_name(first)} − {display_name(second)})"
 
 
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
@@ -125,7 +134,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         term = owners[others[0]] if others else ""
         change = vector * sd
         lead = others[0] if others else own[0]
-        amount = _natural_amount(term, values[:, :, lead]) if others else change[lead]
+        amount = natural_amount(term, values[:, :, lead]) if others else change[lead]
         change *= amount / change[lead]
         found.append(
             Degeneracy(
@@ -155,11 +164,11 @@ def sentences(found: Sequence[Degeneracy]) -> tuple[str, ...]:
             continue
         alike: dict[tuple[str, ...], list[str]] = {}
         for member in members:
-            alike.setdefault(member.parameters, []).append(_pattern(member.nuisances[0]))
+            alike.setdefault(member.parameters, []).append(pattern(member.nuisances[0]))
         parts = [f"like {joined([display_name(n) for n in names])}{', '.join(p)}" for names, p in alike.items()]
         left_out = "" if members[0].modelled else " The model leaves it out: the intervals do not cover it."
         said.append(
-            f"{_term_words(term).capitalize()} looks exactly {'; '.join(parts)}: these readings cannot tell them apart."
+            f"{term_words(term).capitalize()} looks exactly {'; '.join(parts)}: these readings cannot tell them apart."
             f"{left_out} {_CURES_IN_SHORT[term]}"
         )
     return tuple(said)
@@ -248,82 +257,3 @@ def _effects(bound: BoundModel, values: Array) -> Array:
             angle = angle[np.linspace(0, len(angle) - 1, _ANGLES).astype(int)]
         rows.append(basis(angle) @ values[r])
     return np.concatenate(rows)
-
-
-def _natural_amount(term: str, values: Array) -> float:
-    """One micrometre of the nuisance, or what is natural for it."""
-    return _NATURAL[term][0] if term in _NATURAL else _MICROMETRE
-
-
-def _term_words(term: str) -> str:
-    """BallForm → ball form."""
-    return re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
-
-
-_FORM = re.compile(r"(work_|tool_)?form(?:_(XY|YZ|ZX))?_(cos|sin)(\d+)")
-_TRAVEL = re.compile(r"hysteresis(_force)?(?:_(XY|YZ|ZX))?_(?:(cos|sin)(\d+)|0)")
-_LENGTH = re.compile(r"bar_length(?:_([\d.]+))?")
-_BALL = {"work_": "the work ball", "tool_": "the tool ball"}
-
-
-def _pattern(name: str) -> str:
-    """form_cos2 →  in cos 2θ; empty where the term has a single column."""
-    form, travel = _FORM.fullmatch(name), _TRAVEL.fullmatch(name)
-    if form:
-        ball = f" of {_BALL[form[1]]}" if form[1] else ""
-        return f" in {form[3]} {form[4]}θ{ball}{_in_plane(form[2])}"
-    if travel:
-        pattern = f"{travel[3]} {travel[4]}θ" if travel[3] else "order 0"
-        return f" in {pattern}{' times force' if travel[1] else ''}{_in_plane(travel[2])}"
-    return ""
-
-
-def _in_plane(plane: str | None) -> str:
-    return f" in plane {plane}" if plane else ""
-
-
-def _nuisance_words(name: str) -> str:
-    form, travel, length = (pattern.fullmatch(name) for pattern in (_FORM, _TRAVEL, _LENGTH))
-    if form:
-        ball = f"{_BALL[form[1]]}'s " if form[1] else ""
-        return f"{ball}{form[4]}-lobe form ({form[3]} {form[4]}θ{_in_plane(form[2])})"
-    if travel:
-        pattern = f"{travel[3]} {travel[4]}θ" if travel[3] else "order 0"
-        return f"hysteresis{' in proportion to force' if travel[1] else ''} ({pattern}{_in_plane(travel[2])})"
-    if length:
-        return "bar length" + (f" at R = {length[1]} mm" if length[1] else "")
-    if name.startswith("drift_"):
-        what = name.removeprefix("drift_")
-        return "drift of the bar's length" if what == "length" else f"drift of the centre along {what}"
-    return {"mount": "mount deflection", "force_gain": "force gain"}.get(name, name)
-
-
-def _amount_words(term: str, name: str, amount: float) -> str:
-    if term in _NATURAL:
-        return _NATURAL[term][1]
-    return f"{_three(amount / _MICROMETRE)} {'µm/bar' if term == 'Mount' else 'µm'} of {_nuisance_words(name)}"
-
-
-def _change_words(name: str, change: float, unit: str) -> str:
-    factor, label = display_unit(unit)
-    value = abs(change) * factor
-    if value < _SMALL and label.startswith("µ"):
-        value, label = value * 1e3, "n" + label[1:]
-    return f"{'+' if change > 0 else '−'}{_three(value)} {label} of {display_name(name)}"
-
-
-def _signed(ratio: float) -> str:
-    return f"{ratio:.2g}".replace("-", "−")
-
-
-def _three(value: float) -> str:
-    """Three significant digits without an exponent."""
-    if value == 0.0 or not np.isfinite(value):
-        return f"{value:g}"
-    decimals = max(2 - int(np.floor(np.log10(abs(float(f"{value:.2e}"))))), 0)
-    return f"{value:.{decimals}f}" if decimals <= 6 else f"{value:.2e}"
-
-
-def joined(parts: Sequence[str], word: str = "and") -> str:
-    """a, b and c."""
-    return f" {word} ".join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"

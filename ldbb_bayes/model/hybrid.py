@@ -13,9 +13,9 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.model.columns import HYPERS, Hyper, Nuisance
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import (
-    HYPERS,
     BallForm,
     BarLength,
     Compliance,
@@ -23,10 +23,8 @@ from ldbb_bayes.model.terms import (
     Drift,
     ForceError,
     GeometricErrors,
-    Hyper,
     Hysteresis,
     Mount,
-    Nuisance,
     SetupShift,
 )
 from ldbb_bayes.notebook import table_html

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.terms import BasisNoise
+from ldbb_bayes.model.columns import BasisNoise
 
 __all__ = ["NOISE", "OWN", "Information", "information_of"]
 

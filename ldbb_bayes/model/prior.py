@@ -13,7 +13,7 @@ from scipy.special import erfc, erfcinv
 
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.names import ComplianceName, GeometricKind, GeometricName
-from ldbb_bayes.model.terms import HYPERS, Hyper
+from ldbb_bayes.model.columns import HYPERS, Hyper
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "geometric_unit"]
 

@@ -16,9 +16,9 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.model.basis import SIZE, basis
 from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.columns import BasisNoise, Columns
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.linearisation import linearisation_error_mm
-from ldbb_bayes.model.terms import BasisNoise, Columns
 from ldbb_bayes.notebook import table_html
 
 __all__ = ["Simulation", "draw_parameters", "simulate"]

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.model.arrangement import Block, arrange, split
 from ldbb_bayes.model.basis import SIZE
+from ldbb_bayes.model.columns import BasisNoise, Columns, Hyper
 from ldbb_bayes.model.memory import keep_freed_memory
 from ldbb_bayes.model.reduction import Reduced
-from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper
 from ldbb_bayes.model.triangular import factor_and_solve, solve_lower, solve_upper
 
 __all__ = ["Conditional", "StructuredGaussian"]

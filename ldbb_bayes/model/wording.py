@@ -1,0 +1,108 @@
+"""Nuisance coefficients and changes of parameters in words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.units import display_name, display_unit
+
+__all__ = [
+    "amount_words",
+    "change_words",
+    "joined",
+    "natural_amount",
+    "nuisance_words",
+    "pattern",
+    "signed",
+    "term_words",
+    "three",
+]
+
+Array = NDArray[Any]
+_SMALL = 0.01
+_MICROMETRE = 1e-3
+_NATURAL: Mapping[str, tuple[float, str]] = {"ForceError": (0.01, "1 % of force gain")}
+
+
+def natural_amount(term: str, values: Array) -> float:
+    """One micrometre of the nuisance, or what is natural for it."""
+    return _NATURAL[term][0] if term in _NATURAL else _MICROMETRE
+
+
+def term_words(term: str) -> str:
+    """BallForm → ball form."""
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
+
+
+_FORM = re.compile(r"(work_|tool_)?form(?:_(XY|YZ|ZX))?_(cos|sin)(\d+)")
+_TRAVEL = re.compile(r"hysteresis(_force)?(?:_(XY|YZ|ZX))?_(?:(cos|sin)(\d+)|0)")
+_LENGTH = re.compile(r"bar_length(?:_([\d.]+))?")
+_BALL = {"work_": "the work ball", "tool_": "the tool ball"}
+
+
+def pattern(name: str) -> str:
+    """form_cos2 →  in cos 2θ; empty where the term has a single column."""
+    form, travel = _FORM.fullmatch(name), _TRAVEL.fullmatch(name)
+    if form:
+        ball = f" of {_BALL[form[1]]}" if form[1] else ""
+        return f" in {form[3]} {form[4]}θ{ball}{_in_plane(form[2])}"
+    if travel:
+        pattern = f"{travel[3]} {travel[4]}θ" if travel[3] else "order 0"
+        return f" in {pattern}{' times force' if travel[1] else ''}{_in_plane(travel[2])}"
+    return ""
+
+
+def _in_plane(plane: str | None) -> str:
+    return f" in plane {plane}" if plane else ""
+
+
+def nuisance_words(name: str) -> str:
+    form, travel, length = (pattern.fullmatch(name) for pattern in (_FORM, _TRAVEL, _LENGTH))
+    if form:
+        ball = f"{_BALL[form[1]]}'s " if form[1] else ""
+        return f"{ball}{form[4]}-lobe form ({form[3]} {form[4]}θ{_in_plane(form[2])})"
+    if travel:
+        pattern = f"{travel[3]} {travel[4]}θ" if travel[3] else "order 0"
+        return f"hysteresis{' in proportion to force' if travel[1] else ''} ({pattern}{_in_plane(travel[2])})"
+    if length:
+        return "bar length" + (f" at R = {length[1]} mm" if length[1] else "")
+    if name.startswith("drift_"):
+        what = name.removeprefix("drift_")
+        return "drift of the bar's length" if what == "length" else f"drift of the centre along {what}"
+    return {"mount": "mount deflection", "force_gain": "force gain"}.get(name, name)
+
+
+def amount_words(term: str, name: str, amount: float) -> str:
+    if term in _NATURAL:
+        return _NATURAL[term][1]
+    return f"{three(amount / _MICROMETRE)} {'µm/bar' if term == 'Mount' else 'µm'} of {nuisance_words(name)}"
+
+
+def change_words(name: str, change: float, unit: str) -> str:
+    factor, label = display_unit(unit)
+    value = abs(change) * factor
+    if value < _SMALL and label.startswith("µ"):
+        value, label = value * 1e3, "n" + label[1:]
+    return f"{'+' if change > 0 else '−'}{three(value)} {label} of {display_name(name)}"
+
+
+def signed(ratio: float) -> str:
+    return f"{ratio:.2g}".replace("-", "−")
+
+
+def three(value: float) -> str:
+    """Three significant digits without an exponent."""
+    if value == 0.0 or not np.isfinite(value):
+        return f"{value:g}"
+    decimals = max(2 - int(np.floor(np.log10(abs(float(f"{value:.2e}"))))), 0)
+    return f"{value:.{decimals}f}" if decimals <= 6 else f"{value:.2e}"
+
+
+def joined(parts: Sequence[str], word: str = "and") -> str:
+    """a, b and c."""
+    return f" {word} ".join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
