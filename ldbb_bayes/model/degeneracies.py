@@ -134,7 +134,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         term = owners[others[0]] if others else ""
         change = vector * sd
         lead = others[0] if others else own[0]
-        amount = natural_amount(term, values[:, :, lead]) if others else change[lead]
+        amount = natural_amount(term) if others else change[lead]
         change *= amount / change[lead]
         found.append(
             Degeneracy(

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.units import display_name, display_unit
 
@@ -23,13 +21,12 @@ __all__ = [
     "three",
 ]
 
-Array = NDArray[Any]
 _SMALL = 0.01
 _MICROMETRE = 1e-3
 _NATURAL: Mapping[str, tuple[float, str]] = {"ForceError": (0.01, "1 % of force gain")}
 
 
-def natural_amount(term: str, values: Array) -> float:
+def natural_amount(term: str) -> float:
     """One micrometre of the nuisance, or what is natural for it."""
     return _NATURAL[term][0] if term in _NATURAL else _MICROMETRE
 
@@ -62,6 +59,7 @@ def _in_plane(plane: str | None) -> str:
 
 
 def nuisance_words(name: str) -> str:
+    """form_cos2 → 2-lobe form (cos 2θ)."""
     form, travel, length = (pattern.fullmatch(name) for pattern in (_FORM, _TRAVEL, _LENGTH))
     if form:
         ball = f"{_BALL[form[1]]}'s " if form[1] else ""
@@ -78,12 +76,14 @@ def nuisance_words(name: str) -> str:
 
 
 def amount_words(term: str, name: str, amount: float) -> str:
+    """1.00 µm of bar length; 1 % of force gain."""
     if term in _NATURAL:
         return _NATURAL[term][1]
     return f"{three(amount / _MICROMETRE)} {'µm/bar' if term == 'Mount' else 'µm'} of {nuisance_words(name)}"
 
 
 def change_words(name: str, change: float, unit: str) -> str:
+    """+6.67 µm/m of E_XX1."""
     factor, label = display_unit(unit)
     value = abs(change) * factor
     if value < _SMALL and label.startswith("µ"):
@@ -92,6 +92,7 @@ def change_words(name: str, change: float, unit: str) -> str:
 
 
 def signed(ratio: float) -> str:
+    """Two significant digits."""
     return f"{ratio:.2g}".replace("-", "−")
 
 
