@@ -33,6 +33,8 @@ class Seen:
         Inside unit.
     pattern : mapping of plane to str
         Change of the reading per unit (per unit and N for a compliance); c = cos θ, s = sin θ, lengths in mm.
+    not_negative : bool
+        Whether it cannot be negative, whatever the joints are; the prior's truncation is about these.
     members : mapping of name to float
         What the parameter stands for: the sum of these times their weights. Empty where it stands for itself.
     """
@@ -41,6 +43,7 @@ class Seen:
     unit: str
     meaning: str
     pattern: Mapping[str, str]
+    not_negative: bool
     members: Mapping[str, float]
 
 
@@ -116,7 +119,7 @@ def _compliance(machine: Machine, circles: Mapping[str, Circle], kept: Kept, k: 
 
     pattern = {plane: pattern_of(partial(column, circle), 2) for plane, circle in circles.items()}
     members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) if len(kept.sets[k]) > 1 else {}
-    return Seen(name.label, compliance_unit(name), name.meaning, _in_order(machine, pattern), members)
+    return Seen(name.label, compliance_unit(name), name.meaning, _in_order(machine, pattern), kept.not_negative[k], members)
 
 
 def _geometric(machine: Machine, circles: Mapping[str, Circle], k: int) -> Seen:
@@ -126,7 +129,7 @@ def _geometric(machine: Machine, circles: Mapping[str, Circle], k: int) -> Seen:
         return geometric_jacobian(machine, replace(circle, radius_mm=radius_mm), angle_rad)[:, k]
 
     pattern = {plane: pattern_of(partial(column, circle), 1) for plane, circle in circles.items()}
-    return Seen(name.label, geometric_unit(name.kind), name.meaning, _in_order(machine, pattern), {})
+    return Seen(name.label, geometric_unit(name.kind), name.meaning, _in_order(machine, pattern), False, {})
 
 
 def _in_order(machine: Machine, pattern: Mapping[str, str]) -> dict[str, str]:

@@ -22,6 +22,7 @@ Array = NDArray[Any]
 _ANGLES = 64
 _PARALLEL = 1e-10
 _TINY = 1e-10
+_TINY_WEIGHT = 1e-7
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,9 @@ class Kept:
     weights : tuple of tuples of float
         Of each member: its pattern in units of the representative's; all one for the paper's machine [mm or mm² per rotation
         that it has more].
+    not_negative : tuple of bool
+        Whether it cannot be negative: as a deflection under the load itself, whatever the joints' (positive semi-definite)
+        compliance matrices are.
     null : tuple of str
         Compliances that never change a reading.
     dependent : tuple of str
@@ -50,6 +54,7 @@ class Kept:
     names: tuple[ComplianceName, ...]
     sets: tuple[tuple[str, ...], ...]
     weights: tuple[tuple[float, ...], ...]
+    not_negative: tuple[bool, ...]
     null: tuple[str, ...]
     dependent: tuple[str, ...]
     rank: int
@@ -98,11 +103,37 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
         names=tuple(names[i] for i in chosen),
         sets=tuple(tuple(names[j].label for j in by_head[i]) for i in chosen),
         weights=tuple(tuple(_multiple(jacobian[:, j], jacobian[:, i]) for j in by_head[i]) for i in chosen),
+        not_negative=_not_negative(names, jacobian, chosen),
         null=tuple(name.label for i, name in enumerate(names) if i not in live),
         dependent=tuple(names[i].label for i in dropped),
         rank=int(np.linalg.matrix_rank(unit[:, live], tol=_TINY * np.sqrt(len(live)))),
         condition_number=float(singular[0] / singular[-1]),
     )
+
+
+def _not_negative(names: Sequence[ComplianceName], jacobian: Array, chosen: Sequence[int]) -> tuple[bool, ...]:
+    """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those kept: it cannot be negative
+    for positive semi-definite C_k if and only if every A_k is positive semi-definite."""
+    scale = np.abs(jacobian[:, chosen]).max(axis=0)
+    coefficients = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0] / scale[:, None]
+    six = LINEAR + ROTARY
+    lengths = np.sqrt([np.abs(jacobian[:, i]).max() if name.twist == name.wrench else 1.0 for i, name in enumerate(names)])
+    found = []
+    for row in coefficients:
+        joints: dict[str, Array] = {}
+        unit = dict.fromkeys(six, 1.0)
+        for name, length in zip(names, lengths, strict=True):
+            if name.twist == name.wrench:
+                unit[name.twist] = max(unit[name.twist], float(length))
+        for name, value in zip(names, row, strict=True):
+            matrix = joints.setdefault(name.joint, np.zeros((6, 6)))
+            i, j = six.index(name.twist), six.index(name.wrench)
+            weight = 0.5 * value / (unit[name.twist] * unit[name.wrench])
+            matrix[i, j] += weight
+            matrix[j, i] += weight
+        largest = max(np.abs(matrix).max() for matrix in joints.values())
+        found.append(all(np.linalg.eigvalsh(matrix).min() > -_TINY_WEIGHT * largest for matrix in joints.values()))
+    return tuple(found)
 
 
 def _multiple(column: Array, of: Array) -> float:

@@ -89,9 +89,9 @@ class BoundModel:
     ) -> None:
         _check(model, campaign if pilot is None else pilot)
         self.model, self.campaign, self.pilot = model, campaign, pilot
-        self.compliances: tuple[ComplianceName, ...] = kept_compliances(
-            campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope)
-        ).names
+        kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
+        self.compliances: tuple[ComplianceName, ...] = kept.names
+        self._not_negative = kept.not_negative
         self.geometric_errors: tuple[GeometricName, ...] = geometric_errors_of(campaign)
         reduced = _reduced(campaign)
         whole = setting_of(campaign, self.compliances, model.reference_force_N, pilot=pilot)
@@ -305,7 +305,7 @@ class BoundModel:
             forces = forces[:1]
         elif self.model.degree == 1:
             forces = forces[[0, -1]]
-        bounded = [j for j, name in enumerate(self.compliances) if name.kind in ("direct", "rotation_for_moment")]
+        bounded = np.flatnonzero(self._not_negative).tolist()
         at = [self.compliance_at(force, reference_force_N=reference_force_N) for force in forces]
         self._check_room(bounded, at, reference_force_N)
         rows = [tuple(rows[j]) for j in bounded for rows in at]

@@ -28,10 +28,11 @@ def machine_lines(found: DescribedMachine) -> list[str]:
     ]
     if found.null:
         said.append(f"Never seen: {', '.join(found.null)}.")
+    bounded = [display_name(entry.name) for entry in found.compliances if entry.not_negative]
+    said.append(f"Cannot be negative: {', '.join(bounded) or 'none'}.")
     if found.dependent:
         said.append(
-            f"Combinations of several of those above, left out: {', '.join(found.dependent)}. What they are goes into the "
-            "others: a sum that holds them can be negative."
+            f"Combinations of several of those above, left out: {', '.join(found.dependent)}. What they are goes into the others."
         )
     return said
 

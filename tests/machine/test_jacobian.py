@@ -182,3 +182,48 @@ def test_three_planes_keep_what_their_planes_keep() -> None:
     alone = [[n.label for n in kept_compliances(Machine("wCAFYXZSt", plane)).names] for plane in ("XY", "YZ", "ZX")]
     assert set(kept) == {label for labels in alone for label in labels}
     assert kept[:6] == ["C_XXX", "C_XYX", "C_XZX", "C_YYY", "C_YZY", "C_ZZZ"]
+
+
+@pytest.mark.parametrize(
+    ("machine", "circles", "unbounded"),
+    [
+        (Machine(), (Circle(),), set()),
+        (Machine("wCAFYXZSt", ("XY", "YZ", "ZX")), (), set()),
+        (Machine("wYXFZt", "XY", {"X": (0.0, -200.0, 350.0)}), (Circle(150.0, (10.0, 20.0, 0.0)),), set()),
+        (Machine(), (Circle(150.0, (0.0, 0.0, 0.0)), Circle(150.0, (0.0, 0.0, 300.0))), set()),
+        (Machine(), (Circle(150.0, (0.0, 0.0, 100.0)), Circle(150.0, (0.0, 0.0, 300.0))), {"C_XXX", "C_YYY"}),
+        (Machine("wXFYZt"), (Circle(150.0, (300.0, 200.0, 0.0)), Circle(150.0, (-300.0, 200.0, 0.0))), {"C_XXX"}),
+    ],
+)
+def test_what_cannot_be_negative(machine: Machine, circles: tuple[Circle, ...], unbounded: set[str]) -> None:
+    """Joints with random positive semi-definite compliance matrices: the kept parameters that readings then have are never
+    negative where the machine says so, and sometimes are for the others, though they are a translation along its force.
+
+    Two heights of 100 and 300 mm cannot tell h² of C_AAY from −30000 + 400 h: C_YYY is then known less 30000 mm² of it.
+    """
+    circles = circles or tuple(Circle(plane=plane) for plane in machine.planes)
+    kept = kept_compliances(machine, *circles)
+    names = joint_names(machine)
+    every = np.concatenate([compliance_jacobian(machine, circle, ANGLE, names) for circle in circles])
+    own = np.concatenate([compliance_jacobian(machine, circle, ANGLE, kept.names) for circle in circles])
+    scale = np.abs(own).max(axis=0)
+    rng = np.random.default_rng(5)
+    lowest = np.full(len(kept.names), np.inf)
+    for _ in range(300):
+        value = np.zeros(len(names))
+        for joint in machine.joints:
+            rotary = 10.0 ** rng.uniform(-4.0, -1.0)
+            root = rng.standard_normal((6, rng.integers(1, 7))) * np.repeat([1.0, rotary], 3)[:, None]
+            matrix = root @ root.T
+            for k, name in enumerate(names):
+                if name.joint == joint.axis:
+                    value[k] = matrix["XYZABC".index(name.twist), "XYZABC".index(name.wrench)]
+        found = np.linalg.lstsq(own / scale, every @ value, rcond=None)[0]
+        lowest = np.minimum(lowest, found / np.abs(found).max())
+    by_name = dict(zip([name.label for name in kept.names], zip(lowest, kept.not_negative, strict=True), strict=True))
+    for label, (low, bounded) in by_name.items():
+        assert not bounded or low > -1e-7, label
+        if not bounded:
+            assert low < -1e-6, label
+    diagonal = {name.label for name in kept.names if name.twist == name.wrench}
+    assert {label for label in diagonal if not by_name[label][1]} == unbounded
