@@ -25,7 +25,7 @@ __all__ = ["Curve", "SlopeSubset", "SlopeSubsets", "averaged_curves", "count_sub
 Array = NDArray[Any]
 _DRAWS = 8000
 _POINTS = 41
-_EVERY, _SEARCHED = 729, 256
+_EVERY, _SEARCHED = 729, 100
 
 
 @dataclass(frozen=True)

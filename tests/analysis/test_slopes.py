@@ -98,18 +98,18 @@ def test_quadratic_on_request() -> None:
 
 
 def test_too_many_subsets_are_searched_from_the_best() -> None:
-    """15 compliances of known, independent evidence: 256 of 32768 sets hold the best and nearly all the probability."""
+    """15 compliances of known, independent evidence: 100 of 32768 sets hold the best and most of the probability."""
     gain = np.array([3.0, -4.0, 2.5, -3.0, -5.0, 1.5, -2.0, -6.0, -3.5, -4.5, -2.5, -3.0, 4.0, -5.5, -4.0])
 
     def of(powers: tuple[int, ...]) -> SimpleNamespace:
         return SimpleNamespace(evidence=SimpleNamespace(log_value=float(gain @ np.array(powers))))
 
     found = _best_first([(0, 1)] * 15, of)  # type: ignore[arg-type]
-    assert len(found) == 256
+    assert len(found) == 100
     assert max(found, key=lambda powers: found[powers].evidence.log_value) == tuple((gain > 0).astype(int))
     log_total = np.log1p(np.exp(gain)).sum()
     share = np.exp([one.evidence.log_value for one in found.values()]) / np.exp(log_total)
-    assert share.sum() > 0.9
+    assert share.sum() > 0.8
     inclusion = probabilities(np.array([one.evidence.log_value for one in found.values()])) @ np.array(list(found))
     np.testing.assert_allclose(inclusion, 1.0 / (1.0 + np.exp(-gain)), atol=0.05)
 
