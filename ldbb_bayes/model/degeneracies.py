@@ -2,8 +2,8 @@
 
 Columns are all parameters of interest and all shared nuisances, modelled or not, without priors. A combination is degenerate
 when one prior sd along it changes no reading by more than a tenth of the readout's resolution, and by no more than a twentieth
-of what its first coefficient does. The null space is brought to a sparse form: one nuisance each, and the parameters that
-imitate it.
+of what the nuisance it begins with does, or, of parameters among themselves, the one that does most. The null space is brought
+to a sparse form: one nuisance each, and the parameters that imitate it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ldbb_bayes.model.basis import basis
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.columns import HYPERS, Columns
 from ldbb_bayes.model.hybrid import NUISANCES
-from ldbb_bayes.model.nullspace import NullSpace
+from ldbb_bayes.model.nullspace import EXACTLY, NullSpace
 from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.model.wording import (
     amount_words,
@@ -90,6 +90,7 @@ class Degeneracy:
             verb, said = "looks exactly like", looks + self._difference({name: -change for name, change in changes.items()})
         else:
             subject = joined([change_words(name, change, self.units[name]) for name, change in changes.items()])
+            subject += f" in company with {len(self.nuisances)} nuisances" if self.nuisances else ""
             verb, said = "together change", "no reading"
         left_out = "" if self.modelled else "; the model leaves it out, and the intervals do not cover it"
         return f"{subject} {verb} {said}{left_out}."
@@ -123,18 +124,19 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     limit = 0.1 * bound.campaign.resolution_um * _MICROMETRE
     p = len(bound.names)
     found = []
-    for vector in NullSpace(scaled, p, limit).sparse():
+    for pivot, sparse in NullSpace(scaled, p, limit).sparse():
+        vector = sparse if pivot >= p else _of_parameters_alone(scaled, sparse, p, limit)
+        effect = np.abs(scaled * vector).max(axis=0)
         moving = np.flatnonzero(vector)
         own = [i for i in moving if i < p]
-        effect = np.abs(scaled * vector).max(axis=0)
+        others = sorted((i for i in moving if i >= p), key=lambda i: (i != pivot, -effect[i]))
         main = tuple(names[i] for i in own if effect[i] > _NEGLIGIBLE * effect.max())
         if not main:
             continue
-        others = [i for i in moving if i >= p]
-        term = owners[others[0]] if others else ""
+        term = owners[pivot]
+        lead = pivot if pivot >= p else own[0]
         change = vector * sd
-        lead = others[0] if others else own[0]
-        amount = natural_amount(term) if others else change[lead]
+        amount = natural_amount(term) if term else change[lead]
         change *= amount / change[lead]
         found.append(
             Degeneracy(
@@ -148,6 +150,14 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
             )
         )
     return tuple(found)
+
+
+def _of_parameters_alone(scaled: Array, vector: Array, p: int, limit: float) -> Array:
+    """The vector without its nuisances, where it is as good so."""
+    alone = np.where(np.arange(len(vector)) < p, vector, 0.0)
+    change = np.abs(scaled @ alone).max()
+    good = change <= min(limit * np.linalg.norm(alone), EXACTLY * np.abs(scaled * alone).max())
+    return alone if good else vector
 
 
 def sentences(found: Sequence[Degeneracy]) -> tuple[str, ...]:

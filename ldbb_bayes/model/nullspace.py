@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NullSpace"]
+__all__ = ["EXACTLY", "NullSpace"]
 
 Array = NDArray[Any]
-_CUTS = (0.02, 1e-3, 1e-5, 0.0)
+_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 _OF_ITSELF = 0.05
 _STRICT = 0.5
-_EXACTLY = 0.05
+EXACTLY = 0.05
 
 
 class NullSpace:
@@ -24,8 +24,8 @@ class NullSpace:
         stacked: Any = scaled
         self._triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
 
-    def sparse(self) -> list[Array]:
-        """A basis of the null space.
+    def sparse(self) -> list[tuple[int, Array]]:
+        """A basis of the null space: pivots and vectors, each with a one at its pivot.
 
         Nuisances that no reading sees by themselves are left aside. First what parameters do among themselves, then every
         nuisance that the other parameters imitate by themselves, then what is left of the null space. Each vector has a pivot
@@ -42,7 +42,7 @@ class NullSpace:
                 found[int(j)] = vector
         left = np.setdiff1d(every, list(found))
         found |= self._independent(left, left >= self.p)
-        return [found[j] for j in sorted(found, key=lambda j: (j < self.p, j))]
+        return [(j, found[j]) for j in sorted(found, key=lambda j: (j < self.p, j))]
 
     def _independent(self, columns: NDArray[np.intp], preferred: NDArray[np.bool_]) -> dict[int, Array]:
         """A basis of the null space of some columns, by pivot."""
@@ -65,11 +65,11 @@ class NullSpace:
         solved = self._undone(target, others)
         change = np.abs(self.scaled @ solved).max()
         effect = np.abs(self.scaled * solved).max(axis=0)
-        if change > self.limit * np.linalg.norm(solved) or change > _EXACTLY * effect[target]:
+        if change > self.limit * np.linalg.norm(solved) or change > EXACTLY * effect[target]:
             return None
         for cut in _CUTS:
             vector = np.where(effect > cut * effect.max(), solved, 0.0)
-            if np.abs(self.scaled @ vector).max() <= _STRICT * self.limit:
+            if np.abs(self.scaled @ vector).max() <= min(_STRICT * self.limit, EXACTLY * effect[target]):
                 return vector
         return solved
 
