@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["recommendation"]
 
 _MANY = 12
+_FAR = 0.5
 
 
 def recommendation(design: Design) -> tuple[str, ...]:
@@ -40,6 +41,8 @@ def _quality(design: Design) -> Iterator[str]:
     best = "1: the best shares; whole tests reach it at most" if design.certificate.is_global else "1: the best found nearby"
     others = joined([_compared(judged) for judged in (design.baseline, *design.others)])
     yield f"Efficiency {design.efficiency:.3f} by criterion {design.criterion} ({best}). For comparison: {others}."
+    if design.efficiency < _FAR:
+        yield "So few circles come nowhere near the best shares: see what more would bring, or choose among less."
     if not design.certificate.holds:
         excess = design.certificate.max_sensitivity / design.certificate.bound - 1.0
         yield f"The certificate does NOT hold: a sensitivity exceeds its bound by {excess:.1e}. Better shares may exist."

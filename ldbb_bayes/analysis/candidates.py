@@ -73,7 +73,8 @@ def bind_tests(model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest
     """The model bound to a plan of these tests, after the pilot's own where these are kept; F0, force range and Ĉ the pilot's."""
     run = pilot.plan().tests if keep else ()
     planned = tuple(replace(test, name="") for test in tests)
-    return BoundModel(model, replace(pilot, tests=(*run, *planned), foreseen=pilot.scope), pilot=pilot)
+    known = (*pilot.foreseen, *(replace(test, direction=None) for test in pilot.plan().tests))
+    return BoundModel(model, replace(pilot, tests=(*run, *planned), foreseen=known), pilot=pilot)
 
 
 def chosen_parameters(bound: BoundModel, criterion: CriterionName, names: Sequence[str]) -> tuple[str, ...]:

@@ -84,15 +84,21 @@ def running_order(tests: Sequence[CircularTest], rng: np.random.Generator) -> tu
     The clockings' order is drawn among those that change the tool ball least.
     """
     ordered: list[CircularTest] = []
-    mounted = sorted({_mounting(test) for test in tests})
-    for place in rng.permutation(len(mounted)) if len(mounted) > 1 else range(len(mounted)):
-        ordered += _order_of_block([test for test in tests if _mounting(test) == mounted[place]], rng)
+    for setup in _shuffled({test.setup or 1 for test in tests}, rng):
+        mounted = [test for test in tests if (test.setup or 1) == setup]
+        for place in _shuffled({_mounting(test) for test in mounted}, rng):
+            ordered += _order_of_block([test for test in mounted if _mounting(test) == place], rng)
     return tuple(replace(test, name="") for test in ordered)
 
 
 def _mounting(test: CircularTest) -> tuple[Any, ...]:
     """What cannot be changed without touching the bar or its mounts."""
-    return (test.setup or 1, str(test.plane), float(test.radius_mm or 0.0), test.circle.centre_mm)
+    return (str(test.plane), float(test.radius_mm or 0.0), test.circle.centre_mm)
+
+
+def _shuffled(places: Collection[Any], rng: np.random.Generator) -> list[Any]:
+    ordered = sorted(places)
+    return [ordered[i] for i in rng.permutation(len(ordered))] if len(ordered) > 1 else ordered
 
 
 def _order_of_block(tests: Sequence[CircularTest], rng: np.random.Generator) -> list[CircularTest]:

@@ -26,7 +26,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.cures import cures
 from ldbb_bayes.model.degeneracies import degeneracies
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.model.terms import Drift, Hysteresis
 from ldbb_bayes.model.wording import joined
 from ldbb_bayes.units import display_name
 
@@ -283,6 +283,14 @@ def _limits(space: DesignSpace, tests: Sequence[CircularTest]) -> tuple[str, ...
             f"With {levels} different force{'s' if levels > 1 else ''} the readings cannot show that compliance is not "
             f"{_ASSUMED[space.model.degree]} in force: the design trusts the model. Another level would tell."
         )
+    bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
+    for plane in bound.setting.both_ways:
+        ways = {test.direction for test in bound.campaign.tests if test.plane == plane}
+        if len(ways) == 1 and any(isinstance(term, Hysteresis) for term in space.model.nuisances):
+            said.append(
+                f"Its circles of plane {plane} all run {ways.pop()}: they cannot show the hysteresis that is counted here, and "
+                "their analysis would not have it. Take more circles, or both directions of each."
+            )
     if any(isinstance(term, Drift) for term in space.model.nuisances):
         said.append(
             "Drift is taken to have nothing to do with what differs between the new circles: run them in the order given, "
@@ -291,7 +299,6 @@ def _limits(space: DesignSpace, tests: Sequence[CircularTest]) -> tuple[str, ...
     stuck = [name for name in space.chosen if own[name].floor_sd > _STUCK * own[name].sd]
     if not stuck:
         return tuple(said)
-    bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
     found = [d for d in degeneracies(bound) if set(d.parameters) & set(stuck)]
     names = joined([display_name(name) for name in stuck])
     said += [
@@ -299,7 +306,7 @@ def _limits(space: DesignSpace, tests: Sequence[CircularTest]) -> tuple[str, ...
         "all circles."
     ]
     said += [f"{d.statement} Cure: {cure}" for d, cure in zip(found, cures(bound, found), strict=True)]
-    return tuple(said)
+    return tuple(dict.fromkeys(said))
 
 
 def _levels_apart(forces_N: Sequence[float]) -> int:

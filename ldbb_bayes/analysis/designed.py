@@ -16,6 +16,7 @@ from ldbb_bayes.analysis.places import frame_of
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.notebook import table_html
 
 __all__ = ["Certificate", "Design", "Judged"]
@@ -133,8 +134,11 @@ class Design:
         return frame.value_counts(sort=False).rename("count").reset_index()
 
     def plan(self, *, seed: int = 1) -> Campaign:
-        """The tests as a plan, in the order in which to run them: blocks of one clocking, forces at random within."""
-        tests = running_order(self.tests, np.random.default_rng(seed))
+        """The tests as a plan, in the order in which to run them: blocks of one clocking, forces at random within.
+
+        Where the model has a drift, at the pilot's pace and mean temperature.
+        """
+        tests = _timed(running_order(self.tests, np.random.default_rng(seed)), self.pilot, self.model)
         return replace(self.pilot, tests=tests, foreseen=(), name=f"{self.pilot.name}, next campaign")
 
     def expected_table(self) -> pd.DataFrame:
@@ -193,6 +197,16 @@ class Design:
         rows = [{str(k): v for k, v in row.items()} for row in self.table().to_dict(orient="records")]
         said = [{"in words": sentence} for sentence in self.sentences()]
         return table_html("Tests to run", rows) + table_html("Design", said)
+
+
+def _timed(tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel) -> tuple[CircularTest, ...]:
+    over = {term.over for term in model.nuisances if isinstance(term, Drift)}
+    times = np.sort([test.time_s for test in pilot.tests if test.time_s is not None])
+    degrees = [test.temperature_C for test in pilot.tests if test.temperature_C is not None]
+    if "time" in over and len(times) > 1:
+        pace = float(np.median(np.diff(times)))
+        return tuple(replace(test, time_s=k * pace) for k, test in enumerate(tests))
+    return tuple(replace(test, temperature_C=float(np.mean(degrees))) for test in tests) if "temperature" in over else tests
 
 
 def _judged_dict(judged: Judged, columns: Sequence[str]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ only where compliance is constant.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -68,7 +69,7 @@ def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_pro
         near, lattice = posterior.mode, posterior.lattice(_TOLERANCE)
         mean, sd = moments(posterior, lattice, spare=_SPARE)
         low, high = quantiles(posterior, lattice, levels, seed, components=_COMPONENTS)
-        squares, spread = _least_squares(constant, campaign.select(names))
+        squares, spread = _least_squares(constant, replace(campaign.select(names), foreseen=campaign.scope))
         forces = bound.setting.force_N
         for j, parameter in enumerate(bound.parameters):
             rows.append(

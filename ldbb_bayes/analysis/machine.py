@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.chain import LARGEST_MM, Circle, Machine
 from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.kept import Kept, kept_compliances
 from ldbb_bayes.machine.names import geometric_names
@@ -55,6 +55,8 @@ class DescribedMachine:
     ----------
     topology, planes, joints : as words
         Joints with branch, from the workpiece to the tool.
+    centres_mm : tuple of (X, Y, Z)
+        Of the circles taken together.
     compliances, geometric_errors : tuple of Seen
     null : tuple of str
         Compliances that no reading shows.
@@ -68,6 +70,7 @@ class DescribedMachine:
     topology: str
     planes: tuple[str, ...]
     joints: tuple[str, ...]
+    centres_mm: tuple[tuple[float, float, float], ...]
     compliances: tuple[Seen, ...]
     geometric_errors: tuple[Seen, ...]
     null: tuple[str, ...]
@@ -90,6 +93,9 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
         Default: R = 150 mm about the frames' origin in every plane. Patterns are those of the first circle of each plane.
     """
     circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
+    largest = max(abs(x) for circle in circles for x in circle.centre_mm)
+    if largest > LARGEST_MM:
+        raise InputError(f"centres must lie within {LARGEST_MM:g} mm, got {largest:g} mm. Check the unit.")
     strangers = sorted({circle.plane for circle in circles} - set(machine.planes))
     if strangers:
         raise InputError(f"circles must lie in the machine's planes {machine.plane}, got {strangers[0]}. Add the plane.")
@@ -102,6 +108,7 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
             f"{joint.axis} in the {joint.branch} branch, frame at ({', '.join(f'{x:g}' for x in joint.frame_mm)}) mm"
             for joint in machine.joints
         ),
+        tuple(dict.fromkeys(circle.centre_mm for circle in circles)),
         tuple(_compliance(machine, first, kept, k) for k in range(len(kept.names))),
         tuple(_geometric(machine, first, k) for k in range(len(geometric_names(machine)))),
         kept.null,
@@ -118,7 +125,8 @@ def _compliance(machine: Machine, circles: Mapping[str, Circle], kept: Kept, k: 
         return compliance_jacobian(machine, replace(circle, radius_mm=radius_mm), angle_rad, [name])[:, 0]
 
     pattern = {plane: pattern_of(partial(column, circle), 2) for plane, circle in circles.items()}
-    members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) if len(kept.sets[k]) > 1 else {}
+    members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) | {n.label: w for n, w in kept.absorbed[k].items()}
+    members = members if len(members) > 1 else {}
     return Seen(name.label, compliance_unit(name), name.meaning, _in_order(machine, pattern), kept.not_negative[k], members)
 
 

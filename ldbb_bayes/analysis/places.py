@@ -10,6 +10,7 @@ import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest, Direction
+from ldbb_bayes.machine.chain import PLANES
 
 __all__ = ["ALWAYS", "foreseen_by", "frame_of", "place_columns", "place_words", "templates"]
 
@@ -51,33 +52,43 @@ def templates(
 ) -> tuple[CircularTest, ...]:
     """A test without readings for every plane, direction and centre; what is left open is as in the pilot.
 
-    In a plane it is like the pilot's test there with the median number of readings. A plane the pilot lacks is another set-up.
+    In a plane it is like the pilot's test there with the median number of readings. A plane or a centre the pilot lacks is
+    another set-up: the work ball is mounted anew.
     """
     found = []
     new = max(test.setup or 1 for test in pilot.tests)
     for plane in planes or tuple(dict.fromkeys(str(test.plane) for test in pilot.tests)):
         own = [test for test in pilot.tests if test.plane == plane]
         ordered = sorted(own or pilot.tests, key=lambda test: len(test.angle_deg))
-        like = ordered[len(ordered) // 2]
-        if not own:
-            new += 1
-            like = replace(like, plane=plane, setup=new)
-        like = replace(like.with_reading_um(None), pressure_bar=None, name="", temperature_C=None, time_s=None)
+        plain = ordered[len(ordered) // 2].with_reading_um(None)
+        plain = replace(plain, pressure_bar=None, name="", temperature_C=None, time_s=None, plane=plane)
         ways: Sequence[Direction | None] = directions or tuple(dict.fromkeys(test.direction for test in (own or pilot.tests)))
-        for x, y, z in centres_mm or ((like.centre_x_mm, like.centre_y_mm, like.centre_z_mm),):
-            found += [replace(like, direction=way, centre_x_mm=x, centre_y_mm=y, centre_z_mm=z) for way in ways]
+        for x, y, z in centres_mm or (plain.circle.centre_mm,):
+            like = replace(plain, centre_x_mm=x, centre_y_mm=y, centre_z_mm=z)
+            there = next((test for test in own if test.circle.centre_mm == like.circle.centre_mm), None)
+            new += there is None
+            like = replace(like, setup=new if there is None else there.setup)
+            found += [replace(like, direction=way) for way in ways]
     return tuple(found)
 
 
-def foreseen_by(pilot: Campaign, tests: Sequence[CircularTest]) -> Campaign:
-    """The pilot, knowing of tests of a kind it has not run: their parameters, and what differs with direction, are in its
-    model."""
-    centres = [test.circle.centre_mm for test in (*pilot.scope, *tests)]
+def foreseen_by(pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()) -> Campaign:
+    """The pilot, knowing of tests of a kind it has not run: what only they can show is in its model.
+
+    Where candidates go both ways in a plane, so do those foreseen: hysteresis then counts for every design. Tests that are only
+    judged bring their parameters, not their direction.
+    """
+    both = {plane for plane in PLANES if {"CW", "CCW"} <= {test.direction for test in candidates if test.plane == plane}}
+    possible = [test if str(test.plane) in both else replace(test, direction=None) for test in candidates]
+    possible += [replace(test, direction=None) for test in judged]
+    centres = [test.circle.centre_mm for test in (*pilot.scope, *possible)]
     offset = any(any(place) for place in (*pilot.frames_mm.values(), *centres))
 
-    def kind(test: CircularTest) -> tuple[Any, ...]:
-        return (test.plane, test.setup, test.direction, test.circle.centre_mm, test.radius_mm if offset else None)
+    def kind(test: CircularTest, *, way: bool) -> tuple[Any, ...]:
+        own = (test.plane, test.setup, test.circle.centre_mm, test.radius_mm if offset else None)
+        return (*own, test.direction) if way else own
 
-    known = {kind(test) for test in pilot.scope}
-    further = {kind(test): test for test in reversed(tests) if kind(test) not in known}
-    return replace(pilot, foreseen=(*pilot.foreseen, *further.values())) if further else pilot
+    known = {kind(test, way=way) for test in pilot.scope for way in (True, False)}
+    further = {kind(test, way=test.direction is not None): test for test in reversed(possible)}
+    new = [test for key, test in further.items() if key not in known]
+    return replace(pilot, foreseen=(*pilot.foreseen, *new)) if new else pilot

@@ -134,7 +134,7 @@ def _test_remarks(
     test: CircularTest, campaign: Campaign, travel: str | None, gap: float, noise: float | None, start_end: float | None
 ) -> list[str]:
     found = []
-    if not campaign.is_plan and test.direction and travel and test.direction != travel:
+    if not campaign.is_plan and test.direction and travel and test.direction != travel and not _sorted(campaign):
         found.append(f"stated {test.direction}, but the angles run {travel}")
     if test.arc_deg < _FULL:
         found.append(f"arc of {test.arc_deg:.0f}° only: harmonics mix")
@@ -153,6 +153,12 @@ def _test_remarks(
     if abs(law - float(test.force_N or 0.0)) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
         found.append(f"force {test.force_N:g} N, but the force law gives {law:.0f} N at {test.pressure_bar:g} bar")
     return found
+
+
+def _sorted(campaign: Campaign) -> bool:
+    """Whether angles rise in all tests although some are stated to run the other way: a sorted table."""
+    rising = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
+    return rising and {"CW", "CCW"} <= {test.direction for test in campaign.tests}
 
 
 def _spikes(test: CircularTest) -> list[str]:
@@ -239,6 +245,19 @@ def _remarks(campaign: Campaign) -> tuple[str, ...]:
             cross = f"C_{first}{second}{first}"
             where = f" in plane {plane}" if len(campaign.machine().planes) > 1 else ""
             found.append(f"One direction of travel (or none stated){where}: friction in the bar cannot be told from {cross}.")
+    if not campaign.is_plan and _sorted(campaign):
+        found.append("Angles rise in all tests, those stated CW among them: taken as sorted, and the directions as stated.")
+    for plane in campaign.machine().planes:
+        own = [test for test in campaign.tests if test.plane == plane]
+        silent = [test.name for test in own if test.direction is None]
+        if silent and {"CW", "CCW"} <= {test.direction for test in own}:
+            found.append(f"Test {silent[0]} states no direction while others run both ways: a fit will refuse it. State it.")
+        for setup in sorted({test.setup or 1 for test in own}):
+            if len({test.circle.centre_mm for test in own if (test.setup or 1) == setup}) > 1:
+                found.append(
+                    f"Several centres in set-up {setup}: the tool ball's offsets are shared, as if the work ball had been moved "
+                    "by exactly what the axes say. If it was mounted anew, number the set-ups."
+                )
     if len({test.setup for test in campaign.tests}) == 1 and len(campaign.machine().planes) > 1:
         found.append(
             "Several planes in one set-up: the tool ball's offsets are shared. If the bar was mounted anew, number the set-ups."

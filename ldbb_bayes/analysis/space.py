@@ -144,7 +144,7 @@ class DesignSpace:
             )
         if self.starts < 1:
             raise InputError(f"starts must be at least 1, got {self.starts}. Give the number of designs to start from.")
-        object.__setattr__(self, "pilot", foreseen_by(self.pilot, (*self.tests, *self.judged)))
+        object.__setattr__(self, "pilot", foreseen_by(self.pilot, self.tests, self.judged))
         check_known("target", self.targets, self._bound_alone.names)
         chosen_parameters(self._bound_alone, self.criterion, self.parameters)
         for label, (model, _) in self.assumptions.items():
@@ -170,12 +170,12 @@ class DesignSpace:
         """Equal steps of force, each at the nearest level there is, at the first clocking and radius; in turn over planes,
         directions and centres."""
         levels = np.array(sorted(self.forces_N))
+        steps = np.linspace(levels[0], levels[-1], number)
+        nearest = [float(levels[np.argmin(np.abs(levels - step))]) for step in steps]
         found: list[CircularTest] = []
         for k, like in enumerate(self.templates):
-            share = len(range(k, number, len(self.templates)))
-            steps = np.linspace(levels[0], levels[-1], share)
-            nearest = [float(levels[np.argmin(np.abs(levels - step))]) for step in steps]
-            found += grid_of_tests([like], nearest, self.clockings_deg[:1], self.radii_mm[:1], self.readings)
+            own = nearest[k :: len(self.templates)]
+            found += grid_of_tests([like], own, self.clockings_deg[:1], self.radii_mm[:1], self.readings)
         return tuple(found)
 
     @cached_property
@@ -274,14 +274,18 @@ class DesignSpace:
     def model_of(self, tests: Sequence[CircularTest]) -> HybridModel:
         """The model as it should analyse these tests alone: F0 and the slopes' prior sd those of the pilot."""
         bound = self._bound_alone
-        model = replace(self.model, reference_force_N=bound.setting.reference_force_N)
+        plain = replace(self.model, fixed=(), prior=replace(self.model.prior, overrides={}))
+        there = BoundModel(plain, replace(self.pilot, tests=tuple(tests), foreseen=()), pilot=self.pilot).names
+        overrides = dict(self.model.prior.overrides)
         forces = [float(test.force_N or 0.0) for test in tests]
-        if model.prior.flat or np.isclose(max(forces) - min(forces), bound.setting.force_range_N, rtol=1e-9):
-            return model
-        alone = replace(self.pilot, foreseen=())
-        there = BoundModel(self.model, replace(alone, tests=tuple(tests)), pilot=alone).names
-        slopes = {p.name: p.prior_sd for p in bound.parameters if p.group == "slope" and p.name in there}
-        return replace(model, prior=replace(model.prior, overrides={**model.prior.overrides, **slopes}))
+        if not (self.model.prior.flat or np.isclose(max(forces) - min(forces), bound.setting.force_range_N, rtol=1e-9)):
+            overrides |= {p.name: p.prior_sd for p in bound.parameters if p.group == "slope"}
+        return replace(
+            self.model,
+            reference_force_N=bound.setting.reference_force_N,
+            fixed=tuple(name for name in self.model.fixed if name in there),
+            prior=replace(self.model.prior, overrides={name: sd for name, sd in overrides.items() if name in there}),
+        )
 
     @property
     def basis(self) -> str:

@@ -188,14 +188,13 @@ class Campaign:
         head += [[axis, *frame] for axis, frame in sorted(self.frames_mm.items()) if any(frame)]
         digest.update(json.dumps(head).encode())
         for test in self.tests:
-            fields: list[Any] = [test.name, test.force_N, test.pressure_bar, test.direction]
-            fields += [test.work_ball_deg, test.tool_ball_deg]
-            fields += [test.radius_mm, test.plane, test.centre_x_mm, test.centre_y_mm]
-            usual = {"centre_z_mm": 0.0, "setup": 1, "temperature_C": None, "time_s": None}
-            fields += [[name, getattr(test, name)] for name, value in usual.items() if getattr(test, name) != value]
-            digest.update(json.dumps(fields).encode())
+            digest.update(json.dumps(_digested(test)).encode())
             for column in (test.angle_deg, test.reading_um):
                 digest.update(b"" if column is None else np.ascontiguousarray(column, dtype="<f8").tobytes())
+        if self.is_plan:
+            digest.update(b"plan")
+        for test in self.foreseen:
+            digest.update(json.dumps(["foreseen", *_digested(test)]).encode())
         return digest.hexdigest()
 
 
@@ -209,6 +208,19 @@ def check_campaign(campaign: object) -> None:
             f"campaign must be a Campaign, got {type(campaign).__name__}. "
             "Read one with lb.read_campaign(path), or make it from arrays."
         )
+
+
+def _digested(test: CircularTest) -> list[Any]:
+    """What the model uses of a test beside its readings, numbers as floats."""
+    fields: list[Any] = [test.name, _float(test.force_N), _float(test.pressure_bar), test.direction]
+    fields += [_float(test.work_ball_deg), _float(test.tool_ball_deg), _float(test.radius_mm)]
+    fields += [test.plane, _float(test.centre_x_mm), _float(test.centre_y_mm)]
+    usual = {"centre_z_mm": 0.0, "setup": 1.0, "temperature_C": None, "time_s": None}
+    return fields + [[name, _float(getattr(test, name))] for name, value in usual.items() if _float(getattr(test, name)) != value]
+
+
+def _float(value: float | None) -> float | None:
+    return None if value is None else float(value)
 
 
 def _named(tests: Iterable[CircularTest]) -> tuple[CircularTest, ...]:

@@ -48,7 +48,11 @@ def machine(
     from ldbb_bayes.report.machine import machine_lines, machine_tables
 
     planes = tuple(part.strip() for part in plane.split(","))
-    own = Machine(topology, planes, dict(_frame(text) for text in frame or ()))
+    frames = [_frame(text) for text in frame or ()]
+    repeated = next((axis for axis, _ in frames if [name for name, _ in frames].count(axis) > 1), None)
+    if repeated:
+        raise InputError(f"--frame must name each axis once, got {repeated!r} again. Remove one.")
+    own = Machine(topology, planes, dict(frames))
     centres = [three_numbers(text, "--centre") for text in centre or ("0,0,0",)]
     circles = [Circle(centre_mm=at, plane=name) for name in own.planes for at in centres]
     found = describe(own, circles)

@@ -35,6 +35,7 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.linearisation import largest_linearisation_error_mm
 from ldbb_bayes.model.simulate import draw_parameters
 from ldbb_bayes.model.spec import model_sha256, model_to_toml
+from ldbb_bayes.model.terms import Drift
 
 __all__ = ["sample"]
 
@@ -336,6 +337,9 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
 
 def _has_preset_priors(model: HybridModel) -> bool:
     preset = HybridModel.from_preset(model.preset, model.degree)
-    return replace(model.prior, truncated=preset.prior.truncated) == preset.prior and set(model.nuisances) <= set(
-        preset.nuisances
+    usual = {type(term): term for term in preset.nuisances}
+    same = all(
+        replace(term, over="time") == Drift() if isinstance(term, Drift) else usual.get(type(term)) == term
+        for term in model.nuisances
     )
+    return same and replace(model.prior, truncated=preset.prior.truncated) == preset.prior

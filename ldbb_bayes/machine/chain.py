@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, check_known
 
-__all__ = ["LINEAR", "PLANES", "ROTARY", "Axes", "Circle", "Joint", "Machine", "plane_of"]
+__all__ = ["LARGEST_MM", "LINEAR", "PLANES", "ROTARY", "Axes", "Circle", "Joint", "Machine", "plane_of"]
 
 Array = NDArray[Any]
 Branch = Literal["tool", "workpiece"]
 LINEAR, ROTARY = "XYZ", "ABC"
 _AXIS_LETTERS = "XYZABCUVWS"
-_LARGEST_MM = 1e5
+LARGEST_MM = 1e5
 
 
 @dataclass(frozen=True)
@@ -161,11 +161,11 @@ class Machine:
         for axis, frame in self.frames_mm.items():
             if axis not in LINEAR or axis not in inner:
                 raise InputError(
-                    f"frames_mm must name linear axes of {self.topology!r}, got {axis!r}. Remove it or correct the letter."
+                    f"frames_mm must name linear axes of {self.topology!r}, got {axis!r}. Remove it: other joints count as rigid."
                 )
-            if len(frame) != 3 or not np.all(np.isfinite(frame)) or np.abs(frame).max() > _LARGEST_MM:
+            if len(frame) != 3 or not np.all(np.isfinite(frame)) or np.abs(frame).max() > LARGEST_MM:
                 raise InputError(
-                    f"frames_mm[{axis!r}] must be three finite numbers (x, y, z) below {_LARGEST_MM:g} mm, got {frame!r}. "
+                    f"frames_mm[{axis!r}] must be three finite numbers (x, y, z) below {LARGEST_MM:g} mm, got {frame!r}. "
                     "Correct it."
                 )
         object.__setattr__(self, "frames_mm", MappingProxyType({k: tuple(v) for k, v in self.frames_mm.items()}))

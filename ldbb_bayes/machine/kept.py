@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -38,6 +38,8 @@ class Kept:
     weights : tuple of tuples of float
         Of each member: its pattern in units of the representative's; all one for the paper's machine [mm or mm² per rotation
         that it has more].
+    absorbed : tuple of mappings of ComplianceName to float
+        What each kept parameter stands for beside its set: compliances of the dropped sets, with their weights.
     not_negative : tuple of bool
         Whether it cannot be negative: as a deflection under the load itself, whatever the joints' (positive semi-definite)
         compliance matrices are.
@@ -54,6 +56,7 @@ class Kept:
     names: tuple[ComplianceName, ...]
     sets: tuple[tuple[str, ...], ...]
     weights: tuple[tuple[float, ...], ...]
+    absorbed: tuple[Mapping[ComplianceName, float], ...]
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]
     dependent: tuple[str, ...]
@@ -99,11 +102,18 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     by_head = {group[0]: group for group in _proportional_sets(unit, live, names)}
     chosen, dropped = _independent(unit, sorted(by_head, key=lambda i: _table_order(names[i], machine)))
     singular = np.linalg.svd(jacobian[:, chosen], compute_uv=False)
+    scale = np.abs(jacobian[:, chosen]).max(axis=0)
+    coefficients = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0] / scale[:, None]
+    relative = scale[:, None] / np.maximum(np.abs(jacobian).max(axis=0), _TINY)
     return Kept(
         names=tuple(names[i] for i in chosen),
         sets=tuple(tuple(names[j].label for j in by_head[i]) for i in chosen),
         weights=tuple(tuple(_multiple(jacobian[:, j], jacobian[:, i]) for j in by_head[i]) for i in chosen),
-        not_negative=_not_negative(names, jacobian, chosen),
+        absorbed=tuple(
+            {names[j]: float(np.round(row[j], 9)) for i in dropped for j in by_head[i] if abs(row[j] * size[j]) > _TINY_WEIGHT}
+            for row, size in zip(coefficients, relative, strict=True)
+        ),
+        not_negative=_not_negative(names, jacobian, coefficients),
         null=tuple(name.label for i, name in enumerate(names) if i not in live),
         dependent=tuple(names[i].label for i in dropped),
         rank=int(np.linalg.matrix_rank(unit[:, live], tol=_TINY * np.sqrt(len(live)))),
@@ -111,11 +121,9 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     )
 
 
-def _not_negative(names: Sequence[ComplianceName], jacobian: Array, chosen: Sequence[int]) -> tuple[bool, ...]:
+def _not_negative(names: Sequence[ComplianceName], jacobian: Array, coefficients: Array) -> tuple[bool, ...]:
     """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those kept: it cannot be negative
     for positive semi-definite C_k if and only if every A_k is positive semi-definite."""
-    scale = np.abs(jacobian[:, chosen]).max(axis=0)
-    coefficients = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0] / scale[:, None]
     six = LINEAR + ROTARY
     lengths = np.sqrt([np.abs(jacobian[:, i]).max() if name.twist == name.wrench else 1.0 for i, name in enumerate(names)])
     found = []

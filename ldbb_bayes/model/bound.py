@@ -91,7 +91,7 @@ class BoundModel:
         self.model, self.campaign, self.pilot = model, campaign, pilot
         kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
         self.compliances: tuple[ComplianceName, ...] = kept.names
-        self._not_negative = kept.not_negative
+        self._kept = kept
         self.geometric_errors: tuple[GeometricName, ...] = geometric_errors_of(campaign)
         reduced = _reduced(campaign)
         whole = setting_of(campaign, self.compliances, model.reference_force_N, pilot=pilot)
@@ -251,7 +251,7 @@ class BoundModel:
             return self._planned()
         columns = np.concatenate([Compliance(0).columns(setting)[0], setting.geometric], axis=2)
         prior = Prior.default() if self.model.prior.flat else self.model.prior
-        compliance = prior.compliance_sd(self.compliances, 0, setting.force_range_N)
+        compliance = self._compliance_sd(prior, 0, setting.force_range_N)
         scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors)])
         found = self._fit(columns, scale, setting, reduced)[: len(self.compliances)]
         seen = np.abs(setting.wrench).max(axis=(0, 1)) > 0.0
@@ -282,8 +282,19 @@ class BoundModel:
 
     def _sd_of(self, prior: Prior, force_range_N: float) -> Array:
         degrees = range(self.model.degree + 1)
-        compliance = [prior.compliance_sd(self.compliances, k, force_range_N) for k in degrees]
+        compliance = [self._compliance_sd(prior, k, force_range_N) for k in degrees]
         return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors)])
+
+    def _compliance_sd(self, prior: Prior, degree: int, force_range_N: float) -> Array:
+        """Prior sd of every kept compliance; what it has absorbed of dropped sets is added in quadrature, unless overridden."""
+        own = prior.compliance_sd(self.compliances, degree, force_range_N)
+        suffix = f"_{degree}" if degree else ""
+        for k, (name, absorbed) in enumerate(zip(self.compliances, self._kept.absorbed, strict=True)):
+            heads = [other for other in absorbed if other.label in self._kept.dependent]
+            if heads and name.label + suffix not in prior.overrides:
+                sd = prior.compliance_sd(heads, degree, force_range_N)
+                own[k] = np.hypot(own[k], np.linalg.norm([absorbed[other] for other in heads] * sd))
+        return own
 
     def _check_room(self, bounded: Sequence[int], at: Sequence[Array], reference_force_N: float) -> None:
         """Refuse a compliance fixed at zero at F0 whose free slope would make it negative on one side of F0."""
@@ -305,7 +316,7 @@ class BoundModel:
             forces = forces[:1]
         elif self.model.degree == 1:
             forces = forces[[0, -1]]
-        bounded = np.flatnonzero(self._not_negative).tolist()
+        bounded = np.flatnonzero(self._kept.not_negative).tolist()
         at = [self.compliance_at(force, reference_force_N=reference_force_N) for force in forces]
         self._check_room(bounded, at, reference_force_N)
         rows = [tuple(rows[j]) for j in bounded for rows in at]

@@ -80,7 +80,7 @@ def _further_tests(plan: Campaign) -> dict[str, list[CircularTest]]:
         "clocking both balls (0/45/90°)": again(1.0, 1.0),
         "a second radius": [replace(test, radius_mm=round(radius * 2.0 / 3.0, 1)) for test in plan.tests],
     }
-    if any(test.direction for test in plan.tests):
+    if all(test.direction for test in plan.tests):
         turned: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
         further["both directions of travel at the same forces"] = [
             replace(test, direction=turned.get(test.direction or "")) for test in plan.tests

@@ -24,11 +24,10 @@ from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.model.wording import (
     amount_words,
     change_words,
+    company_words,
     joined,
     natural_amount,
-    nuisance_words,
     pattern,
-    signed,
     term_words,
     three,
 )
@@ -100,9 +99,7 @@ class Degeneracy:
         lead, *others = self.nuisances
         if len(others) > _COMPANY:
             return f" in company with {len(others)} other nuisances"
-        amounts = [
-            f"{signed(self.combination[name] / self.combination[lead])} times as much {nuisance_words(name)}" for name in others
-        ]
+        amounts = [company_words(lead, self.combination[lead], name, self.combination[name]) for name in others]
         return f" with {joined(amounts)}" if amounts else ""
 
     def _difference(self, changes: Mapping[str, float]) -> str:
@@ -136,7 +133,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         term = owners[pivot]
         lead = pivot if pivot >= p else own[0]
         change = vector * sd
-        amount = natural_amount(term) if term else change[lead]
+        amount = natural_amount(term, names[lead]) if term else change[lead]
         change *= amount / change[lead]
         found.append(
             Degeneracy(

@@ -24,11 +24,10 @@ def linearisation_error_mm(bound: BoundModel, test: CircularTest, beta: Array) -
     angle = test.angles_rad()
     errors = np.array([values.get(name.label, 0.0) for name in bound.geometric_errors])
     linear = basis(angle) @ (bound.setting.geometric[bound.test_names.index(test.name)] @ errors)
-    several = len({other.setup for other in bound.campaign.scope}) > 1
     named = {
         replace(name, setup=0).label: values.get(name.label, 0.0)
         for name in bound.geometric_errors
-        if not (several and name.kind == "offset" and (name.setup or 1) != test.setup)
+        if not (name.kind == "offset" and (name.setup or 1) != test.setup)
     }
     return geometric_reading_mm(bound.campaign.machine(), test.circle, angle, named) - linear
 

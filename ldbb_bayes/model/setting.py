@@ -108,10 +108,8 @@ _PER_TEST = (
 
 
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
-    """The geometric errors of a campaign's machine; where there are several set-ups, tool offsets of each."""
+    """The geometric errors of a campaign's machine, with the tool offsets of every set-up but the first by its number."""
     setups = sorted({test.setup or 1 for test in campaign.scope})
-    if len(setups) == 1:
-        return geometric_names(campaign.machine())
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
         if name.kind != "offset":
@@ -166,9 +164,8 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
     found = columns[:, :, [machine_errors.index(replace(name, setup=0).label) for name in names]]
-    several = len({test.setup for test in campaign.scope}) > 1
     for j, name in enumerate(names):
-        if several and name.kind == "offset":
+        if name.kind == "offset":
             found[[test.setup != (name.setup or 1) for test in campaign.tests], :, j] = 0.0
     return found
 
@@ -188,14 +185,13 @@ def _both_ways(campaign: Campaign) -> tuple[str, ...]:
     """Planes run, or to be run, in both directions."""
     found = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
-        own = [test for test in campaign.scope if test.plane == plane]
-        if not {"CW", "CCW"} <= {test.direction for test in own}:
+        if not {"CW", "CCW"} <= {test.direction for test in campaign.scope if test.plane == plane}:
             continue
-        silent = next((test for test in own if test.direction is None), None)
+        silent = next((test for test in campaign.tests if test.plane == plane and test.direction is None), None)
         if silent is not None:
             raise InputError(
-                f"{silent.label} must state its direction, CW or CCW, as circles of plane {plane} go both ways, got none. "
-                "Give direction in every test."
+                f"{silent.label} must state its direction, CW or CCW, as circles of plane {plane} run, or are to run, both ways, "
+                f"got none. Give direction in every test of {campaign.name!r}."
             )
         found.append(plane)
     return tuple(found)

@@ -312,7 +312,7 @@ class Drift:
         values = setting.direction[:, :, axes] * change[:, None, None]
         length = np.zeros((setting.tests, SIZE, 1))
         length[:, 0, 0] = change
-        names = ("drift_length", *(f"drift_{LINEAR[k]}" for k in axes))
+        names = (f"drift_{self.over}_length", *(f"drift_{self.over}_{LINEAR[k]}" for k in axes))
         sd = np.array([self.length_um, *[self.centre_um] * len(axes)]) * 1e-3
         return (Columns(names, np.concatenate([length, values], axis=2), sd),)
 

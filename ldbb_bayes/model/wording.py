@@ -12,6 +12,7 @@ from ldbb_bayes.units import display_name, display_unit
 __all__ = [
     "amount_words",
     "change_words",
+    "company_words",
     "joined",
     "natural_amount",
     "nuisance_words",
@@ -23,12 +24,37 @@ __all__ = [
 
 _SMALL = 0.01
 _MICROMETRE = 1e-3
+_UNITS: Mapping[str, tuple[float, str]] = {
+    "mount": (1e-3, "µm/bar"),
+    "hysteresis_force": (1e-6, "µm/kN"),
+    "drift_time": (1e-3, "µm/h"),
+    "drift_temperature": (1e-3, "µm/K"),
+}
 _NATURAL: Mapping[str, tuple[float, str]] = {"ForceError": (0.01, "1 % of force gain")}
 
 
-def natural_amount(term: str) -> float:
-    """One micrometre of the nuisance, or what is natural for it."""
-    return _NATURAL[term][0] if term in _NATURAL else _MICROMETRE
+def natural_amount(term: str, name: str) -> float:
+    """One of the unit it is told in."""
+    return _NATURAL[term][0] if term in _NATURAL else _unit(name)[0]
+
+
+def _unit(name: str) -> tuple[float, str]:
+    """What a nuisance coefficient is told in: inside value of one, and label."""
+    for stem, unit in _UNITS.items():
+        if name.startswith(stem):
+            return unit
+    return _MICROMETRE, "µm"
+
+
+def company_words(lead: str, amount: float, name: str, change: float) -> str:
+    """0.5 times as much mount deflection; of another unit, how much."""
+    (_, unit), (own, other) = _unit(lead), _unit(name)
+    if unit != other or name == "force_gain":
+        shown = f"{change:.2g}".replace("-", "−") if name == "force_gain" else f"{signed(change / own)} {other}"
+        return f"{shown} of {nuisance_words(name)}"
+    ratio = change / amount
+    much = {1.0: "as much", -1.0: "minus as much"}.get(round(ratio, 6), f"{signed(ratio)} times as much")
+    return f"{much} {nuisance_words(name)}"
 
 
 def term_words(term: str) -> str:
@@ -49,9 +75,14 @@ def pattern(name: str) -> str:
         ball = f" of {_BALL[form[1]]}" if form[1] else ""
         return f" in {form[3]} {form[4]}θ{ball}{_in_plane(form[2])}"
     if travel:
-        pattern = f"{travel[3]} {travel[4]}θ" if travel[3] else "order 0"
-        return f" in {pattern}{' times force' if travel[1] else ''}{_in_plane(travel[2])}"
+        return f" in {_order(travel)}{' times force' if travel[1] else ''}{_in_plane(travel[2])}"
     return ""
+
+
+def _order(travel: re.Match[str]) -> str:
+    if not travel[3]:
+        return "order 0"
+    return f"{travel[3]} θ" if travel[4] == "1" else f"{travel[3]} {travel[4]}θ"
 
 
 def _in_plane(plane: str | None) -> str:
@@ -65,13 +96,14 @@ def nuisance_words(name: str) -> str:
         ball = f"{_BALL[form[1]]}'s " if form[1] else ""
         return f"{ball}{form[4]}-lobe form ({form[3]} {form[4]}θ{_in_plane(form[2])})"
     if travel:
-        pattern = f"{travel[3]} {travel[4]}θ" if travel[3] else "order 0"
-        return f"hysteresis{' in proportion to force' if travel[1] else ''} ({pattern}{_in_plane(travel[2])})"
+        order = _order(travel)
+        return f"hysteresis{' in proportion to force' if travel[1] else ''} ({order}{_in_plane(travel[2])})"
     if length:
         return "bar length" + (f" at R = {length[1]} mm" if length[1] else "")
     if name.startswith("drift_"):
-        what = name.removeprefix("drift_")
-        return "drift of the bar's length" if what == "length" else f"drift of the centre along {what}"
+        over, what = name.removeprefix("drift_").split("_")
+        moved = "the bar's length" if what == "length" else f"the centre along {what}"
+        return f"drift of {moved} over {over}"
     return {"mount": "mount deflection", "force_gain": "force gain"}.get(name, name)
 
 
@@ -79,7 +111,8 @@ def amount_words(term: str, name: str, amount: float) -> str:
     """1.00 µm of bar length; 1 % of force gain."""
     if term in _NATURAL:
         return _NATURAL[term][1]
-    return f"{three(amount / _MICROMETRE)} {'µm/bar' if term == 'Mount' else 'µm'} of {nuisance_words(name)}"
+    one, unit = _unit(name)
+    return f"{three(amount / one)} {unit} of {nuisance_words(name)}"
 
 
 def change_words(name: str, change: float, unit: str) -> str:

@@ -23,6 +23,8 @@ def machine_lines(found: DescribedMachine) -> list[str]:
     said = [
         f"{found.topology}, plane{'s' if len(found.planes) > 1 else ''} {', '.join(found.planes)}. {'; '.join(found.joints)}.",
         "Patterns: change of the reading per unit, of a compliance per unit and N; c = cos θ, s = sin θ, lengths in mm.",
+        "Rotary joints, and slides that no plane here drives, count as rigid.",
+        *_centres(found),
         f"{found.rank} compliances can be told apart; condition number of their columns {found.condition_number:.6g} "
         "(mm, N, R = 150 mm).",
     ]
@@ -35,6 +37,14 @@ def machine_lines(found: DescribedMachine) -> list[str]:
             f"Combinations of several of those above, left out: {', '.join(found.dependent)}. What they are goes into the others."
         )
     return said
+
+
+def _centres(found: DescribedMachine) -> list[str]:
+    if not any(any(centre) for centre in found.centres_mm):
+        return []
+    listed = "; ".join(f"({', '.join(f'{x:g}' for x in centre)})" for centre in found.centres_mm)
+    first = " Patterns are those at the first; what can be told apart is of all together." if len(found.centres_mm) > 1 else ""
+    return [f"Circles centred at {listed} mm.{first}"]
 
 
 def _table(title: str, entries: tuple[Seen, ...], planes: tuple[str, ...], *, sums: bool) -> Table:

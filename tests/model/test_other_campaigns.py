@@ -138,7 +138,12 @@ def test_names_of_what_is_shared_and_what_is_not() -> None:
     assert [n for n in names if "t0" in n] == ["E_Xt0", "E_Yt0", "E_Yt0_2", "E_Zt0", "E_Zt0_2"]
     assert names.count("C_XXX") == names.count("E_XX1") == 1
     shared = bound.given_interest.shared_names
-    assert {"bar_length_100", "bar_length_150", "drift_length", "drift_X", "drift_Y", "drift_Z"} < set(shared)
+    assert {
+        "bar_length_100",
+        "bar_length_150",
+        "drift_temperature_length",
+        *(f"drift_temperature_{axis}" for axis in "XYZ"),
+    } < set(shared)
     assert {"hysteresis_XY_0", "hysteresis_force_YZ_sin2"} < set(shared)
     assert not any(name.startswith("hysteresis") and "ZX" in name for name in shared)
     assert {"work_form_ZX_cos2", "tool_form_XY_sin12"} < set(shared)
@@ -197,7 +202,7 @@ def test_drift_of_a_sorted_campaign_is_stated() -> None:
     tests = tuple(CircularTest(f, np.arange(120) * 3.0, time_s=60.0 * k) for k, f in enumerate((100.0, 300.0, 500.0, 700.0)))
     model = HybridModel.default(1).including(Drift("time", length_um=20.0, centre_um=20.0))
     found = degeneracies(model.bind(Campaign(tests)))
-    lengthwise = [d for d in found if d.nuisances and d.nuisances[0] == "drift_length"]
+    lengthwise = [d for d in found if d.nuisances and d.nuisances[0] == "drift_time_length"]
     assert lengthwise
     assert set(lengthwise[0].parameters) >= {"C_XXX", "C_YYY"}
     mixed = tuple(replace(t, time_s=60.0 * k) for t, k in zip(tests, (2, 0, 3, 1), strict=True))

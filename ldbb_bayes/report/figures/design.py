@@ -18,6 +18,7 @@ __all__ = ["efficiency", "expected_widths", "information", "trade_off"]
 
 _SHOWN = 8
 _ALIKE = 0.02
+_LONG = 60
 _CURVES = 6
 _MOST_PARAMETERS = 24
 
@@ -37,7 +38,8 @@ def information(design: Design) -> Figure:
     axes.set_ylim(0.0, 1.12 * max(design.certificate.bound, design.certificate.max_sensitivity))
     axes.set_ylabel("sensitivity (1)" if design.criterion in ("eig", "d") else "sensitivity (units of the criterion)")
     axes.set_title("How much the criterion gains per share of circles at a force, and the circles chosen")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    lines, labels = axes.get_legend_handles_labels()
+    figure.legend(lines, labels, loc="outside lower center", ncols=2 if max(map(len, labels)) < _LONG else 1)
     _stems(below, design)
     return figure
 
