@@ -10,6 +10,7 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.candidates import bind_tests
+from ldbb_bayes.analysis.costs import running_order
 from ldbb_bayes.analysis.places import foreseen_by, templates
 from ldbb_bayes.model.information import information_of
 
@@ -133,6 +134,91 @@ def test_refused(pilot: lb.Campaign, options: dict, message: str) -> None:
         lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS, **options)
 
 
-def test_a_pilot_that_does_not_state_its_direction_is_refused() -> None:
-    with pytest.raises(lb.InputError, match="must state its direction"):
-        lb.design(LINEAR, simulated(plan(), seed=2), tests=4, forces_N=LEVELS, directions=("CW", "CCW"))
+def test_a_pilot_that_does_not_state_its_direction() -> None:
+    silent = simulated(plan(), seed=2)
+    with pytest.raises(lb.InputError, match=r"'f036' must state its direction, CW or CCW, as circles of plane XY"):
+        lb.design(LINEAR, silent, tests=4, forces_N=LEVELS, directions=("CW", "CCW"))
+    assert {test.direction for test in lb.design(LINEAR, silent, tests=4, forces_N=LEVELS, directions=("CW",)).tests} == {"CW"}
+    partly = replace(silent, tests=tuple(replace(t, direction="CW" if k else None) for k, t in enumerate(silent.tests)))
+    assert lb.identify(LINEAR, partly).parameters
+
+
+def test_another_centre_is_another_set_up(pilot: lb.Campaign) -> None:
+    """Else the ball's displacement would measure the scale: with offsets of its own a second centre adds little to it."""
+    found = lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS, centres_mm=((0.0, 0.0, 0.0), (200.0, 0.0, 0.0)))
+    assert {(test.centre_x_mm, test.setup) for test in found.tests} == {(0.0, 1), (200.0, 2)}
+    one = lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS)
+    assert found.forecast.expected["E_XX1"].sd > 0.8 * one.forecast.expected["E_XX1"].sd
+    order = [test.setup for test in found.plan(seed=4).tests]
+    assert order in (sorted(order), sorted(order, reverse=True))
+
+
+def test_set_ups_are_run_one_after_the_other() -> None:
+    tests = [
+        lb.CircularTest(force, np.arange(36) * 10.0, setup=setup, radius_mm=radius)
+        for force in (100.0, 400.0, 700.0)
+        for setup in (1, 2, 3)
+        for radius in (100.0, 150.0)
+    ]
+    for seed in range(5):
+        ordered = running_order(tests, np.random.default_rng(seed))
+        places = [(test.setup, test.radius_mm) for test in ordered]
+        assert len([k for k in range(1, len(places)) if places[k] != places[k - 1]]) == 5
+        assert len([k for k in range(1, len(places)) if places[k][0] != places[k - 1][0]]) == 2
+
+
+def test_what_is_only_judged_does_not_change_the_design(pilot: lb.Campaign) -> None:
+    other = replace(pilot.plan(), tests=tuple(replace(test, direction="CCW") for test in pilot.plan().tests))
+    alone = lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS)
+    beside = lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS, against={"the other way": other})
+    assert [t.force_N for t in alone.tests] == [t.force_N for t in beside.tests]
+    for name, entry in alone.forecast.expected.items():
+        assert beside.forecast.expected[name].sd == pytest.approx(entry.sd, rel=1e-9)
+    elsewhere = replace(pilot.plan(), tests=tuple(replace(test, plane="YZ", setup=2) for test in pilot.plan().tests))
+    judged = lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS, against={"YZ": elsewhere}).others[0]
+    assert judged.forecast.expected["C_XXX"].sd == pytest.approx(judged.forecast.expected["C_XXX"].prior_sd, rel=0.5)
+
+
+def test_one_direction_is_analysed_as_one(pilot: lb.Campaign) -> None:
+    """Only the other direction may be chosen, and the pilot's tests do not count as run: no hysteresis anywhere."""
+    back = lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS, directions=("CCW",))
+    same = lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS)
+    for name, entry in same.forecast.expected.items():
+        assert back.forecast.expected[name].sd == pytest.approx(entry.sd, rel=1e-6)
+    more = lb.design(LINEAR, pilot, tests=4, forces_N=LEVELS, directions=("CCW",), augment=True)
+    assert bind_tests(LINEAR, more.pilot, more.tests, keep=True).setting.both_ways == ("XY",)
+
+
+def test_equal_steps_go_over_the_whole_range(pilot: lb.Campaign) -> None:
+    levels = np.linspace(36.0, 742.0, 15)
+    found = lb.design(LINEAR, pilot, tests=6, forces_N=levels, planes=("XY", "YZ"), directions=("CW", "CCW"))
+    forces = [float(test.force_N or 0.0) for test in found.baseline.tests]
+    assert (len(forces), min(forces), max(forces)) == (6, 36.0, 742.0)
+    places = {(test.plane, test.direction) for test in found.baseline.tests}
+    assert places == {(plane, way) for plane in ("XY", "YZ") for way in ("CW", "CCW")}
+
+
+def test_overrides_and_fixed_parameters_of_other_planes(pilot: lb.Campaign) -> None:
+    prior = replace(LINEAR.prior, overrides={"C_XXX": 1e-5, "C_ZZZ": 2e-5})
+    model = replace(LINEAR, prior=prior, fixed=("C_CCY_1",))
+    found = lb.design(model, pilot, tests=4, forces_N=(200.0, 300.0, 400.0), planes=("YZ",))
+    bound = found.model.bind(found.plan())
+    assert bound.prior_sd[bound.names.index("C_ZZZ")] == 2e-5
+    assert "C_XXX" not in bound.names
+    assert {"E_Yt0_2", "E_Zt0_2"} < set(bound.names) <= set(found.forecast.expected)
+
+
+def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
+    timed = replace(pilot, tests=tuple(replace(t, time_s=600.0 * k, temperature_C=20.0 + k) for k, t in enumerate(pilot.tests)))
+    found = lb.design(LINEAR.including(lb.Drift("time")), timed, tests=5, forces_N=LEVELS)
+    assert [test.time_s for test in found.plan().tests] == [0.0, 600.0, 1200.0, 1800.0, 2400.0]
+    assert lb.identify(found.model, found.plan()).parameters
+    warm = lb.design(LINEAR.including(lb.Drift("temperature")), timed, tests=5, forces_N=LEVELS)
+    assert {test.temperature_C for test in warm.plan().tests} == {21.5}
+
+
+def test_a_design_of_one_direction_says_what_it_does_not_see(pilot: lb.Campaign) -> None:
+    found = lb.design(LINEAR, pilot, tests=2, forces_N=LEVELS, directions=("CW", "CCW"), parameters=["E_XX1"], seed=1)
+    ways = {test.direction for test in found.tests}
+    said = [note for note in found.notes if "cannot show the hysteresis" in note]
+    assert bool(said) == (len(ways) == 1)

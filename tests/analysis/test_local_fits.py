@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -114,3 +115,14 @@ def test_too_few_readings_leave_least_squares_open() -> None:
     found = lb.local_fits(lb.HybridModel.default(0), campaign)
     assert found["sd"].gt(0).all()
     assert found["least_squares"].isna().all() or found["least_squares"].notna().all()
+
+
+def test_windows_that_lack_a_set_up_or_a_plane() -> None:
+    """Low forces in one set-up, high ones in another; then in another plane: each window keeps the campaign's parameters."""
+    for further in ({"setup": 2}, {"plane": "YZ", "setup": 2}):
+        planned = plan((40,) * 4, forces_N=(50.0, 300.0, 500.0, 700.0))
+        tests = (*planned.tests[:2], *(replace(test, **further) for test in planned.tests[2:]))
+        campaign = lb.HybridModel.default(0).simulate(replace(planned, tests=tests), seed=3).campaign
+        table = lb.local_fits(lb.HybridModel.default(0), campaign)
+        assert set(table["parameter"]) == set(lb.HybridModel.default(0).bind(campaign).names)
+        assert np.isfinite(table["mean"]).all()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -134,3 +136,16 @@ def test_selection() -> None:
 )
 def test_arc(angle: np.ndarray, arc: float) -> None:
     assert make(angle_deg=angle, reading_um=np.zeros(len(angle))).arc_deg == pytest.approx(arc)
+
+
+def test_digests_tell_campaigns_apart_and_nothing_else() -> None:
+    angle = np.arange(36) * 10.0
+    tests = (lb.CircularTest(100, angle, reading_um=angle, time_s=20, work_ball_deg=45),)
+    campaign = lb.Campaign(tests)
+    floats = (lb.CircularTest(100.0, angle, reading_um=angle, time_s=20.0, work_ball_deg=45.0),)
+    assert lb.Campaign(floats).sha256 == campaign.sha256
+    assert replace(campaign, foreseen=(replace(tests[0], direction="CCW"),)).sha256 != campaign.sha256
+    longer = lb.CircularTest(100, np.concatenate([angle, angle]), time_s=20, work_ball_deg=45)
+    assert lb.Campaign((longer,)).sha256 != campaign.sha256
+    assert lb.Campaign((replace(tests[0], setup=2),)).sha256 != campaign.sha256
+    assert lb.Campaign(tests, frames_mm={"Y": (0.0, 0.0, 5.0)}).sha256 != campaign.sha256
