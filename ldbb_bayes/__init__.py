@@ -57,6 +57,7 @@ _HOMES = {
     "sample": "ldbb_bayes.inference.sample",
     "save": "ldbb_bayes.inference.posterior",
     "summarize": "ldbb_bayes.inference.summary",
+    "nuisances": "ldbb_bayes.inference.nuisances",
 }
 __all__ = [
     "Campaign",
@@ -92,6 +93,7 @@ __all__ = [
     "marginals",
     "mask_angles",
     "mask_reversals",
+    "nuisances",
     "preview",
     "read_campaign",
     "read_model",
@@ -127,6 +129,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
     from ldbb_bayes.inference.marginals import marginals
+    from ldbb_bayes.inference.nuisances import nuisances
     from ldbb_bayes.inference.posterior import load, save
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.inference.stopping import StoppingRule

@@ -262,4 +262,4 @@ def _remarks(campaign: Campaign) -> tuple[str, ...]:
         found.append(
             "Several planes in one set-up: the tool ball's offsets are shared. If the bar was mounted anew, number the set-ups."
         )
-    return tuple(found)
+    return tuple(dict.fromkeys(found))

@@ -83,10 +83,12 @@ def reading_console() -> Console:
 def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     """The JSON of a fit, with what a look at the readings finds among its warnings."""
     from ldbb_bayes.analysis.preview import preview
+    from ldbb_bayes.inference.nuisances import nuisances
     from ldbb_bayes.inference.origin import campaign_of
     from ldbb_bayes.inference.summary import result_json
 
     result = result_json(posterior, ci_prob=ci_prob)
+    result["nuisances"] = nuisances(posterior).to_dict(orient="index")
     seen = preview(campaign_of(posterior))
     result["fit"]["warnings"] += [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
     result["fit"]["warnings"] += [remark for remark in seen.remarks if not remark.startswith(("One", "Two"))]
@@ -244,10 +246,13 @@ def _leave_interrupts() -> None:
 
 def print_fit(result: Mapping[str, Any]) -> None:
     """The table of a fit and its notes."""
-    from ldbb_bayes.report.text import parameter_table, verdict_lines
+    from ldbb_bayes.report.text import TOLD, nuisance_table, parameter_table, verdict_lines
 
     console = reading_console()
     console.print(parameter_table(result))
+    if any(entry["term"] in TOLD for entry in result["nuisances"].values()):
+        console.print()
+        console.print(nuisance_table(result))
     console.print()
     for line in verdict_lines(result):
         console.print(line, markup=False)

@@ -90,7 +90,7 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
         else:
             parameters[str(name)] = entry
     model = {name: value for name, value in record["model"].items() if name not in ("toml", "prior_sd", "groups")}
-    campaign = {name: value for name, value in record["campaign"].items() if name not in ("fields", "test_fields")}
+    campaign = {name: value for name, value in record["campaign"].items() if name not in ("fields", "test_fields", "foreseen")}
     return {
         "schema": record["schema"],
         "campaign": campaign,

@@ -20,6 +20,7 @@ __all__ = [
     "signed",
     "term_words",
     "three",
+    "unit_words",
 ]
 
 _SMALL = 0.01
@@ -35,11 +36,11 @@ _NATURAL: Mapping[str, tuple[float, str]] = {"ForceError": (0.01, "1 % of force 
 
 def natural_amount(term: str, name: str) -> float:
     """One of the unit it is told in."""
-    return _NATURAL[term][0] if term in _NATURAL else _unit(name)[0]
+    return _NATURAL[term][0] if term in _NATURAL else unit_words(name)[0]
 
 
-def _unit(name: str) -> tuple[float, str]:
-    """What a nuisance coefficient is told in: inside value of one, and label."""
+def unit_words(name: str) -> tuple[float, str]:
+    """What a nuisance coefficient is told in: inside value of one, and its label."""
     for stem, unit in _UNITS.items():
         if name.startswith(stem):
             return unit
@@ -48,7 +49,7 @@ def _unit(name: str) -> tuple[float, str]:
 
 def company_words(lead: str, amount: float, name: str, change: float) -> str:
     """0.5 times as much mount deflection; of another unit, how much."""
-    (_, unit), (own, other) = _unit(lead), _unit(name)
+    (_, unit), (own, other) = unit_words(lead), unit_words(name)
     if unit != other or name == "force_gain":
         shown = f"{change:.2g}".replace("-", "−") if name == "force_gain" else f"{signed(change / own)} {other}"
         return f"{shown} of {nuisance_words(name)}"
@@ -111,7 +112,7 @@ def amount_words(term: str, name: str, amount: float) -> str:
     """1.00 µm of bar length; 1 % of force gain."""
     if term in _NATURAL:
         return _NATURAL[term][1]
-    one, unit = _unit(name)
+    one, unit = unit_words(name)
     return f"{three(amount / one)} {unit} of {nuisance_words(name)}"
 
 

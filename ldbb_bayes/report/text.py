@@ -11,6 +11,7 @@ from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiabi
 from ldbb_bayes.analysis.preview import CampaignPreview
 from ldbb_bayes.analysis.validation import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.wording import nuisance_words, unit_words
 from ldbb_bayes.report.rounding import round_like, round_uncertainty, value_and_uncertainty
 from ldbb_bayes.units import display_name, display_unit
 
@@ -27,6 +28,7 @@ __all__ = [
 ]
 
 
+TOLD = ("Hysteresis", "Drift")
 DEFAULT_TERMS = HybridModel.default().terms
 
 
@@ -54,6 +56,28 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
         table.add_row(
             shown, round_like(entry["mean"] * factor, decimals), spread, f"[{low}, {high}]".replace("[", r"\["), prior, unit
         )
+    return table
+
+
+def nuisance_table(result: Mapping[str, Any]) -> Table:
+    """Hysteresis and drift: mean, standard uncertainty and prior sd of every coefficient that is told from zero (k = 2)."""
+    table = Table(box=None, pad_edge=False)
+    for name, justify in (
+        ("hysteresis and drift, beyond 2 u", "left"),
+        ("mean", "right"),
+        ("u (1 sd)", "right"),
+        ("prior sd", "right"),
+    ):
+        table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    table.add_column("unit", no_wrap=True)
+    told = {name: entry for name, entry in result["nuisances"].items() if entry["term"] in TOLD}
+    clear = {name: entry for name, entry in told.items() if abs(entry["mean"]) > 2.0 * entry["sd"]}
+    for name, entry in clear.items():
+        one, unit = unit_words(name)
+        spread, decimals = round_uncertainty(entry["sd"] / one)
+        mean = round_like(entry["mean"] / one, decimals)
+        table.add_row(nuisance_words(name), mean, spread, _three_digits(entry["prior_sd"] / one), unit)
+    table.add_row(f"{len(told) - len(clear)} of {len(told)} not told from zero")
     return table
 
 

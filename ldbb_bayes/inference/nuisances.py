@@ -1,0 +1,71 @@
+"""What a fit says of the nuisances that tests share: ball form, bar length, mount, force gain, hysteresis, drift.
+
+They are integrated out when sampling. Given β, φ and the readings they are Gaussian: mean and sd follow from the draws by the law
+of total variance.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy.linalg
+import xarray as xr
+from numpy.typing import NDArray
+
+from ldbb_bayes.inference.origin import bound_of, draws_of
+from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.columns import Columns
+
+__all__ = ["nuisances"]
+
+Array = NDArray[Any]
+_DRAWS = 1000
+_UNITS = {"mount": "mm/bar", "force_gain": "1", "hysteresis_force": "mm/N", "drift_time": "mm/h", "drift_temperature": "mm/K"}
+
+
+def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
+    """Posterior of the shared nuisance coefficients.
+
+    Returns
+    -------
+    DataFrame
+        One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the posterior mean of φ). The mount's
+        is its deviation from the nominal deflection.
+    """
+    bound = bound_of(posterior)
+    beta, phi = draws_of(posterior, bound, _DRAWS)
+    names, owners, prior_sd = _shared(bound, phi)
+    if not names:
+        return pd.DataFrame(columns=["term", "unit", "mean", "sd", "prior_sd"])
+    _, given = bound.given_interest.conditional(phi, beta - bound.centre)
+    within = np.zeros(len(names))
+    for root, scale in zip(given.precision_root, given.scale, strict=True):
+        inverse = scipy.linalg.solve_triangular(root, np.eye(len(names)), lower=True)
+        within += (inverse**2).sum(axis=0) * scale**2 / len(beta)
+    return pd.DataFrame(
+        {
+            "term": owners,
+            "unit": [next((unit for stem, unit in _UNITS.items() if name.startswith(stem)), "mm") for name in names],
+            "mean": given.mean.mean(axis=0),
+            "sd": np.sqrt(within + given.mean.var(axis=0)),
+            "prior_sd": prior_sd,
+        },
+        index=list(names),
+    )
+
+
+def _shared(bound: BoundModel, phi: Array) -> tuple[list[str], list[str], Array]:
+    """Names, terms and prior sd of the shared columns, in the order of the model's terms."""
+    scale = dict(zip(bound.hyper_prior.names, phi.mean(axis=0), strict=True))
+    names: list[str] = []
+    owners: list[str] = []
+    sd = [np.zeros(0)]
+    for term in bound.model.nuisances:
+        for part in term.columns(bound.setting):
+            if isinstance(part, Columns) and not part.private:
+                names += part.names
+                owners += [type(term).__name__] * len(part.names)
+                sd.append(part.sd * (scale[part.hyper] if part.hyper else 1.0))
+    return names, owners, np.concatenate(sd)
