@@ -26,11 +26,11 @@ def recommendation(design: Design) -> tuple[str, ...]:
 
 def _tests(design: Design) -> Iterator[str]:
     table = design.table()
-    plain = bool((table[list(ALWAYS[:2])] == 0.0).all(axis=None)) and table["radius_mm"].nunique() == 1
-    plain = plain and design.columns == ALWAYS
+    clocked = bool((table[list(ALWAYS[:2])] != 0.0).any(axis=None))
+    told = [name for name in design.columns if (clocked if name in ALWAYS[:2] else table[name].nunique() > 1)]
     words = []
     for row in table.to_dict(orient="records"):
-        place = "" if plain else f" ({place_words({str(name): value for name, value in row.items()})})"
+        place = f" ({place_words({name: row[name] for name in told})})" if told else ""
         words.append(f"{row['count']} × {row['force_N']:.4g} N{place}")
     more = " more" if design.augment else ""
     listed = joined(words) if len(words) <= _MANY else "see the table"

@@ -29,8 +29,8 @@ def frame_of(tests: Sequence[CircularTest], columns: Sequence[str]) -> pd.DataFr
     return pd.DataFrame(rows, columns=["force_N", *columns])
 
 
-def place_words(row: Mapping[str, Any], *, radius: bool = True) -> str:
-    """One row of `frame_of` in words."""
+def place_words(row: Mapping[str, Any]) -> str:
+    """One row of `frame_of`, or a part of it, in words."""
     said = []
     if row.get("plane"):
         said.append(f"plane {row['plane']}")
@@ -41,8 +41,9 @@ def place_words(row: Mapping[str, Any], *, radius: bool = True) -> str:
     centre = [f"{name[7]} = {row[name]:g} mm" for name in _WHERE_DIFFERENT[3:] if name in row]
     if centre:
         said.append(f"centre {', '.join(centre)}")
-    said.append(f"work ball {row['work_ball_deg']:g}°, tool ball {row['tool_ball_deg']:g}°")
-    if radius:
+    if "work_ball_deg" in row:
+        said.append(f"work ball {row['work_ball_deg']:g}°, tool ball {row['tool_ball_deg']:g}°")
+    if "radius_mm" in row:
         said.append(f"R {row['radius_mm']:g} mm")
     return ", ".join(said)
 

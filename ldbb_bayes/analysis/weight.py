@@ -69,8 +69,11 @@ def _evidence(comparison: Comparison) -> Iterator[str]:
 def _robustness(comparison: Comparison) -> Iterator[str]:
     changes = turned(comparison)
     scales = comparison.prior_sensitivity
-    if changes or comparison.crossings:
+    allowed = [assumed for assumed, own in changes if own > -_REJECTED]
+    if allowed or comparison.crossings:
         yield "The sign is NOT robust: it depends on what is assumed."
+    elif changes:
+        yield "The sign holds under every assumption that the readings do not reject."
     else:
         yield "The sign holds under every assumption tried."
     if scales:
@@ -97,7 +100,8 @@ def _robustness(comparison: Comparison) -> Iterator[str]:
         )
     if closed:
         listed = joined([f"'{a.label}' ({a.log_bayes_factor:+.0f})" for a, _ in closed])
-        yield f"It also turns with {listed}, assumptions the readings reject by {-closed[0][1]:.0f} nats and more."
+        also = "also " if allowed or comparison.crossings else ""
+        yield f"It {also}turns with {listed}, assumptions the readings reject by {-closed[0][1]:.0f} nats and more."
     naive = next((assumed for assumed in comparison.nuisances if assumed.label == WHITE_NOISE), None)
     if naive is not None:
         yield (

@@ -155,6 +155,11 @@ def test_a_verdict_that_holds(found: Comparison) -> None:
     same = tuple(Assumed(a.label, a.log_evidence, -6.0, 1e-3) for a in found.nuisances)
     holds = verdict_of(replace(found, nuisances=same, discrepancy_sensitivity=same, crossings=()))
     assert "The sign holds under every assumption tried." in holds
+    rejected = replace(same[1], log_bayes_factor=3.0, log_evidence={n: z - 500.0 for n, z in same[1].log_evidence.items()})
+    turned_only_there = (same[0], rejected)
+    said = verdict_of(replace(found, nuisances=turned_only_there, discrepancy_sensitivity=same[:1], crossings=()))
+    assert "The sign holds under every assumption that the readings do not reject." in said
+    assert any(sentence.startswith("It turns with") for sentence in said)
     crossed = verdict_of(replace(found, nuisances=same, discrepancy_sensitivity=same, crossings=(0.12,)))
     assert "The sign is NOT robust: it depends on what is assumed." in crossed
     assert any("changing sign at 0.12" in sentence for sentence in crossed)
