@@ -1,0 +1,195 @@
+"""The uncertainty budget of every parameter in the form of the GUM: contributors, their own uncertainty, sensitivity and share.
+
+Given the hyper-parameters the estimation error of the parameters is a sum of independent parts, one for every source: a nuisance
+coefficient's deviation from its prior mean, a noise of the readings, the parameters' own deviation from their priors. With Cov_s
+the covariance of a part and C their sum, E[part_s | error] = Γ_s error with Γ_s = Cov_s C⁻¹, Σ Γ_s = 1. The share of source s in
+the posterior variance of parameter i is [Γ_s Cov(β | y)]_ii / Var(β_i | y): shares sum to one and give back the posterior
+variance, truncation and unknown hyper-parameters included; without these they are the GUM's u_s²(y) / u²(y).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+import scipy.linalg
+import xarray as xr
+from numpy.typing import NDArray
+
+from ldbb_bayes.inference.origin import bound_of, draws_of
+from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
+from ldbb_bayes.model.terms import ForceError
+
+__all__ = ["Budget", "Contribution", "budgets"]
+
+Array = NDArray[Any]
+Kind = Literal["A", "B"]
+_TYPE_A = (NOISE, "SetupShift", "Discrepancy")
+_HYPER = {NOISE: "sigma", "SetupShift": "delta", "Discrepancy": "kappa"}
+_UNITS = {"mount": "mm/bar", "force_gain": "1", "hysteresis_force": "mm/N", "drift_time": "mm/h", "drift_temperature": "mm/K"}
+_LISTED = 1e-3
+_REMEDIES: Mapping[str, str] = {
+    "BallForm": "Clock both balls between tests, or measure a second radius.",
+    "BarLength": "Calibrate the bar's length.",
+    "Mount": "Measure the mount's deflection.",
+    "ForceError": "Calibrate the force.",
+    "SetupShift": "Run more circles: zero and centre move from one to the next.",
+    "Discrepancy": "Run more circles: what differs from one to the next averages out.",
+    NOISE: "Take more readings per circle, or more circles.",
+    OWN: "The readings hardly tell it: run tests that do (design).",
+    "Hysteresis": "Run both directions at more forces.",
+    "Drift": "Run the forces in an order that has nothing to do with time.",
+}
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """One line of a budget.
+
+    Attributes
+    ----------
+    source : str
+        A nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors.
+    term : str
+    kind : {"A", "B"}
+        Evaluated from the readings' scatter, or by other means (GUM 2.3.2, 2.3.3).
+    u : float or None
+        Its own standard uncertainty [``unit``]; None for several coefficients together.
+    unit : str
+    sensitivity : float or None
+        Change of the parameter's estimate per unit of the source; for noise the effective one, without sign.
+    contribution : float
+        Its part of the parameter's standard uncertainty [unit of the parameter].
+    share : float
+        Of the parameter's variance.
+    """
+
+    source: str
+    term: str
+    kind: Kind
+    u: float | None
+    unit: str
+    sensitivity: float | None
+    contribution: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The budget of one parameter.
+
+    Attributes
+    ----------
+    parameter, unit : str
+    u : float
+        Posterior standard deviation.
+    contributions : tuple of Contribution
+        The largest first; shares sum to one.
+    improve : str
+        What would improve it most.
+    u_if_known : float
+        Standard uncertainty that would be left if the heaviest term were known exactly.
+    """
+
+    parameter: str
+    unit: str
+    u: float
+    contributions: tuple[Contribution, ...]
+    improve: str
+    u_if_known: float
+
+    def share(self, term: str) -> float:
+        """Share of a whole term."""
+        return sum(line.share for line in self.contributions if line.term == term)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
+    """The budget of every parameter of a posterior, at its mean hyper-parameters; the variance is the draws' own."""
+    bound = bound_of(posterior)
+    beta, phi = draws_of(posterior, bound)
+    information = information_of(bound, phi.mean(axis=0))
+    own = information.own
+    scale = information.scale[own]
+    covariance = np.atleast_2d(np.cov(beta.T)) / np.outer(scale, scale)
+    shares = _shares(information, covariance)
+    known = {term: information.variances([term]) for term in information.terms}
+    plain = information.variances()
+    found = {}
+    for i, parameter in enumerate(bound.parameters):
+        u = float(np.sqrt(covariance[i, i]) * scale[i])
+        lines = _lines(bound, information, phi.mean(axis=0), shares, i, u)
+        by_term = {term: sum(line.share for line in lines if line.term == term) for term in dict.fromkeys(x.term for x in lines)}
+        heaviest = max(by_term, key=lambda term: by_term[term])
+        left = (
+            float(np.sqrt(known[heaviest][i] / plain[i]))
+            if heaviest in known
+            else float(np.sqrt(max(1.0 - by_term[heaviest], 0.0)))
+        )
+        found[parameter.name] = Budget(parameter.name, parameter.unit, u, lines, _REMEDIES[heaviest], u * left)
+    return found
+
+
+def _shares(information: Information, covariance: Array) -> dict[tuple[str, str], Array]:
+    """Share of every source, by (source, term), each shape (p,)."""
+    joint = information.covariance()
+    own = information.own
+    total = joint[np.ix_(own, own)]
+    weight = np.linalg.solve(total, covariance)
+    parts: dict[tuple[str, str], Array] = {}
+    if not information.flat:
+        parts[OWN, OWN] = joint[np.ix_(own, own)] @ joint[np.ix_(own, own)].T
+    for k, (name, owner) in enumerate(zip(information.names, information.owners, strict=True)):
+        if owner != OWN:
+            parts[name, owner] = np.outer(joint[own, k], joint[own, k])
+    for design, noise in zip(information.design, information.noise, strict=True):
+        root = np.linalg.cholesky(sum(noise.values(), np.zeros((len(design), len(design)))))
+        gain = scipy.linalg.cho_solve((root, True), design * information.scale) @ joint[:, own]
+        for source, part in noise.items():
+            parts[source, source] = parts.get((source, source), 0.0) + gain.T @ part @ gain
+    raw = {key: np.einsum("ij,ji->i", part, weight) for key, part in parts.items()}
+    summed = np.sum(list(raw.values()), axis=0)
+    return {key: values / summed for key, values in raw.items()}
+
+
+def _lines(
+    bound: BoundModel, information: Information, phi: Array, shares: Mapping[tuple[str, str], Array], i: int, u: float
+) -> tuple[Contribution, ...]:
+    value = dict(zip(bound.hyper_prior.names, phi.tolist(), strict=True))
+    joint = information.covariance()
+    k = int(information.own[i])
+    lines, rest = [], dict[str, float]()
+    for (source, term), values in shares.items():
+        share = float(values[i])
+        if source == term:
+            lines.append(_noise_line(bound, term, value, share, u))
+        elif abs(share) < _LISTED:
+            rest[term] = rest.get(term, 0.0) + share
+        else:
+            j = information.names.index(source)
+            own_u = float(information.scale[j])
+            part = float(np.sqrt(max(share, 0.0))) * u
+            unit = next((unit for stem, unit in _UNITS.items() if source.startswith(stem)), "mm")
+            # More of the nuisance than its prior mean moves the estimate the other way than their covariance.
+            sign = -float(np.sign(joint[k, j]))
+            lines.append(Contribution(source, term, "B", own_u, unit, sign * part / own_u, part, share))
+    lines += [Contribution(f"other {term}", term, "B", None, "", None, max(s, 0.0) ** 0.5 * u, s) for term, s in rest.items()]
+    return tuple(sorted(lines, key=lambda line: -line.share))
+
+
+def _noise_line(bound: BoundModel, term: str, value: Mapping[Any, float], share: float, u: float) -> Contribution:
+    part = float(np.sqrt(max(share, 0.0))) * u
+    kind: Kind = "A" if term in _TYPE_A else "B"
+    own: float | None = value.get(_HYPER.get(term, ""))
+    unit = "mm" if own is not None else ""
+    if term == "ForceError":
+        own = next((t.random_sd_N for t in bound.model.nuisances if isinstance(t, ForceError)), None)
+        unit = "N" if own is not None else ""
+    sensitivity = None if own is None else part / own
+    return Contribution(term, term, kind, own, unit, sensitivity, part, share)
