@@ -89,7 +89,8 @@ def foreseen_by(pilot: Campaign, candidates: Sequence[CircularTest], judged: Seq
         own = (test.plane, test.setup, test.circle.centre_mm, test.radius_mm if offset else None)
         return (*own, test.direction) if way else own
 
-    known = {kind(test, way=way) for test in pilot.scope for way in (True, False)}
+    # A direction counts as foreseen only where it is: the pilot's own tests need not be part of what is analysed.
+    known = {kind(test, way=False) for test in pilot.scope} | {kind(test, way=True) for test in pilot.foreseen}
     further = {kind(test, way=test.direction is not None): test for test in reversed(possible)}
     new = [test for key, test in further.items() if key not in known]
     return replace(pilot, foreseen=(*pilot.foreseen, *new)) if new else pilot

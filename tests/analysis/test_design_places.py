@@ -11,7 +11,9 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.candidates import bind_tests
 from ldbb_bayes.analysis.costs import running_order
+from ldbb_bayes.analysis.design import _limits
 from ldbb_bayes.analysis.places import foreseen_by, templates
+from ldbb_bayes.analysis.space import DesignSpace
 from ldbb_bayes.model.information import information_of
 
 LINEAR = lb.HybridModel.default(1)
@@ -35,7 +37,11 @@ def test_templates_are_the_pilots() -> None:
     assert own == [("XY", 1, None, 5.0, 36), ("YZ", 4, "CW", 0.0, 72), ("YZ", 4, "CCW", 0.0, 72)]
     (new,) = templates(campaign, ("ZX",), ("CW",), ((1.0, 2.0, 3.0),))
     assert (new.plane, new.setup, new.circle.centre_mm) == ("ZX", 5, (1.0, 2.0, 3.0))
-    assert foreseen_by(campaign, templates(campaign, (), (), ())) is campaign
+    known = foreseen_by(campaign, templates(campaign, (), (), ()))
+    assert [(test.plane, test.direction) for test in known.foreseen] == [("YZ", "CCW"), ("YZ", "CW")]
+    assert foreseen_by(known, templates(campaign, (), (), ())) is known
+    silent = replace(campaign, tests=campaign.tests[:1])
+    assert foreseen_by(silent, templates(silent, (), (), ())) is silent
 
 
 def test_foreseen_parameters_do_not_change_what_is_known(pilot: lb.Campaign) -> None:
@@ -218,7 +224,14 @@ def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
 
 
 def test_a_design_of_one_direction_says_what_it_does_not_see(pilot: lb.Campaign) -> None:
-    found = lb.design(LINEAR, pilot, tests=2, forces_N=LEVELS, directions=("CW", "CCW"), parameters=["E_XX1"], seed=1)
-    ways = {test.direction for test in found.tests}
-    said = [note for note in found.notes if "cannot show the hysteresis" in note]
-    assert bool(said) == (len(ways) == 1)
+    """Whichever direction it happens to be: hysteresis counts for circles all CW as for circles all CCW."""
+    space = DesignSpace(LINEAR, pilot, LEVELS, directions=("CW", "CCW"))
+    sd = {}
+    for way in ("CW", "CCW"):
+        alone = [test for test in space.tests if test.direction == way]
+        assert bind_tests(LINEAR, space.pilot, alone, keep=False).setting.both_ways == ("XY",)
+        sd[way] = space.forecast(alone).expected["C_XYX"].sd
+        assert any("cannot show the hysteresis" in note for note in _limits(space, alone))
+    assert sd["CW"] == pytest.approx(sd["CCW"], rel=1e-6)
+    assert not any("cannot show the hysteresis" in note for note in _limits(space, space.tests))
+    assert sd["CW"] > 1.5 * space.forecast(space.tests).expected["C_XYX"].sd
