@@ -22,6 +22,7 @@ from ldbb_bayes.inference.origin import bound_of, draws_of
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
 from ldbb_bayes.model.terms import ForceError
+from ldbb_bayes.model.wording import inside_unit
 
 __all__ = ["Budget", "Contribution", "budgets"]
 
@@ -29,7 +30,6 @@ Array = NDArray[Any]
 Kind = Literal["A", "B"]
 _TYPE_A = (NOISE, "SetupShift", "Discrepancy")
 _HYPER = {NOISE: "sigma", "SetupShift": "delta", "Discrepancy": "kappa"}
-_UNITS = {"mount": "mm/bar", "force_gain": "1", "hysteresis_force": "mm/N", "drift_time": "mm/h", "drift_temperature": "mm/K"}
 _LISTED = 1e-3
 _REMEDIES: Mapping[str, str] = {
     "BallForm": "Clock both balls between tests, or measure a second radius.",
@@ -175,7 +175,7 @@ def _lines(
             j = information.names.index(source)
             own_u = float(information.scale[j])
             part = float(np.sqrt(max(share, 0.0))) * u
-            unit = next((unit for stem, unit in _UNITS.items() if source.startswith(stem)), "mm")
+            unit = inside_unit(source)
             # More of the nuisance than its prior mean moves the estimate the other way than their covariance.
             sign = -float(np.sign(joint[k, j]))
             lines.append(Contribution(source, term, "B", own_u, unit, sign * part / own_u, part, share))

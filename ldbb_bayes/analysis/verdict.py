@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -11,9 +10,9 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.confounding import Confounding
 from ldbb_bayes.model.degeneracies import Degeneracy
-from ldbb_bayes.units import display_name
+from ldbb_bayes.model.wording import term_words
 
-__all__ = ["TENTH", "Verdict", "term_words", "verdict_of"]
+__all__ = ["TENTH", "Verdict", "verdict_of"]
 
 Array = NDArray[Any]
 Word = Literal["identified", "prior-limited", "aliased"]
@@ -92,8 +91,3 @@ def verdict_of(
     if unseen[1] > _HALF and rival and rivals[rival] > _HALF:
         return Verdict("aliased", (rival,), share)
     return Verdict("prior-limited" if contraction < _CONTRACTED else "identified", heavy, share)
-
-
-def term_words(term: str) -> str:
-    """BallForm → ball form; a parameter's name stays."""
-    return display_name(term) if "_" in term else re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()

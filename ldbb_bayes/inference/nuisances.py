@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from ldbb_bayes.inference.origin import bound_of, draws_of
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.columns import Columns
+from ldbb_bayes.model.wording import inside_unit
 
 __all__ = ["nuisances"]
 
 Array = NDArray[Any]
 _DRAWS = 1000
-_UNITS = {"mount": "mm/bar", "force_gain": "1", "hysteresis_force": "mm/N", "drift_time": "mm/h", "drift_temperature": "mm/K"}
 
 
 def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
@@ -47,7 +47,7 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "term": owners,
-            "unit": [next((unit for stem, unit in _UNITS.items() if name.startswith(stem)), "mm") for name in names],
+            "unit": [inside_unit(name) for name in names],
             "mean": given.mean.mean(axis=0),
             "sd": np.sqrt(within + given.mean.var(axis=0)),
             "prior_sd": prior_sd,

@@ -13,6 +13,7 @@ __all__ = [
     "amount_words",
     "change_words",
     "company_words",
+    "inside_unit",
     "joined",
     "natural_amount",
     "nuisance_words",
@@ -24,13 +25,15 @@ __all__ = [
 ]
 
 _SMALL = 0.01
-_MICROMETRE = 1e-3
-_UNITS: Mapping[str, tuple[float, str]] = {
-    "mount": (1e-3, "µm/bar"),
-    "hysteresis_force": (1e-6, "µm/kN"),
-    "drift_time": (1e-3, "µm/h"),
-    "drift_temperature": (1e-3, "µm/K"),
+# Stem of the name → inside unit, inside value of one as it is told, and how that is called.
+_UNITS: Mapping[str, tuple[str, float, str]] = {
+    "mount": ("mm/bar", 1e-3, "µm/bar"),
+    "force_gain": ("1", 1e-2, "%"),
+    "hysteresis_force": ("mm/N", 1e-6, "µm/kN"),
+    "drift_time": ("mm/h", 1e-3, "µm/h"),
+    "drift_temperature": ("mm/K", 1e-3, "µm/K"),
 }
+_LENGTHS = ("mm", 1e-3, "µm")
 _NATURAL: Mapping[str, tuple[float, str]] = {"ForceError": (0.01, "1 % of force gain")}
 
 
@@ -39,28 +42,33 @@ def natural_amount(term: str, name: str) -> float:
     return _NATURAL[term][0] if term in _NATURAL else unit_words(name)[0]
 
 
+def inside_unit(name: str) -> str:
+    """Unit of a nuisance coefficient in files and JSON."""
+    return _told_in(name)[0]
+
+
 def unit_words(name: str) -> tuple[float, str]:
-    """What a nuisance coefficient is told in: inside value of one, and its label."""
-    for stem, unit in _UNITS.items():
-        if name.startswith(stem):
-            return unit
-    return _MICROMETRE, "µm"
+    """What a nuisance coefficient is told in: inside value of one, and label."""
+    return _told_in(name)[1:]
+
+
+def _told_in(name: str) -> tuple[str, float, str]:
+    return next((unit for stem, unit in _UNITS.items() if name.startswith(stem)), _LENGTHS)
 
 
 def company_words(lead: str, amount: float, name: str, change: float) -> str:
     """0.5 times as much mount deflection; of another unit, how much."""
     (_, unit), (own, other) = unit_words(lead), unit_words(name)
-    if unit != other or name == "force_gain":
-        shown = f"{change:.2g}".replace("-", "−") if name == "force_gain" else f"{signed(change / own)} {other}"
-        return f"{shown} of {nuisance_words(name)}"
+    if unit != other:
+        return f"{signed(change / own)} {other} of {nuisance_words(name)}"
     ratio = change / amount
     much = {1.0: "as much", -1.0: "minus as much"}.get(round(ratio, 6), f"{signed(ratio)} times as much")
     return f"{much} {nuisance_words(name)}"
 
 
 def term_words(term: str) -> str:
-    """BallForm → ball form."""
-    return re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
+    """BallForm → ball form; a parameter's name stays."""
+    return display_name(term) if "_" in term else re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
 
 
 _FORM = re.compile(r"(work_|tool_)?form(?:_(XY|YZ|ZX))?_(cos|sin)(\d+)")

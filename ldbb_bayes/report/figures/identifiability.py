@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.identified import Identifiability
-from ldbb_bayes.analysis.verdict import term_words
 from ldbb_bayes.model.information import NOISE
+from ldbb_bayes.model.wording import term_words
 from ldbb_bayes.report.figures.style import GREY, PALETTE, new_figure, styled
 from ldbb_bayes.report.rounding import round_uncertainty
 from ldbb_bayes.units import display_name, display_unit
