@@ -72,11 +72,13 @@ def traces(posterior: xr.DataTree) -> Figure:
         )
         axes.set_rlim(0.0, zero + high + 0.08 * span)
         axes.set_rgrids((zero + ticks).tolist(), [""] * len(ticks))
-        magnification = float(_tests(bound)[0].radius_mm or 0.0) * 1e3 / zero
+        radii = {test.circle.radius_mm for test in _tests(bound) if test.plane == plane}
+        magnified = (
+            f", radial magnification {max(radii) * 1e3 / zero:.0f} : 1" if len(radii) == 1 else ", circles of several radii"
+        )
         where = f"Plane {plane}: r" if len(planes) > 1 else "R"
         axes.set_title(
-            f"{where}eadings (dots), prediction (lines), 95 % band for a new circle\n"
-            f"rings every {step:g} µm, radial magnification {magnification:.0f} : 1",
+            f"{where}eadings (dots), prediction (lines), 95 % band for a new circle\nrings every {step:g} µm{magnified}",
             pad=22,
         )
         lines |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))

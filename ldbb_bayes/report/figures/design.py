@@ -20,7 +20,6 @@ _SHOWN = 8
 _ALIKE = 0.02
 _LONG = 60
 _CURVES = 6
-_MOST_PARAMETERS = 24
 
 
 @styled
@@ -142,7 +141,7 @@ def _widest_changes(design: Design) -> list[str]:
 def expected_widths(design: Design) -> Figure:
     """Expected standard uncertainty of every parameter as a share of its prior sd: recommended, baseline, others, floor."""
     expected = design.forecast.expected
-    names = list(expected)[:_MOST_PARAMETERS]
+    names = list(expected)
     figure = new_figure(7.6, 1.2 + 0.27 * len(names))
     axes = figure.subplots()
     rows = np.arange(len(names))[::-1]

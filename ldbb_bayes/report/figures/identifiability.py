@@ -21,6 +21,7 @@ __all__ = ["alias_map", "correlation_map", "nuisance_costs", "prior_and_posterio
 Array = NDArray[Any]
 _COLUMNS = 5
 _VISIBLE = 0.005
+_EIGHTH = "#F0E442"
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "aliased": PALETTE[1]}
 
 
@@ -112,7 +113,7 @@ def nuisance_costs(identifiability: Identifiability) -> Figure:
     axes = figure.subplots()
     rows = np.arange(len(entries))[::-1]
     start = np.zeros(len(entries))
-    colours = dict(zip([s for s in sources if s != NOISE], PALETTE, strict=False))
+    colours = dict(zip([s for s in sources if s != NOISE], (*PALETTE, _EIGHTH), strict=False))
     for source in sources:
         share = np.array([entry.shapley[source] for entry in entries])
         if share.max() < _VISIBLE:
