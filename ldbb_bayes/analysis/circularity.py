@@ -1,122 +1,126 @@
 """The quantities of a circular test after ISO 230-4: of readings, and with credible intervals of the machine's path at any force.
 
-Radial deviations are small beside R: a shift of the centre by (a, b) takes a cos θ + b sin θ from them (to ρ²/R, some 10⁻⁵ µm).
-The machine's path is Jβ: geometry and compliance, without balls, bar, mount and what differs between circles.
+The machine's path is Jβ: geometry and compliance, without balls, bar, mount, what differs between circles, and the offsets of the
+tool ball, which are the set-up's. Where a plane is run both ways, each way has its hysteresis too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.analysis.zones import Zone, least_squares_zone, minimum_zone, minimum_zone_widths
+from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.inference.nuisances import draw_nuisances
 from ldbb_bayes.inference.origin import bound_of, draws_of
 from ldbb_bayes.inference.summary import check_probability
-from ldbb_bayes.model.basis import SIZE, basis
+from ldbb_bayes.model.basis import SIZE, basis, harmonic_index
 from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.setting import geometric_errors_of
 
-__all__ = ["Zone", "circularity", "least_squares_zone", "measured_circularity", "minimum_zone"]
+__all__ = [
+    "BIDIRECTIONAL",
+    "QUANTITIES",
+    "circularity",
+    "elastic_columns",
+    "first_circle",
+    "geometric_columns",
+    "measured_circularity",
+    "offsets",
+]
 
 Array = NDArray[Any]
 _ANGLE = np.arange(360) * (np.pi / 180.0)
-_DRAWS, _EVERY = 200, 2
-_FEWEST = 3
+_DRAWS = 400
+_CLOSED_DEG = 350.0
+_COS2, _SIN2 = harmonic_index(2)
+QUANTITIES = {
+    "G": "µm",
+    "G_minimum_zone": "µm",
+    "F_max": "µm",
+    "F_min": "µm",
+    "squareness": "µm/m",
+    "scale_mismatch": "µm/m",
+}
+BIDIRECTIONAL = {"G_b": "µm", "G_b_minimum_zone": "µm", "D": "µm"}
 
 
-@dataclass(frozen=True)
-class Zone:
-    """Two concentric circles that enclose a path.
-
-    Attributes
-    ----------
-    centre : (a, b)
-        Shift of their centre from the nominal one, in the unit of the deviations.
-    lower, upper : float
-        Smallest and largest radial deviation from the nominal radius about that centre.
-    """
-
-    centre: tuple[float, float]
-    lower: float
-    upper: float
-
-    @property
-    def width(self) -> float:
-        """Circular deviation G."""
-        return self.upper - self.lower
-
-
-def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
-    """About the centre of the least-squares circle.
-
-    Parameters
-    ----------
-    angle_rad, deviation : ndarray, shape (n,)
-        Radial deviation of the path from the nominal circle at each angle; any unit.
-    """
-    columns = _columns(angle_rad, deviation)
-    _, a, b = np.linalg.lstsq(columns, deviation, rcond=None)[0]
-    rest = deviation - columns[:, 1:] @ [a, b]
-    return Zone((float(a), float(b)), float(rest.min()), float(rest.max()))
-
-
-def minimum_zone(angle_rad: Array, deviation: Array) -> Zone:
-    """About the centre that makes the zone narrowest: a linear programme, solved exactly."""
-    columns = _columns(angle_rad, deviation)
-    size = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
-    scaled, ones = deviation / size, np.ones(len(deviation))
-    # a, b, lower, upper: lower ≤ ρ − a cos θ − b sin θ ≤ upper.
-    above = np.column_stack([-columns[:, 1:], 0.0 * ones, -ones])
-    below = np.column_stack([columns[:, 1:], ones, 0.0 * ones])
-    solved = linprog(
-        [0.0, 0.0, -1.0, 1.0], np.vstack([above, below]), np.concatenate([-scaled, scaled]), bounds=(None, None), method="highs"
-    )
-    if solved.x is None or not solved.success:
-        raise InputError(f"a minimum zone must exist, got none ({solved.message}). Check the readings.")
-    a, b = solved.x[:2] * size
-    rest = deviation - columns[:, 1:] @ [a, b]
-    return Zone((float(a), float(b)), float(rest.min()), float(rest.max()))
-
-
-def _columns(angle_rad: Array, deviation: Array) -> Array:
-    if len(deviation) < _FEWEST or len(angle_rad) != len(deviation):
-        raise InputError(
-            f"a zone must have at least {_FEWEST} angles with a deviation each, got {len(deviation)}. Give the trace."
-        )
-    return np.column_stack([np.ones(len(angle_rad)), np.cos(angle_rad), np.sin(angle_rad)])
-
-
-def measured_circularity(posterior: xr.DataTree) -> pd.DataFrame:
-    """G, F_max and F_min of every test's readings, balls, bar and mount included [µm].
+def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The same of the readings as they are, balls, bar and mount included.
 
     Returns
     -------
-    DataFrame
-        One row per test: force_N, direction, plane, G (least-squares centre), G_minimum_zone, F_max, F_min (nominal centre).
+    tests : DataFrame
+        One row per test: force_N, direction, plane, arc_deg; G, G_minimum_zone, F_max, F_min (about the least-squares centre)
+        [µm]; squareness and scale_mismatch [µm/m], not a number for less than a full circle.
+    pairs : DataFrame
+        One row per clockwise and counterclockwise test of the same circle: G_b, G_b_minimum_zone, D [µm].
     """
-    rows = {}
-    for test in bound_of(posterior).campaign.tests:
-        angle, reading = test.angles_rad(), np.asarray(test.reading_um)
-        rows[test.name] = {
-            "force_N": test.force_N,
-            "direction": test.direction,
-            "plane": test.plane,
-            "G": least_squares_zone(angle, reading).width,
-            "G_minimum_zone": minimum_zone(angle, reading).width,
-            "F_max": float(reading.max()),
-            "F_min": float(reading.min()),
-        }
-    return pd.DataFrame.from_dict(rows, orient="index")
+    bound = bound_of(posterior)
+    tests = {test.name: _measured(bound, test) for test in bound.campaign.tests}
+    pairs = {
+        f"{one.name} + {other.name}": {"force_N": one.force_N, "plane": one.plane, **_both(_trace(one), _trace(other))}
+        for one, other in _pairs(bound.campaign.tests)
+    }
+    columns = ["force_N", "plane", *BIDIRECTIONAL]
+    return pd.DataFrame.from_dict(tests, orient="index"), pd.DataFrame.from_dict(pairs, orient="index", columns=columns)
+
+
+def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
+    angle, reading = _trace(test)
+    zone = least_squares_zone(angle, reading)
+    second = np.full(2, np.nan)
+    if test.arc_deg >= _CLOSED_DEG and len(angle) > SIZE:
+        second = np.linalg.lstsq(basis(angle), reading, rcond=None)[0][[_COS2, _SIN2]]
+    mismatch, square = second * _per_second_order(bound, test.name)
+    return {
+        "force_N": test.force_N,
+        "direction": test.direction,
+        "plane": test.plane,
+        "arc_deg": test.arc_deg,
+        **_zone_numbers(zone),
+        "G_minimum_zone": minimum_zone(angle, reading).width,
+        "squareness": square,
+        "scale_mismatch": mismatch,
+    }
+
+
+def _trace(test: CircularTest) -> tuple[Array, Array]:
+    return test.angles_rad(), np.asarray(test.reading_um, dtype=float)
+
+
+def _zone_numbers(zone: Zone) -> dict[str, float]:
+    return {"G": zone.width, "F_max": zone.upper - zone.mean, "F_min": zone.lower - zone.mean}
+
+
+def _both(one: tuple[Array, Array], other: tuple[Array, Array]) -> dict[str, float]:
+    """G(b) about the common centre of both paths, and D: the mean of their least-squares radii less the nominal one."""
+    angle, deviation = np.concatenate([one[0], other[0]]), np.concatenate([one[1], other[1]])
+    return {
+        "G_b": least_squares_zone(angle, deviation).width,
+        "G_b_minimum_zone": minimum_zone(angle, deviation).width,
+        "D": 0.5 * (least_squares_zone(*one).mean + least_squares_zone(*other).mean),
+    }
+
+
+def _pairs(tests: Sequence[CircularTest]) -> Iterator[tuple[CircularTest, CircularTest]]:
+    """Clockwise and counterclockwise tests of the same circle, force, set-up and clocking."""
+
+    def place(test: CircularTest) -> tuple[Any, ...]:
+        return test.circle, test.force_N, test.setup, test.work_ball_deg, test.tool_ball_deg
+
+    clockwise, other = ([test for test in tests if test.direction == way] for way in ("CW", "CCW"))
+    return ((one, two) for one, two in product(clockwise, other) if place(one) == place(two))
 
 
 def circularity(posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95) -> pd.DataFrame:
-    """The machine's own path: G, F_max, F_min at every force with credible intervals [µm].
+    """The machine's own path at every force, with credible intervals.
 
     Parameters
     ----------
@@ -127,33 +131,38 @@ def circularity(posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_pr
     Returns
     -------
     DataFrame
-        One row per plane, force and quantity: mean, sd, median, ci_low, ci_high. G about the least-squares centre and about that
-        of the minimum zone, F_max and F_min about the nominal one. A G is a largest difference: where the path is not known it is
+        One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high; on the first circle of the
+        plane. G about the least-squares centre and that of the minimum zone; F_max, F_min about the least-squares centre and
+        radius; squareness of the second axis to the first and scale_mismatch (gain of the first axis less that of the second),
+        as the second harmonic shows them, compliance included; where the plane is run both ways G_b by either centre and D, the
+        mean radius less the nominal one, and G, F of the mean path. A G is a largest difference: where the path is not known it is
         more often too large than too small.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)
-    beta, _ = draws_of(posterior, bound, _DRAWS)
+    beta, phi = draws_of(posterior, bound, _DRAWS)
+    beta = np.where(offsets(bound), 0.0, beta)
+    travel = _travel_draws(bound, posterior) if bound.setting.both_ways else {}
     forces = list(forces_N) or [0.0, *np.unique(bound.setting.force_N).tolist()]
     tail = 0.5 - 0.5 * ci_prob
     rows = []
     for plane in bound.setting.planes:
+        r = first_circle(bound, plane)
         for force in forces:
-            traces = _paths_um(bound, plane, float(force), beta)
-            zones = [least_squares_zone(_ANGLE, trace) for trace in traces]
-            found = {
-                "G": [zone.width for zone in zones],
-                "G_minimum_zone": [minimum_zone(_ANGLE[::_EVERY], trace[::_EVERY]).width for trace in traces],
-                "F_max": traces.max(axis=1),
-                "F_min": traces.min(axis=1),
-            }
+            path = beta @ (geometric_columns(bound, r) + elastic_columns(bound, r, float(force))).T * 1e3
+            found = _of_paths(path, _per_second_order(bound, bound.test_names[r]))
+            if plane in travel:
+                constant, proportional = travel[plane]
+                found |= _of_both_ways(path, (constant + force * proportional) * 1e3)
             for quantity, values in found.items():
                 low, median, high = np.quantile(values, [tail, 0.5, 1.0 - tail])
                 rows.append(
                     {
                         "plane": plane,
+                        "radius_mm": float(bound.setting.radius_mm[r]),
                         "force_N": float(force),
                         "quantity": quantity,
+                        "unit": (QUANTITIES | BIDIRECTIONAL)[quantity],
                         "mean": float(np.mean(values)),
                         "sd": float(np.std(values)),
                         "median": float(median),
@@ -164,17 +173,86 @@ def circularity(posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_pr
     return pd.DataFrame(rows)
 
 
-def _paths_um(bound: BoundModel, plane: str, force_N: float, beta: Array) -> Array:
-    """Radial deviation of the machine's path at a force, on the first circle of a plane, shape (draws, 360) [µm]."""
-    first = next(r for r, own in enumerate(bound.setting.plane) if own == plane)
-    degrees: Array = np.array([p.degree for p in bound.parameters])
-    elastic = np.array([p.group != "geometric" for p in bound.parameters])
+def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
+    """Of many paths, basis coefficients (draws, 25) [µm]."""
+    centred = path.copy()
+    centred[:, :3] = 0.0
+    trace = centred @ basis(_ANGLE).T
+    upper, lower = trace.max(axis=1), trace.min(axis=1)
+    return {
+        "G": upper - lower,
+        "G_minimum_zone": minimum_zone_widths(_ANGLE, trace),
+        "F_max": upper,
+        "F_min": lower,
+        "squareness": path[:, _SIN2] * per_second_order[1],
+        "scale_mismatch": path[:, _COS2] * per_second_order[0],
+    }
+
+
+def _of_both_ways(path: Array, half: Array) -> dict[str, Array]:
+    """Of two paths, path ± half of their difference; the least-squares centre common to both is that of their mean."""
+    centred = path.copy()
+    centred[:, :3] = 0.0
+    traces = np.concatenate([(centred + half) @ basis(_ANGLE).T, (centred - half) @ basis(_ANGLE).T], axis=1)
+    return {
+        "G_b": np.ptp(traces, axis=1),
+        "G_b_minimum_zone": np.array([minimum_zone(np.tile(_ANGLE[::4], 2), trace[::4]).width for trace in traces]),
+        "D": path[:, 0],
+    }
+
+
+def _travel_draws(bound: BoundModel, posterior: xr.DataTree) -> dict[str, tuple[Array, Array]]:
+    """Draws of the hysteresis in every plane run both ways, constant [mm] and per newton [mm/N], each (draws, 25)."""
+    beta, phi = draws_of(posterior, bound, _DRAWS)
+    drawn = draw_nuisances(bound, phi, beta, np.random.default_rng(0))
+    found = {}
+    for plane in bound.setting.both_ways:
+        r = next(r for r, own in enumerate(bound.setting.plane) if own == plane and bound.setting.travel[r] != 0.0)
+        parts = [np.zeros((len(beta), SIZE)), np.zeros((len(beta), SIZE))]
+        for j, name in enumerate(drawn.names):
+            if name.startswith("hysteresis"):
+                share = drawn.values[r, :, j] * bound.setting.travel[r]
+                per_force = name.startswith("hysteresis_force")
+                parts[per_force] += np.outer(drawn.draws[:, j], share / (bound.setting.force_N[r] if per_force else 1.0))
+        if parts[0].any() or parts[1].any():
+            found[plane] = (parts[0], parts[1])
+    return found
+
+
+def _per_second_order(bound: BoundModel, name: str) -> Array:
+    """Scale mismatch per µm of cos 2θ, squareness per µm of sin 2θ, on the circle of a test, shape (2,) [µm/m per µm]."""
+    r = bound.test_names.index(name)
+    radius_m = float(bound.setting.radius_mm[r]) * 1e-3
+    square = next(
+        j
+        for j, own in enumerate(geometric_errors_of(bound.campaign))
+        if own.kind == "squareness" and bound.setting.geometric[r][_SIN2, j] != 0.0
+    )
+    return np.array([2.0 / radius_m, 1e3 / float(bound.setting.geometric[r][_SIN2, square])])
+
+
+def first_circle(bound: BoundModel, plane: str) -> int:
+    """The first test of a plane."""
+    return next(r for r, own in enumerate(bound.setting.plane) if own == plane)
+
+
+def offsets(bound: BoundModel) -> Array:
+    """Which parameters are offsets of the tool ball, shape (p,)."""
+    return np.array([name.startswith("E_") and name[3] == "t" for name in bound.names])
+
+
+def geometric_columns(bound: BoundModel, r: int) -> Array:
+    """Columns of the geometric errors on the circle of a test, zero for compliances, shape (25, p)."""
+    geometric = np.array([p.group == "geometric" for p in bound.parameters])
+    return np.where(geometric, bound.interest[r], 0.0)
+
+
+def elastic_columns(bound: BoundModel, r: int, force_N: float) -> Array:
+    """Columns of the compliances and slopes at any force on the circle of a test, zero for geometric errors, shape (25, p)."""
     labels = [name.label for name in bound.compliances]
     columns = np.zeros((SIZE, len(bound.names)))
     lever = force_N - bound.setting.reference_force_N
     for j, parameter in enumerate(bound.parameters):
-        if elastic[j]:
-            columns[:, j] = force_N * lever ** degrees[j] * bound.setting.wrench[first][:, labels.index(parameter.compliance)]
-        else:
-            columns[:, j] = bound.interest[first][:, j]
-    return np.asarray(beta @ (basis(_ANGLE) @ columns).T * 1e3)
+        if parameter.group != "geometric":
+            columns[:, j] = force_N * lever**parameter.degree * bound.setting.wrench[r][:, labels.index(parameter.compliance)]
+    return columns

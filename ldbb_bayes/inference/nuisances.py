@@ -6,6 +6,7 @@ of total variance.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ldbb_bayes.inference.origin import bound_of, draws_of
+from ldbb_bayes.model.basis import SIZE
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.columns import Columns
 from ldbb_bayes.model.wording import inside_unit
 
-__all__ = ["nuisances"]
+__all__ = ["DrawnNuisances", "draw_nuisances", "nuisances"]
 
 Array = NDArray[Any]
 _DRAWS = 1000
@@ -54,6 +56,39 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
         },
         index=list(names),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnNuisances:
+    """Draws of the shared nuisance coefficients given β, φ and the readings.
+
+    Attributes
+    ----------
+    names, owners : list of str
+        Of the q coefficients, and the term of each.
+    prior_sd : ndarray, shape (q,)
+        At the mean of φ.
+    values : ndarray, shape (tests, 25, q)
+        Their columns.
+    draws : ndarray, shape (draws, q)
+    """
+
+    names: list[str]
+    owners: list[str]
+    prior_sd: Array
+    values: Array
+    draws: Array
+
+
+def draw_nuisances(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> DrawnNuisances:
+    """One draw of the shared nuisances for every draw of φ (draws, h) and β (draws, p)."""
+    names, owners, prior_sd = _shared(bound, phi)
+    if not names:
+        empty = np.zeros((len(bound.test_names), SIZE, 0))
+        return DrawnNuisances(names, owners, prior_sd, empty, np.zeros((len(beta), 0)))
+    _, given = bound.given_interest.conditional(phi, beta - bound.centre)
+    values = [term.values for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
+    return DrawnNuisances(names, owners, prior_sd, np.concatenate(values, axis=2), given.draw(rng))
 
 
 def _shared(bound: BoundModel, phi: Array) -> tuple[list[str], list[str], Array]:

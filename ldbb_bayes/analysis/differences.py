@@ -1,0 +1,175 @@
+"""Two campaigns of one kind of machine: by how much does every parameter differ, and with what probability has it grown?
+
+Before and after a repair, machine A and B. Independent instruments: the difference of independent posteriors. The same bar, balls,
+mount and regulator: their errors are the same in both and cancel, as far as the two campaigns see them alike. With (β₁, ν) and (β₂, ν)
+Gaussian given the readings of each, and ν ~ N(0, S) shared, precisions add and the prior of ν is taken out once:
+Λ = Λ₁ + Λ₂ − S⁻¹ (truncation set aside, hyper-parameters at their means, the size of the form at the mean of both).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import comb
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy.linalg
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from ldbb_bayes.analysis.circularity import offsets
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.origin import bound_of, draws_of, record_of
+from ldbb_bayes.inference.summary import check_probability
+from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.columns import Columns
+from ldbb_bayes.model.information import information_of
+
+__all__ = ["INSTRUMENT", "differences"]
+
+Array = NDArray[Any]
+INSTRUMENT = ("BallForm", "BarLength", "Mount", "ForceError")
+_DRAWS = 20_000
+
+
+def differences(
+    posterior: xr.DataTree, other: xr.DataTree, *, same_instrument: bool = False, ci_prob: float = 0.95
+) -> pd.DataFrame:
+    """Every parameter of ``other`` less that of ``posterior``.
+
+    Parameters
+    ----------
+    posterior, other : DataTree
+        Of machines with the same topology, planes and joint frames.
+    same_instrument : bool
+        Whether bar, balls (clocked alike), mount and force device were the same.
+    ci_prob : float
+
+    Returns
+    -------
+    DataFrame
+        One row per parameter both have, offsets of the tool ball left out: unit, first, second (means, at the first one's
+        reference force), difference, sd, ci_low, ci_high, probability_of_increase.
+
+    Raises
+    ------
+    InputError
+        For other machines, or a flat prior with ``same_instrument``.
+    """
+    check_probability(ci_prob)
+    one, two = bound_of(posterior), bound_of(other)
+    _check(one, two, record_of(other)["campaign"]["name"])
+    names = [name for name, offset in zip(one.names, offsets(one), strict=True) if not offset and name in two.names]
+    at = one.setting.reference_force_N
+    read = [_reading(bound, names, at) for bound in (one, two)]
+    low, high = 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob
+    if same_instrument:
+        phi = (draws_of(posterior, one)[1].mean(axis=0), draws_of(other, two)[1].mean(axis=0))
+        means, mean, covariance = _shared_instrument((one, two), phi, read)
+        sd = np.sqrt(np.diag(covariance))
+        reach = float(ndtri(high)) * sd
+        interval, increase = np.array([mean - reach, mean + reach]), ndtr(mean / sd)
+    else:
+        drawn = [
+            draws_of(tree, bound)[0] @ rows.T for tree, bound, rows in zip((posterior, other), (one, two), read, strict=True)
+        ]
+        means = np.array([draws.mean(axis=0) for draws in drawn])
+        mean, sd = means[1] - means[0], np.sqrt(drawn[0].var(axis=0) + drawn[1].var(axis=0))
+        rng = np.random.default_rng(0)
+        apart = drawn[1][rng.integers(len(drawn[1]), size=_DRAWS)] - drawn[0][rng.integers(len(drawn[0]), size=_DRAWS)]
+        interval, increase = np.quantile(apart, [low, high], axis=0), (apart > 0.0).mean(axis=0)
+    return pd.DataFrame(
+        {
+            "unit": [one.parameters[one.names.index(name)].unit for name in names],
+            "first": means[0],
+            "second": means[1],
+            "difference": mean,
+            "sd": sd,
+            "ci_low": interval[0],
+            "ci_high": interval[1],
+            "probability_of_increase": increase,
+        },
+        index=names,
+    )
+
+
+def _check(one: BoundModel, two: BoundModel, name: str) -> None:
+    first, second = one.campaign, two.campaign
+    for what in ("topology", "frames_mm"):
+        if getattr(first, what) != getattr(second, what):
+            raise InputError(
+                f"results must be of machines with the same {what}, got {getattr(first, what)!r} and {getattr(second, what)!r} "
+                f"({name!r}). Compare campaigns of one kind of machine."
+            )
+    if set(one.setting.planes) != set(two.setting.planes):
+        raise InputError(
+            f"results must be of the same planes, got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} ({name!r}): "
+            "a compliance would stand for other sets. Compare campaigns of the same planes."
+        )
+
+
+def _reading(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
+    """Rows that take β to these parameters at another reference force, shape (names, p)."""
+    rows = np.zeros((len(names), len(bound.names)))
+    lever = reference_force_N - bound.setting.reference_force_N
+    for i, name in enumerate(names):
+        own = bound.parameters[bound.names.index(name)]
+        for j, parameter in enumerate(bound.parameters):
+            power = parameter.degree - own.degree
+            if own.group == "geometric":
+                rows[i, j] = parameter.name == name
+            elif parameter.group != "geometric" and parameter.compliance == own.compliance and power >= 0:
+                rows[i, j] = comb(parameter.degree, own.degree) * lever**power
+    return rows
+
+
+def _shared_instrument(
+    bounds: tuple[BoundModel, BoundModel], phi: tuple[Array, Array], read: Sequence[Array]
+) -> tuple[Array, Array, Array]:
+    """Means of both (2, names), and mean and covariance of the difference, in inside units."""
+    one, two = bounds
+    if "tau" in one.hyper_prior.names and "tau" in two.hyper_prior.names:
+        i, j = one.hyper_prior.names.index("tau"), two.hyper_prior.names.index("tau")
+        phi[0][i] = phi[1][j] = 0.5 * (phi[0][i] + phi[1][j])
+    information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
+    if any(own.flat for own in information):
+        raise InputError("same_instrument must go with proper priors, got flat ones. Fit with the default preset.")
+    alike = [
+        name
+        for name, owner in zip(information[0].names, information[0].owners, strict=True)
+        if owner in INSTRUMENT and name in information[1].names
+    ]
+    place: dict[tuple[int, str], int] = {}
+    for k, own in enumerate(information):
+        for name in own.names:
+            place[k, name] = place[0, name] if k and name in alike else len(set(place.values()))
+    size = len(set(place.values()))
+    precision, weighted, scale = np.zeros((size, size)), np.zeros(size), np.ones(size)
+    for k, (bound, own, values) in enumerate(zip(bounds, information, phi, strict=True)):
+        at = [place[k, name] for name in own.names]
+        root, _ = own.root()
+        inside = (root.T @ root) / np.outer(own.scale, own.scale)
+        precision[np.ix_(at, at)] += inside
+        weighted[at] += inside @ _mean(bound, values)
+        scale[at] = own.scale
+    again = [place[0, name] for name in alike]
+    precision[again, again] -= scale[again] ** -2.0
+    cholesky = np.linalg.cholesky(precision * np.outer(scale, scale))
+    covariance = scipy.linalg.cho_solve((cholesky, True), np.eye(size)) * np.outer(scale, scale)
+    mean = covariance @ weighted
+    rows = np.zeros((2, len(read[0]), size))
+    for k, bound in enumerate(bounds):
+        rows[k][:, [place[k, name] for name in bound.names]] = read[k]
+    apart = rows[1] - rows[0]
+    return rows @ mean, apart @ mean, apart @ covariance @ apart.T
+
+
+def _mean(bound: BoundModel, phi: Array) -> Array:
+    """Posterior mean of parameters and shared nuisances at φ, in the order of `information_of`."""
+    beta = bound.given(phi[None])[1].mean[0]
+    if not any(isinstance(term, Columns) and not term.private for term in bound.nuisance_columns):
+        return np.asarray(beta)
+    _, nuisances = bound.given_interest.conditional(phi[None], (beta - bound.centre)[None])
+    return np.concatenate([beta, nuisances.mean[0]])
