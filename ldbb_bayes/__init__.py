@@ -56,6 +56,13 @@ _HOMES = {
     "load": "ldbb_bayes.inference.posterior",
     "sample": "ldbb_bayes.inference.sample",
     "save": "ldbb_bayes.inference.posterior",
+    "budgets": "ldbb_bayes.analysis.budget",
+    "circularity": "ldbb_bayes.analysis.circularity",
+    "contributions": "ldbb_bayes.analysis.contributions",
+    "differences": "ldbb_bayes.analysis.differences",
+    "measured_circularity": "ldbb_bayes.analysis.circularity",
+    "read_comparison": "ldbb_bayes.analysis.recorded",
+    "write_report": "ldbb_bayes.report.writing",
     "summarize": "ldbb_bayes.inference.summary",
     "nuisances": "ldbb_bayes.inference.nuisances",
 }
@@ -80,10 +87,14 @@ __all__ = [
     "StoppingRule",
     "__version__",
     "belonging",
+    "budgets",
+    "circularity",
     "compare",
     "compensate_mount",
+    "contributions",
     "describe",
     "design",
+    "differences",
     "embedded_campaign",
     "identify",
     "load",
@@ -93,9 +104,11 @@ __all__ = [
     "marginals",
     "mask_angles",
     "mask_reversals",
+    "measured_circularity",
     "nuisances",
     "preview",
     "read_campaign",
+    "read_comparison",
     "read_model",
     "sample",
     "save",
@@ -105,20 +118,26 @@ __all__ = [
     "validate",
     "verdicts",
     "write_campaign",
+    "write_report",
 ]
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.belonging import belonging
+    from ldbb_bayes.analysis.budget import budgets
+    from ldbb_bayes.analysis.circularity import circularity, measured_circularity
     from ldbb_bayes.analysis.compared import Comparison
     from ldbb_bayes.analysis.comparison import compare
+    from ldbb_bayes.analysis.contributions import contributions
     from ldbb_bayes.analysis.costs import Costs
     from ldbb_bayes.analysis.design import design
     from ldbb_bayes.analysis.designed import Design
+    from ldbb_bayes.analysis.differences import differences
     from ldbb_bayes.analysis.identifiability import identify, verdicts
     from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiability
     from ldbb_bayes.analysis.local_fits import local_fits
     from ldbb_bayes.analysis.machine import describe
     from ldbb_bayes.analysis.preview import preview
+    from ldbb_bayes.analysis.recorded import read_comparison
     from ldbb_bayes.analysis.validation import validate
     from ldbb_bayes.campaign.campaign import Campaign, Plan
     from ldbb_bayes.campaign.circular_test import CircularTest
@@ -140,6 +159,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.spec import read_model
     from ldbb_bayes.model.terms import Drift, Hysteresis
     from ldbb_bayes.report.figures import save_figures
+    from ldbb_bayes.report.writing import write_report
 
 
 def __getattr__(name: str) -> Any:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from ldbb_bayes.errors import InputError
 
-__all__ = ["DISPLAY_UNITS", "display_name", "display_unit"]
+__all__ = ["DISPLAY_UNITS", "display_name", "display_unit", "is_direct", "reading_unit"]
 
 DISPLAY_UNITS: Mapping[str, tuple[float, str]] = MappingProxyType(
     {
@@ -40,6 +40,29 @@ def display_unit(unit: str) -> tuple[float, str]:
     if unit not in DISPLAY_UNITS:
         raise InputError(f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use an inside unit.")
     return DISPLAY_UNITS[unit]
+
+
+_READABLE = 0.1
+
+
+def reading_unit(unit: str, *sizes: float) -> tuple[float, str]:
+    """As `display_unit`, a thousand times smaller where every size would stay below 0.1: 0.058 µm/N → 58 nm/N.
+
+    Parameters
+    ----------
+    sizes : float
+        What will be shown, in the inside unit.
+    """
+    factor, label = display_unit(unit)
+    smaller = {"µ": "n", "n": "p"}[label[0]]
+    if all(abs(size) * factor < _READABLE for size in sizes) and any(sizes):
+        return factor * 1e3, smaller + label[1:]
+    return factor, label
+
+
+def is_direct(name: str) -> bool:
+    """Whether a parameter is a translation along the force: its reciprocal is a stiffness."""
+    return len(name) == 5 and name.startswith("C_") and name[2] == name[3] and name[2] in "XYZ"
 
 
 def display_name(name: str) -> str:

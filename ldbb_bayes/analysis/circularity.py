@@ -135,12 +135,12 @@ def circularity(posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_pr
         plane. G about the least-squares centre and that of the minimum zone; F_max, F_min about the least-squares centre and
         radius; squareness of the second axis to the first and scale_mismatch (gain of the first axis less that of the second),
         as the second harmonic shows them, compliance included; where the plane is run both ways G_b by either centre and D, the
-        mean radius less the nominal one, and G, F of the mean path. A G is a largest difference: where the path is not known it is
-        more often too large than too small.
+        mean radius less the nominal one (G and F are then of the mean path). A G is a largest difference: where the path is not
+        known it is more often too large than too small.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)
-    beta, phi = draws_of(posterior, bound, _DRAWS)
+    beta, _ = draws_of(posterior, bound, _DRAWS)
     beta = np.where(offsets(bound), 0.0, beta)
     travel = _travel_draws(bound, posterior) if bound.setting.both_ways else {}
     forces = list(forces_N) or [0.0, *np.unique(bound.setting.force_N).tolist()]

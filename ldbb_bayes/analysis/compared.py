@@ -112,6 +112,7 @@ class ComparedTest:
             "lofo_worst_order": self.belonging.worst_order,
             "lofo_p_value_by_order": {str(n): p for n, p in enumerate(self.belonging.order_p_values)},
             "flag": self.belonging.flag,
+            "psis_loo_good_k": self.good_k,
             "psis_loo": {
                 name: {
                     "log_density": value,
@@ -244,6 +245,7 @@ class Comparison:
             "tolerance": self.tolerance,
             "largest_error": self.largest_error,
             "verdict": " ".join(self.verdict),
+            "sentences": list(self.verdict),
         }
 
 

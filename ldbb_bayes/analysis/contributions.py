@@ -1,6 +1,6 @@
 """What geometry and compliance each contribute to the reading at a force (the paper's Figs. 8-10), with credible intervals.
 
-A compliance contributes with its slope: C(F) F. The offsets of the tool ball are the set-up's: listed, but not counted as geometry.
+A compliance contributes with its slope: C(F) F. Offsets of the tool ball are the set-up's: listed, but not counted as geometry.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Two campaigns of one kind of machine: by how much does every parameter differ, and with what probability has it grown?
 
-Before and after a repair, machine A and B. Independent instruments: the difference of independent posteriors. The same bar, balls,
-mount and regulator: their errors are the same in both and cancel, as far as the two campaigns see them alike. With (β₁, ν) and (β₂, ν)
-Gaussian given the readings of each, and ν ~ N(0, S) shared, precisions add and the prior of ν is taken out once:
+Before and after a repair, machine A and B. Independent instruments: the difference of independent posteriors. The same bar,
+balls, mount and force device: their errors ν are the same in both and cancel, as far as the two campaigns see them alike. With
+(β₁, ν) and (β₂, ν) Gaussian given the readings of each, and ν ~ N(0, S), precisions add and the prior of ν is taken out once:
 Λ = Λ₁ + Λ₂ − S⁻¹ (truncation set aside, hyper-parameters at their means, the size of the form at the mean of both).
 """
 
@@ -105,8 +105,8 @@ def _check(one: BoundModel, two: BoundModel, name: str) -> None:
             )
     if set(one.setting.planes) != set(two.setting.planes):
         raise InputError(
-            f"results must be of the same planes, got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} ({name!r}): "
-            "a compliance would stand for other sets. Compare campaigns of the same planes."
+            f"results must be of the same planes, got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} "
+            f"({name!r}): a compliance would stand for other sets. Compare campaigns of the same planes."
         )
 
 

@@ -20,6 +20,7 @@ Array = NDArray[Any]
 _FEWEST = 3
 _EXCHANGES = 200
 _LEVEL = 1e-9
+_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -98,35 +99,37 @@ def minimum_zone_widths(angle_rad: Array, deviations: Array) -> Array:
     """
     deviations = np.atleast_2d(deviations)
     columns = _columns(angle_rad, deviations[0])
-    signs = np.array([1.0, -1.0, 1.0, -1.0])
     at = np.tile(np.arange(4) * len(angle_rad) // 4, (len(deviations), 1))
     found = np.zeros(len(deviations))
     left = np.arange(len(deviations))
     for _ in range(_EXCHANGES):
         own, trace = at[left], deviations[left]
-        matrix = np.concatenate([columns[own], np.broadcast_to(signs[:, None], (len(left), 4, 1))], axis=2)
+        matrix = np.concatenate([columns[own], np.broadcast_to(_SIGNS[:, None], (len(left), 4, 1))], axis=2)
         solved = np.linalg.solve(matrix, np.take_along_axis(trace, own, axis=1)[..., None])[..., 0]
         rest = trace - solved[:, :3] @ columns.T
         worst = np.abs(rest).argmax(axis=1)
         largest = np.take_along_axis(np.abs(rest), worst[:, None], axis=1)[:, 0]
         found[left] = 2.0 * largest
         open_ = largest > np.abs(solved[:, 3]) * (1.0 + _LEVEL) + _LEVEL * np.abs(trace).max(axis=1)
-        for k in np.flatnonzero(open_):
-            at[left[k]] = _exchanged(own[k], int(worst[k]), float(rest[k, worst[k]]), float(solved[k, 3]))
+        deviation = np.take_along_axis(rest, worst[:, None], axis=1)[:, 0]
+        at[left] = np.where(open_[:, None], _exchanged(own, worst, deviation, solved[:, 3]), own)
         left = left[open_]
         if not len(left):
             break
     return found
 
 
-def _exchanged(points: Array, new: int, deviation: float, level: float) -> Array:
-    """The four points, the one beside ``new`` that deviates to the same side replaced by it; the first deviates by ``level``."""
-    sign = np.array([1.0, -1.0, 1.0, -1.0]) * (-1.0 if level < 0.0 else 1.0)
-    place = int(np.searchsorted(points, new))
-    neighbours = ((place - 1) % 4, place % 4)
-    replaced = next(i for i in neighbours if sign[i] * deviation > 0.0)
-    kept = np.delete(np.arange(4), replaced)
-    return np.sort(np.append(points[kept], new))
+def _exchanged(points: Array, new: Array, deviation: Array, level: Array) -> Array:
+    """Four points a trace (n, 4), the one beside ``new`` that deviates to the same side replaced by it; the first deviates by
+    ``level``."""
+    sign = np.where(level < 0.0, -1.0, 1.0)[:, None] * _SIGNS
+    place = (points < new[:, None]).sum(axis=1)
+    before, after = (place - 1) % 4, place % 4
+    rows = np.arange(len(points))
+    replaced = np.where(sign[rows, before] * deviation > 0.0, before, after)
+    points = points.copy()
+    points[rows, replaced] = new
+    return np.sort(points, axis=1)
 
 
 def _columns(angle_rad: Array, deviation: Array) -> Array:

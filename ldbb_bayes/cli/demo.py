@@ -31,11 +31,12 @@ def demo(
     from ldbb_bayes.analysis.identifiability import verdicts
     from ldbb_bayes.campaign.embedded import embedded_campaign
     from ldbb_bayes.campaign.folder import read_campaign
-    from ldbb_bayes.cli.show import full_result, print_json, reading_console, sampling_progress, write_result
+    from ldbb_bayes.cli.show import print_json, reading_console, sampling_progress, write_result
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.model.hybrid import HybridModel
     from ldbb_bayes.report.figures import save_figures
+    from ldbb_bayes.report.result import full_result
     from ldbb_bayes.report.text import engineer_table, meaning
 
     check_target(out, force=force, ours=DEMO_FILES)

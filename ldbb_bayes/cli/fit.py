@@ -56,13 +56,14 @@ def fit(
     Exit code 1 when the sampler missed its target. With --out the run is kept in DIR.checkpoint until it is done: whatever stops
     it, the same command with --resume goes on to the very same result.
     """
-    from ldbb_bayes.cli.show import RESULT_FILES, full_result, print_fit, print_json, sampling_progress, write_result
+    from ldbb_bayes.cli.show import RESULT_FILES, print_fit, print_json, sampling_progress, write_result
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.checkpoint import remove_checkpoint
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.inference.stopping import StoppingRule
     from ldbb_bayes.inference.summary import check_probability
+    from ldbb_bayes.report.result import full_result
 
     check_probability(ci)
     if resume and out is None:

@@ -42,10 +42,11 @@ def machine(
     Names follow ISO 230-1 and the paper. c = cos θ, s = sin θ; lengths in mm.
     """
     from ldbb_bayes.analysis.machine import describe
-    from ldbb_bayes.cli.show import json_text, print_json, reading_console, write_atlases
+    from ldbb_bayes.cli.show import print_json, reading_console, write_atlases
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.machine.chain import Circle, Machine
     from ldbb_bayes.report.machine import machine_lines, machine_tables
+    from ldbb_bayes.report.plain import json_text
 
     planes = tuple(part.strip() for part in plane.split(","))
     frames = [_frame(text) for text in frame or ()]

@@ -17,6 +17,7 @@ from ldbb_bayes.cli.design import design
 from ldbb_bayes.cli.fit import fit
 from ldbb_bayes.cli.identify import identify
 from ldbb_bayes.cli.machine import machine
+from ldbb_bayes.cli.report import report
 from ldbb_bayes.cli.simulate import simulate
 from ldbb_bayes.cli.summarize import summarize
 from ldbb_bayes.cli.validate import validate
@@ -33,7 +34,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, machine, check, fit, identify, compare, design, simulate, summarize, validate):
+for command in (demo, machine, check, fit, identify, compare, design, report, simulate, summarize, validate):
     app.command()(command)
 
 

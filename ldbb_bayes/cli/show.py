@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
 __all__ = [
     "RESULT_FILES",
     "counting_progress",
-    "full_result",
-    "json_text",
     "print_comparison",
     "print_design",
     "print_fit",
@@ -44,27 +41,14 @@ __all__ = [
 ]
 
 
-RESULT_FILES = ("posterior.nc", "summary.json", "model.toml")
+RESULT_FILES = ("posterior.nc", "summary.json", "model.toml", "report.html", "report.md", "report.json", "tables")
 
 
 def print_json(result: Mapping[str, Any]) -> None:
     """One JSON document on stdout."""
+    from ldbb_bayes.report.plain import json_text
+
     sys.stdout.write(json_text(result))
-
-
-def json_text(result: Mapping[str, Any]) -> str:
-    """A result as JSON; numbers that are not finite become null."""
-    return json.dumps(_plain(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, float) and value - value != 0.0:
-        return None
-    return value
 
 
 def reading_console() -> Console:
@@ -80,25 +64,11 @@ def reading_console() -> Console:
     return Terminal(width=None if sys.stdout.isatty() else 120, highlight=False)
 
 
-def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
-    """The JSON of a fit, with what a look at the readings finds among its warnings."""
-    from ldbb_bayes.analysis.preview import preview
-    from ldbb_bayes.inference.nuisances import nuisances
-    from ldbb_bayes.inference.origin import campaign_of
-    from ldbb_bayes.inference.summary import result_json
-
-    result = result_json(posterior, ci_prob=ci_prob)
-    result["nuisances"] = nuisances(posterior).to_dict(orient="index")
-    seen = preview(campaign_of(posterior))
-    result["fit"]["warnings"] += [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
-    result["fit"]["warnings"] += [remark for remark in seen.remarks if not remark.startswith(("One", "Two"))]
-    return result
-
-
 def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:
     """posterior.nc, summary.json and model.toml of a fit, into a folder that is made."""
     from ldbb_bayes.inference.origin import record_of
     from ldbb_bayes.inference.posterior import save
+    from ldbb_bayes.report.plain import json_text
 
     folder.mkdir(exist_ok=True)
     save(posterior, folder / "posterior.nc")
@@ -111,6 +81,7 @@ def write_validation(validation: Validation, record: Mapping[str, Any], folder: 
     import pandas as pd
 
     from ldbb_bayes.report.figures import rank_ecdf, save_figure
+    from ldbb_bayes.report.plain import json_text
 
     (folder / "validation.json").write_text(json_text(record), encoding="utf-8")
     pd.DataFrame(validation.ranks, columns=list(validation.names)).to_csv(folder / "ranks.csv", index_label="replicate")
@@ -126,6 +97,7 @@ def write_identifiability(result: Identifiability, record: Mapping[str, Any], ca
         prior_and_posterior,
         save_figure,
     )
+    from ldbb_bayes.report.plain import json_text
 
     (folder / "identify.json").write_text(json_text(record), encoding="utf-8")
     result.table().to_csv(folder / "parameters.csv", index_label="parameter")
@@ -159,6 +131,7 @@ def write_comparison(result: Comparison, record: Mapping[str, Any], folder: Path
         predictive_p_values,
         save_figure,
     )
+    from ldbb_bayes.report.plain import json_text
 
     (folder / "comparison.json").write_text(json_text(record), encoding="utf-8")
     sensitivity_frame(result).to_csv(folder / "sensitivity.csv", index=False)
@@ -203,6 +176,7 @@ def write_design(design: Design, record: Mapping[str, Any], folder: Path, seed: 
     from ldbb_bayes.model.spec import model_to_toml
     from ldbb_bayes.report.figures import save_figure
     from ldbb_bayes.report.figures.design import efficiency, expected_widths, information, trade_off
+    from ldbb_bayes.report.plain import json_text
 
     write_campaign_into(design.plan(seed=seed), folder)
     (folder / "model.toml").write_text(model_to_toml(design.model), encoding="utf-8")

@@ -43,10 +43,11 @@ def simulate(
     What the truths leave out is drawn from the priors.
     """
     from ldbb_bayes.campaign.folder import TRUTH_NAME, files_of, write_campaign_into
-    from ldbb_bayes.cli.show import json_text, print_json
+    from ldbb_bayes.cli.show import print_json
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.model.truths import Truths, is_truths, read_truths
+    from ldbb_bayes.report.plain import json_text
 
     chosen = model_from(degree, preset, without, model, drift)
     if is_truths(source):

@@ -19,8 +19,9 @@ def summarize(
     ci: CiOption = 0.95,
 ) -> None:
     """Table or JSON of a stored posterior, with intervals of any probability."""
-    from ldbb_bayes.cli.show import full_result, print_fit, print_json
+    from ldbb_bayes.cli.show import print_fit, print_json
     from ldbb_bayes.inference.posterior import load
+    from ldbb_bayes.report.result import full_result
 
     numbers = full_result(load(result), ci)
     if as_json:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-__all__ = ["round_like", "round_uncertainty", "value_and_uncertainty"]
+from ldbb_bayes.units import reading_unit
+
+__all__ = ["Statement", "is_lopsided", "round_like", "round_uncertainty", "state", "stiffness", "value_and_uncertainty"]
 
 
 def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
@@ -29,3 +32,61 @@ def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     """Value and uncertainty to the same place, the uncertainty with two significant digits."""
     text, decimals = round_uncertainty(uncertainty)
     return round_like(value, decimals), text
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A result as a metrologist writes it; every text without the unit.
+
+    Attributes
+    ----------
+    value : str
+        To the place of u.
+    u : str
+        Standard uncertainty, two significant digits.
+    expanded : str
+        U (k = 2); of a lopsided distribution the distances to the ends of the interval, +a/−b.
+    interval : str
+        Credible interval.
+    unit : str
+    """
+
+    value: str
+    u: str
+    expanded: str
+    interval: str
+    unit: str
+
+
+def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
+    """A result in a unit for reading, from numbers in an inside unit."""
+    factor, label = reading_unit(unit, mean, 2.0 * sd)
+    value, u = value_and_uncertainty(mean * factor, sd * factor)
+    _, decimals = round_uncertainty(sd * factor)
+    low, high = (bound * factor for bound in interval)
+    expanded, _ = round_uncertainty(2.0 * sd * factor)
+    if is_lopsided(mean, interval):
+        above, below = (round_like(distance, decimals) for distance in (high - mean * factor, mean * factor - low))
+        expanded = f"+{above} / −{below}"
+    return Statement(_minus(value), u, expanded, _minus(f"[{round_like(low, decimals)}, {round_like(high, decimals)}]"), label)
+
+
+def is_lopsided(mean: float, interval: tuple[float, float]) -> bool:
+    """Whether the middle of the interval lies off the mean by more than a tenth of the interval's width."""
+    low, high = interval
+    return abs(low + high - 2.0 * mean) > 0.2 * (high - low)
+
+
+def stiffness(median: float, interval: tuple[float, float]) -> str:
+    """1/C in N/µm with its interval, from a compliance in mm/N; empty where the interval reaches zero."""
+    low, high = interval
+    if low <= 0.0:
+        return ""
+    _, decimals = round_uncertainty((1e-3 / low - 1e-3 / high) / 4.0)
+    middle, least, most = (round_like(1e-3 / value, decimals) for value in (median, high, low))
+    return f"{middle} [{least}, {most}]"
+
+
+def _minus(text: str) -> str:
+    """A minus sign in place of a hyphen."""
+    return text.replace("-", "−")

@@ -12,8 +12,8 @@ from ldbb_bayes.analysis.preview import CampaignPreview
 from ldbb_bayes.analysis.validation import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.wording import nuisance_words, unit_words
-from ldbb_bayes.report.rounding import round_like, round_uncertainty, value_and_uncertainty
-from ldbb_bayes.units import display_name, display_unit
+from ldbb_bayes.report.rounding import is_lopsided, round_like, round_uncertainty, stiffness, value_and_uncertainty
+from ldbb_bayes.units import display_name, display_unit, is_direct
 
 __all__ = [
     "coverage_table",
@@ -184,37 +184,19 @@ def engineer_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterId
     for name, entry in result["parameters"].items():
         factor, unit = display_unit(entry["unit"])
         value, expanded = value_and_uncertainty(entry["mean"] * factor, 2.0 * entry["sd"] * factor)
-        if _is_lopsided(entry):
+        if is_lopsided(entry["mean"], entry["ci95"]):
             _, decimals = round_uncertainty(2.0 * entry["sd"] * factor)
             low, high = (round_like(bound * factor, decimals) for bound in entry["ci95"])
             expanded = f"\\[{low}, {high}]"
-        stiffness = _stiffness(name, entry)
-        table.add_row(display_name(name), value, expanded, unit, stiffness, verdicts[name].text)
+        stiff = stiffness(entry["median"], entry["ci95"]) if is_direct(name) else ""
+        stiff = f"{stiff} N/µm".replace("[", r"\[") if stiff else ""
+        table.add_row(display_name(name), value, expanded, unit, stiff, verdicts[name].text)
     return table
-
-
-def _is_lopsided(entry: Mapping[str, Any]) -> bool:
-    """Whether mean ± 2 sd misplaces the 95 % interval by more than a tenth of its width."""
-    low, high = entry["ci95"]
-    return abs(low + high - 2.0 * entry["mean"]) > 0.2 * (high - low)
-
-
-def _stiffness(name: str, entry: Mapping[str, Any]) -> str:
-    """Interval of 1/C in N/µm for a compliance along the force that is surely positive."""
-    key = next(key for key in entry if key.startswith("ci"))
-    low, high = entry[key]
-    if entry["unit"] != "mm/N" or name[2] != name[3] or low <= 0.0:
-        return ""
-    return f"{1e-3 / entry['median']:.1f} [{1e-3 / high:.1f}, {1e-3 / low:.1f}] N/µm".replace("[", r"\[")
 
 
 def meaning(constant: Mapping[str, Any], linear: Mapping[str, Any]) -> list[str]:
     """What the two fits say, in three sentences."""
-    direct = [
-        name
-        for name in constant["parameters"]
-        if name.startswith("C_") and len(name) == 5 and name[2] == name[3] and name[2] in "XYZ"
-    ]
+    direct = [name for name in constant["parameters"] if is_direct(name)]
     known = []
     for name in direct:
         entry = constant["parameters"][name]

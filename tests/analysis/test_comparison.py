@@ -22,9 +22,9 @@ from ldbb_bayes.analysis.assumptions import (
 )
 from ldbb_bayes.analysis.compared import Comparison
 from ldbb_bayes.analysis.weight import strength, turned, verdict_of
-from ldbb_bayes.cli.show import json_text
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.terms import Discrepancy, SetupShift
+from ldbb_bayes.report.plain import json_text
 
 LINEAR = lb.HybridModel.default(1)
 PAIR = {"constant": LINEAR.with_degree(0), "linear": LINEAR}

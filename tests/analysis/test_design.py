@@ -19,11 +19,11 @@ from ldbb_bayes.analysis.forecast import forecast
 from ldbb_bayes.analysis.known import Known, narrowed
 from ldbb_bayes.analysis.places import templates
 from ldbb_bayes.analysis.space import DesignSpace
-from ldbb_bayes.cli.show import json_text
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import LinearGaussian
 from ldbb_bayes.model.information import information_of
 from ldbb_bayes.model.terms import SetupShift
+from ldbb_bayes.report.plain import json_text
 
 LINEAR = lb.HybridModel.default(1)
 LEVELS = tuple(np.linspace(36.0, 742.0, 13))

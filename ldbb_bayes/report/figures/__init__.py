@@ -12,28 +12,36 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from ldbb_bayes.report.figures.atlas import compliance_atlas, geometric_atlas
+from ldbb_bayes.report.figures.budget import budget_bars
 from ldbb_bayes.report.figures.calibration import rank_ecdf
 from ldbb_bayes.report.figures.chains import chains
 from ldbb_bayes.report.figures.circles import predictive, residuals, traces
+from ldbb_bayes.report.figures.circularity import circularity
 from ldbb_bayes.report.figures.comparison import (
     compliance_with_local_fits,
     evidence,
     geometry_with_local_fits,
     predictive_p_values,
 )
+from ldbb_bayes.report.figures.contributions import contributions, parameter_contributions
 from ldbb_bayes.report.figures.design import efficiency, expected_widths, information, trade_off
+from ldbb_bayes.report.figures.differences import difference_forest
 from ldbb_bayes.report.figures.identifiability import alias_map, correlation_map, nuisance_costs, prior_and_posterior
 from ldbb_bayes.report.figures.parameters import compliance_against_force, corner, forest
 
 __all__ = [
     "FIGURES",
     "alias_map",
+    "budget_bars",
     "chains",
+    "circularity",
     "compliance_against_force",
     "compliance_atlas",
     "compliance_with_local_fits",
+    "contributions",
     "corner",
     "correlation_map",
+    "difference_forest",
     "efficiency",
     "evidence",
     "expected_widths",
@@ -42,6 +50,7 @@ __all__ = [
     "geometry_with_local_fits",
     "information",
     "nuisance_costs",
+    "parameter_contributions",
     "predictive",
     "predictive_p_values",
     "prior_and_posterior",
@@ -62,6 +71,9 @@ FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
         "corner": corner,
         "chains": chains,
         "predictive": predictive,
+        "contributions": contributions,
+        "parameter_contributions": parameter_contributions,
+        "circularity": circularity,
     }
 )
 

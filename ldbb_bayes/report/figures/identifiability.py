@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.analysis.identified import Identifiability
 from ldbb_bayes.model.information import NOISE
 from ldbb_bayes.model.wording import term_words
-from ldbb_bayes.report.figures.style import GREY, PALETTE, new_figure, styled
+from ldbb_bayes.report.figures.style import GREY, PALETTE, TERM_COLOURS, new_figure, styled
 from ldbb_bayes.report.rounding import round_uncertainty
 from ldbb_bayes.units import display_name, display_unit
 
@@ -21,7 +21,6 @@ __all__ = ["alias_map", "correlation_map", "nuisance_costs", "prior_and_posterio
 Array = NDArray[Any]
 _COLUMNS = 5
 _VISIBLE = 0.005
-_EIGHTH = "#F0E442"
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "aliased": PALETTE[1]}
 
 
@@ -113,13 +112,12 @@ def nuisance_costs(identifiability: Identifiability) -> Figure:
     axes = figure.subplots()
     rows = np.arange(len(entries))[::-1]
     start = np.zeros(len(entries))
-    colours = dict(zip([s for s in sources if s != NOISE], (*PALETTE, _EIGHTH), strict=False))
     for source in sources:
         share = np.array([entry.shapley[source] for entry in entries])
         if share.max() < _VISIBLE:
             continue
         label = "reading noise and own prior" if source == NOISE else term_words(source)
-        axes.barh(rows, share, left=start, color=colours.get(source, "#D9D9D9"), height=0.72, label=label)
+        axes.barh(rows, share, left=start, color="#D9D9D9" if source == NOISE else TERM_COLOURS[source], height=0.72, label=label)
         start = start + share
     axes.set_yticks(rows, [display_name(entry.name) for entry in entries])
     axes.set_xlim(0.0, 1.0)

@@ -11,12 +11,25 @@ from matplotlib.figure import Figure
 
 from ldbb_bayes.units import display_name, display_unit
 
-__all__ = ["ACCENT", "GREY", "PALETTE", "axis_label", "force_colours", "new_figure", "styled"]
+__all__ = ["ACCENT", "GREY", "PALETTE", "TERM_COLOURS", "axis_label", "force_colours", "new_figure", "styled"]
 
 P = ParamSpec("P")
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 ACCENT, GREY = PALETTE[0], "#8C8C8C"
+# One colour per source of uncertainty in every figure.
+TERM_COLOURS = {
+    "BallForm": PALETTE[1],
+    "BarLength": PALETTE[3],
+    "Mount": PALETTE[0],
+    "ForceError": PALETTE[4],
+    "SetupShift": PALETTE[5],
+    "Discrepancy": PALETTE[2],
+    "Hysteresis": PALETTE[6],
+    "Drift": "#F0E442",
+    "ReadingNoise": GREY,
+    "Parameters": "#D9D9D9",
+}
 _STYLE: dict[str, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 9.5,
@@ -36,6 +49,7 @@ _STYLE: dict[str, Any] = {
     "savefig.dpi": 160,
     "svg.hashsalt": "ldbb",
     "svg.fonttype": "none",
+    "text.parse_math": False,
 }
 
 

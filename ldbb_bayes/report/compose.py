@@ -1,0 +1,64 @@
+"""A report's sections in order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import pandas as pd
+
+from ldbb_bayes.report.document import Document, Picture
+from ldbb_bayes.report.findings import Findings
+from ldbb_bayes.report.sections.beside import beside
+from ldbb_bayes.report.sections.campaign import campaign
+from ldbb_bayes.report.sections.degree import degree
+from ldbb_bayes.report.sections.limits import limits
+from ldbb_bayes.report.sections.method import assumptions, method
+from ldbb_bayes.report.sections.path import path
+from ldbb_bayes.report.sections.plan import plan
+from ldbb_bayes.report.sections.quality import diagnostics, fit
+from ldbb_bayes.report.sections.results import results
+from ldbb_bayes.report.sections.summary import alerts, summary
+from ldbb_bayes.report.sections.uncertainty import uncertainty
+
+__all__ = ["compose"]
+
+_SECTIONS = (summary, campaign, results, limits, degree, uncertainty, path, plan, fit, assumptions, diagnostics, method)
+
+
+def compose(
+    found: Findings,
+    beside_it: Mapping[str, pd.DataFrame] | None = None,
+    *,
+    same_instrument: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Document:
+    """All sections in order.
+
+    Parameters
+    ----------
+    beside_it : mapping of campaign to DataFrame
+        Differences of other campaigns to this one.
+    progress : callable, optional
+        Called with the sections done and their number.
+    """
+    report = progress or (lambda done, total: None)
+    report(0, len(_SECTIONS))
+    made = {}
+    # The comparison may still be at work elsewhere: what shows it comes last, and figures are drawn as they come.
+    for k, section in enumerate(sorted(_SECTIONS, key=lambda section: section in (summary, degree))):
+        made[section] = section(found)
+        for part in made[section].parts:
+            if isinstance(part, Picture):
+                _ = part.svg
+        report(k + 1, len(_SECTIONS))
+    sections = [made[section] for section in _SECTIONS]
+    if beside_it:
+        name = found.result["campaign"]["name"]
+        sections.insert(1, beside(name, beside_it, same_instrument=same_instrument, ci_prob=found.ci_prob))
+    provenance = found.result["provenance"]
+    lines = (
+        f"Machine {found.seen.topology}, plane {found.seen.plane}. {len(found.seen.tests)} circular tests at "
+        f"{min(test.force_N for test in found.seen.tests):g} to {max(test.force_N for test in found.seen.tests):g} N.",
+        f"Fitted {provenance['started'][:10]} with ldbb_bayes {provenance['versions']['ldbb-bayes']}.",
+    )
+    return Document(f"Loaded double ball bar: {found.result['campaign']['name']}", lines, alerts(found), tuple(sections))

@@ -1,0 +1,80 @@
+"""A document as one self-contained HTML page, and as Markdown."""
+
+from __future__ import annotations
+
+import html
+import re
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from ldbb_bayes.report.document import Bullets, Details, Document, Paragraph, Part, Picture, Sheet
+
+__all__ = ["html_page", "markdown_page"]
+
+_LOADER = jinja2.PackageLoader("ldbb_bayes.report")
+_SPECIAL = re.compile(r"([\\`*\[\]|])")
+
+
+def html_page(document: Document) -> str:
+    """No script, no request: figures as inline SVG, every text escaped, a policy that forbids the browser to load anything."""
+    environment = jinja2.Environment(loader=_LOADER, autoescape=True, undefined=jinja2.StrictUndefined)
+    parts = environment.get_template("parts.html.j2")
+
+    def show(part: Part) -> Markup:
+        drawing = Markup(part.svg) if isinstance(part, Picture) else Markup("")
+        return Markup(parts.render(kind=type(part).__name__, part=part, drawing=drawing, show=show))
+
+    style = Markup(_LOADER.get_source(environment, "report.css")[0])
+    return environment.get_template("report.html.j2").render(document=document, style=style, show=show)
+
+
+def markdown_page(document: Document) -> str:
+    """The text and the tables of the page; figures by their captions."""
+    environment = jinja2.Environment(loader=_LOADER, autoescape=False, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    environment.filters["md"] = _escaped
+    text = environment.get_template("report.md.j2").render(document=document, show=_markdown)
+    return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
+
+
+def _markdown(part: Part) -> str:
+    return _WRITERS[type(part)](part)
+
+
+def _paragraph(part: Paragraph) -> str:
+    return f"```toml\n{part.text.strip()}\n```\n\n" if "\n" in part.text else f"{_escaped(part.text)}\n\n"
+
+
+def _bullets(part: Bullets) -> str:
+    return "".join(f"- {_escaped(item)}\n" for item in part.items) + "\n"
+
+
+def _sheet(part: Sheet) -> str:
+    rows = [part.heads, *part.rows]
+    lines = ["| " + " | ".join(_escaped(cell) for cell in row) + " |" for row in rows]
+    rule = "|" + "|".join("---:" if numeric else "---" for numeric in part.numeric) + "|"
+    return "\n".join([f"{_escaped(part.caption)}\n", lines[0], rule, *lines[1:]]) + "\n\n"
+
+
+def _picture(part: Picture) -> str:
+    return f"Figure: {_escaped(part.caption)}\n\n"
+
+
+def _details(part: Details) -> str:
+    return f"### {_escaped(part.summary)}\n\n" + "".join(_markdown(inner) for inner in part.parts)
+
+
+_WRITERS: dict[Any, Any] = {
+    Paragraph: _paragraph,
+    Bullets: _bullets,
+    Sheet: _sheet,
+    Picture: _picture,
+    Details: _details,
+}
+
+
+def _escaped(text: str) -> str:
+    """What Markdown and HTML would read as marks, as plain text on one line."""
+    plain = " ".join(text.split())
+    return _SPECIAL.sub(r"\\\1", html.escape(plain, quote=False))

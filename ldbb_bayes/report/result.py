@@ -1,0 +1,24 @@
+"""The JSON of a fit with what a look at the readings adds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import xarray as xr
+
+from ldbb_bayes.analysis.preview import preview
+from ldbb_bayes.inference.nuisances import nuisances
+from ldbb_bayes.inference.origin import campaign_of
+from ldbb_bayes.inference.summary import result_json
+
+__all__ = ["full_result"]
+
+
+def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
+    """The JSON of a fit, with nuisances, and what a look at the readings finds among its warnings."""
+    result = result_json(posterior, ci_prob=ci_prob)
+    result["nuisances"] = nuisances(posterior).to_dict(orient="index")
+    seen = preview(campaign_of(posterior))
+    result["fit"]["warnings"] += [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
+    result["fit"]["warnings"] += [remark for remark in seen.remarks if not remark.startswith(("One", "Two"))]
+    return result

@@ -1,0 +1,90 @@
+"""Priors and assumptions; method, limitations and provenance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ldbb_bayes.inference.origin import bound_of, record_of
+from ldbb_bayes.model.wording import term_words
+from ldbb_bayes.report.document import Bullets, Details, Paragraph, Section, Sheet, sheet
+from ldbb_bayes.report.findings import Findings
+from ldbb_bayes.report.rounding import round_uncertainty
+from ldbb_bayes.units import display_name, reading_unit
+
+__all__ = ["assumptions", "method"]
+
+
+def assumptions(found: Findings) -> Section:
+    """Every prior with its unit, and the terms."""
+    model = found.result["model"]
+    record = record_of(found.posterior)
+    idle = f" Idle here: {', '.join(term_words(name) for name in model['idle_terms'])}." if model.get("idle_terms") else ""
+    fixed = f" Fixed at zero: {', '.join(model['fixed'])}." if model.get("fixed") else ""
+    return Section(
+        "assumptions",
+        "Priors and assumptions",
+        (
+            Paragraph(
+                f"Preset {model['preset']}, priors {model['priors']}; terms: "
+                f"{', '.join(term_words(name) for name in model['terms'])}.{idle}{fixed} Parameters have normal priors about "
+                f"zero{', restricted to compliances that are not negative at any tested force' if model['truncated'] else ''}; "
+                "σ, δ, κ and τ half-normal ones."
+            ),
+            _priors(found),
+            Details("The whole model as TOML (edit and fit again with --model)", (Paragraph(record["model"]["toml"]),)),
+        ),
+    )
+
+
+def _priors(found: Findings) -> Sheet:
+    bound = bound_of(found.posterior)
+    rows = []
+    for parameter in bound.parameters:
+        factor, unit = reading_unit(parameter.unit, parameter.prior_sd if np.isfinite(parameter.prior_sd) else 0.0)
+        told = round_uncertainty(parameter.prior_sd * factor)[0] if np.isfinite(parameter.prior_sd) else "flat"
+        rows.append([display_name(parameter.name), told, unit])
+    for name, scale in zip(bound.hyper_prior.names, bound.hyper_prior.scale_mm, strict=True):
+        rows.append([str(name), round_uncertainty(float(scale) * 1e3)[0], "µm (scale)"])
+    return sheet("Prior standard deviations, truncation aside", ["parameter", "prior sd", "unit"], rows, text=(2,))
+
+
+def method(found: Findings) -> Section:
+    """In short, with digests, versions and seed."""
+    provenance, campaign, model = (found.result[key] for key in ("provenance", "campaign", "model"))
+    versions = ", ".join(f"{name} {value}" for name, value in provenance["versions"].items())
+    return Section(
+        "method",
+        "Method, limitations, provenance",
+        (
+            Paragraph(
+                "Readings are a linear function of joint compliances times force, geometric errors and nuisances (hybrid "
+                "Jacobian), with white noise. Ball form, bar length, mount, force errors, set-up shifts and discrepancies "
+                "between circles are integrated out as Gaussian nuisances; parameters and hyper-parameters are sampled. "
+                "Intervals are equal-tailed credible intervals: given model and readings, the parameter lies inside with the "
+                "stated probability."
+            ),
+            Bullets(
+                (
+                    "Form of the balls at orders 2 and 3 looks exactly like geometric errors; its size is learnt from the "
+                    "orders the machine cannot make. A ball with one strong lobe at order 2 or 3 breaks this.",
+                    "Compliance is quasi-static and a polynomial of force; thermal drift counts only where it was asked for.",
+                    "Joints that no circle of the campaign moves are taken as rigid.",
+                    "Type A and B follow the GUM; budgets hold at the mean hyper-parameters and are scaled to the posterior "
+                    "variance.",
+                )
+            ),
+            sheet(
+                "Provenance",
+                ["what", "value"],
+                [
+                    ["campaign", campaign["name"]],
+                    ["readings, SHA-256", campaign["sha256"]],
+                    ["model, SHA-256", model["sha256"]],
+                    ["sampler and seed", f"{found.result['sampler']['kind']}, {provenance['seed']}"],
+                    ["fitted", f"{provenance['started']}, {provenance['platform']}"],
+                    ["versions", versions],
+                ],
+                text=(1,),
+            ),
+        ),
+    )

@@ -1,0 +1,117 @@
+"""write_report(): find, compose, write."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from ldbb_bayes.analysis.compared import Comparison
+from ldbb_bayes.analysis.designed import Design
+from ldbb_bayes.analysis.differences import differences
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.origin import record_of
+from ldbb_bayes.report.compose import compose
+from ldbb_bayes.report.document import Document
+from ldbb_bayes.report.findings import Compared, Findings, find
+from ldbb_bayes.report.page import html_page, markdown_page
+from ldbb_bayes.report.plain import json_text
+from ldbb_bayes.report.sections.summary import alerts
+from ldbb_bayes.report.tables import tables
+
+__all__ = ["REPORT_FILES", "write_report"]
+
+REPORT_FILES = ("report.html", "report.md", "report.json", "tables")
+
+
+def write_report(
+    posterior: xr.DataTree,
+    folder: str | os.PathLike[str],
+    *,
+    beside_it: Mapping[str, xr.DataTree] | None = None,
+    same_instrument: bool = False,
+    ci_prob: float = 0.95,
+    tests: int | None = None,
+    comparison: Compared | Future[Compared] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Document:
+    """Write report.html, report.md, report.json and tables (CSV) into a folder.
+
+    Parameters
+    ----------
+    posterior : DataTree
+        From `sample` or `load`.
+    folder : path
+        Made where it is missing; other files in it stay.
+    beside_it : mapping of name to DataTree, optional
+        Other campaigns to set beside this one.
+    same_instrument : bool
+        Whether these were run with the same bar, balls (clocked alike), mount and force device.
+    ci_prob : float
+        Probability of the credible intervals.
+    tests : int, optional
+        Circles to recommend; default: as many as the campaign has.
+    comparison : Comparison, or a future of one, optional
+        From `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
+    progress : callable, optional
+        Called with the sections done and their number.
+
+    Returns
+    -------
+    Document
+        What was written; its pictures hold the figures.
+
+    Raises
+    ------
+    InputError
+        For a comparison of other readings, results of other machines, or a folder that cannot be written.
+    """
+    others = beside_it or {}
+    apart = {
+        name: differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob) for name, other in others.items()
+    }
+    found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison)
+    document = compose(found, apart, same_instrument=same_instrument, progress=progress)
+    _write(Path(folder), document, found, tables(found, apart))
+    return document
+
+
+def _write(folder: Path, document: Document, found: Findings, frames: Mapping[str, pd.DataFrame]) -> None:
+    """Every file is written whole beside its place and then moved there, the page last."""
+    texts = {f"tables/{name}.csv": frame.to_csv() for name, frame in frames.items()}
+    texts["report.json"] = json_text(_record(found, frames))
+    texts["report.md"] = markdown_page(document)
+    texts["report.html"] = html_page(document)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "tables").mkdir(exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as name:
+            staging = Path(name)
+            (staging / "tables").mkdir()
+            for path, text in texts.items():
+                (staging / path).write_text(text, encoding="utf-8")
+            for path in texts:
+                os.replace(staging / path, folder / path)
+    except OSError as error:
+        raise InputError(f"{folder} must be writable, got: {error.strerror or error}. Choose another place (--out).") from None
+
+
+def _record(found: Findings, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
+    """One JSON of all tables, with what they are of."""
+    compared, chosen = found.comparison, found.design
+    return {
+        "schema": 1,
+        "campaign": found.result["campaign"],
+        "model": found.result["model"],
+        "alerts": list(alerts(found)),
+        "provenance": record_of(found.posterior)["provenance"],
+        "tables": {name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()},
+        "comparison": compared.as_dict() if isinstance(compared, Comparison) else {"missing": compared},
+        "design": chosen.as_dict() if isinstance(chosen, Design) else {"missing": chosen},
+    }
