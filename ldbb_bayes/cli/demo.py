@@ -31,13 +31,15 @@ def demo(
     from ldbb_bayes.analysis.identifiability import verdicts
     from ldbb_bayes.campaign.embedded import embedded_campaign
     from ldbb_bayes.campaign.folder import read_campaign
-    from ldbb_bayes.cli.show import print_json, reading_console, sampling_progress, write_result
+    from ldbb_bayes.cli.show import print_json, reading_console, sampling_progress, worker_pool, write_result
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.model.hybrid import HybridModel
     from ldbb_bayes.report.figures import save_figures
+    from ldbb_bayes.report.findings import compare_for_report
     from ldbb_bayes.report.result import full_result
     from ldbb_bayes.report.text import engineer_table, meaning
+    from ldbb_bayes.report.writing import write_report
 
     check_target(out, force=force, ours=DEMO_FILES)
     source = embedded_campaign()
@@ -47,11 +49,13 @@ def demo(
         with sampling_progress(quiet, name) as progress:
             fits[name] = sample(HybridModel.default(degree), campaign, seed=seed, progress=progress)
     results = {name: full_result(posterior, 0.95) for name, posterior in fits.items()}
-    with staged_folder(out, force=force, ours=DEMO_FILES) as staging:
+    with worker_pool(2) as executor, staged_folder(out, force=force, ours=DEMO_FILES) as staging:
         shutil.copytree(source, staging / "campaign")
         for name, posterior in fits.items():
             write_result(posterior, results[name], staging / name)
+        running = None if executor is None else executor.submit(compare_for_report, staging / "linear")
         save_figures(fits["linear"], staging / "figures")
+        write_report(fits["linear"], staging / "linear", comparison=running)
     if as_json:
         print_json({"schema": 1, "out": str(out), **results})
     else:
@@ -63,6 +67,7 @@ def demo(
         for line in meaning(results["constant"], results["linear"]):
             console.print(line, markup=False)
         console.print()
+        console.print(f"Report: {out}/linear/report.html", markup=False)
         console.print(f"Files: {out}/campaign, {out}/constant, {out}/linear, {out}/figures (PNG and SVG)", markup=False)
     if not all(result["sampler"]["converged"] for result in results.values()):
         raise typer.Exit(1)

@@ -28,6 +28,7 @@ __all__ = ["predictive", "residuals", "traces"]
 
 Array = NDArray[Any]
 _DRAWS = 600
+_DOTS = 6000
 _GRID = np.linspace(0.0, 2 * np.pi, 361)
 
 
@@ -51,6 +52,8 @@ def traces(posterior: xr.DataTree) -> Figure:
     width = 5.74 / figure.get_figwidth()
     colours = force_colours(bound.setting.force_N.tolist())
     several = len(bound.setting.both_ways) > 0
+    every = -(-sum(map(len, readings)) // _DOTS)
+    dots = "Readings (dots" if every == 1 else f"Every {every}. reading (dots"
     lines: dict[str, Any] = {}
     for k, plane in enumerate(planes):
         axes = figure.add_axes((0.57 / figure.get_figwidth() + k * 1.115 * width, 0.05, width, 0.82), projection="polar")
@@ -63,7 +66,7 @@ def traces(posterior: xr.DataTree) -> Figure:
             style = "--" if test.direction == "CCW" and several else "-"
             label = f"{test.force_N:g} N" + (f" {test.direction}" if several and test.direction else "")
             axes.fill_between(_GRID, zero + lower, zero + upper, color=colour, alpha=0.22, linewidth=0)
-            axes.plot(test.angles_rad(), zero + readings[r], ".", color=colour, markersize=1.6)
+            axes.plot(test.angles_rad()[::every], zero + readings[r][::every], ".", color=colour, markersize=1.6)
             axes.plot(_GRID, zero + predicted[r], color=colour, linewidth=1.1, linestyle=style, label=label)
         axes.plot(_GRID, np.full_like(_GRID, zero), color="black", linewidth=0.8, linestyle=(0, (4, 3)), label="nominal circle")
         ends = PLANES[plane]
@@ -76,9 +79,9 @@ def traces(posterior: xr.DataTree) -> Figure:
         magnified = (
             f", radial magnification {max(radii) * 1e3 / zero:.0f} : 1" if len(radii) == 1 else ", circles of several radii"
         )
-        where = f"Plane {plane}: r" if len(planes) > 1 else "R"
+        where = f"Plane {plane}: " if len(planes) > 1 else ""
         axes.set_title(
-            f"{where}eadings (dots), prediction (lines), 95 % band for a new circle\nrings every {step:g} µm{magnified}",
+            f"{where}{dots}), prediction (lines), 95 % band for a new circle\nrings every {step:g} µm{magnified}",
             pad=22,
         )
         lines |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))

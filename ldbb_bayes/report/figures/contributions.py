@@ -20,7 +20,7 @@ from ldbb_bayes.units import display_name
 __all__ = ["contributions", "parameter_contributions"]
 
 Array = NDArray[Any]
-_DRAWS = 400
+_DRAWS, _MOST = 400, 10
 _DEGREES = np.arange(361)
 
 
@@ -30,6 +30,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
     bound = bound_of(posterior)
     beta, _ = draws_of(posterior, bound, _DRAWS)
     forces = np.unique(bound.setting.force_N)
+    forces = forces[np.unique(np.linspace(0, len(forces) - 1, _MOST).round().astype(int))]
     planes = bound.setting.planes
     figure = new_figure(9.6, 0.6 + 3.0 * len(planes))
     panels = figure.subplots(len(planes), 3, sharey="row", squeeze=False)
@@ -45,9 +46,8 @@ def contributions(posterior: xr.DataTree) -> Figure:
             axes.set_title(title)
             _angles(axes)
         row[0].set_ylabel("contribution (µm)")
-    if len(forces) <= 12:
-        handles, labels = panels[0, 1].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
+    handles, labels = panels[0, 1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
     return figure
 
 

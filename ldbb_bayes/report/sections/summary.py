@@ -23,7 +23,8 @@ def alerts(found: Findings) -> tuple[str, ...]:
     fit, model = found.result["fit"], found.result["model"]
     said = [warning for warning in fit["warnings"] if warning.startswith(_GRAVE)]
     if found.result["sampler"]["converged"] and "does not expect" in fit["verdict"]:
-        said.append(f"Misfit: {fit['verdict']} Intervals assume that the model holds.")
+        clause = next(part for part in fit["verdict"].split("; ") if "does not expect" in part)
+        said.append(f"Misfit: {clause}. Intervals assume that the model holds.")
     if model["preset"] == "paper":
         said.append(
             "Least squares (preset paper): the intervals cover white noise alone. Ball form, bar length, mount, force errors "
