@@ -94,6 +94,7 @@ def find(
     ci_prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | Future[Compared] | None = None,
+    recommended: Design | str | None = None,
 ) -> Findings:
     """Work out what the fit did not keep.
 
@@ -103,6 +104,8 @@ def find(
         Circles to recommend; default: as many as the campaign has.
     comparison : Comparison, str or future, optional
         Of `compare` on the same readings, or what `compare_for_report` returns; default: the latter.
+    recommended : Design, or str, optional
+        Of `design` after the same readings, or why there is none; default: worked out.
     """
     campaign, model = campaign_of(posterior), model_of(posterior)
     if isinstance(comparison, Comparison) and comparison.sha256 != campaign.sha256:
@@ -125,7 +128,7 @@ def find(
         pairs,
         contributions(posterior, ci_prob=ci_prob),
         compare_for_report(posterior) if comparison is None else comparison,
-        _design(model, campaign, tests),
+        _design(model, campaign, tests) if recommended is None else recommended,
     )
 
 

@@ -9,6 +9,8 @@ from ldbb_bayes.units import reading_unit
 
 __all__ = ["Statement", "is_lopsided", "round_like", "round_uncertainty", "state", "stiffness", "value_and_uncertainty"]
 
+_HARDLY = 0.2
+
 
 def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
     """The uncertainty to significant ``digits``, and the number of decimals it leaves (negative left of the point)."""
@@ -78,10 +80,16 @@ def is_lopsided(mean: float, interval: tuple[float, float]) -> bool:
 
 
 def stiffness(median: float, interval: tuple[float, float]) -> str:
-    """1/C in N/µm with its interval, from a compliance in mm/N; empty where the interval reaches zero."""
+    """1/C in N/µm with its interval, from a compliance in mm/N.
+
+    Only a lower limit where C may be a fifth of its median or less; nothing where it may be negative.
+    """
     low, high = interval
-    if low <= 0.0:
+    if low < 0.0 or high <= 0.0:
         return ""
+    if low < _HARDLY * median:
+        limit = 1e-3 / high
+        return f"at least {round_like(limit, 2 - math.floor(math.log10(limit)))}"
     _, decimals = round_uncertainty((1e-3 / low - 1e-3 / high) / 4.0)
     middle, least, most = (round_like(1e-3 / value, decimals) for value in (median, high, low))
     return f"{middle} [{least}, {most}]"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from ldbb_bayes.report.tables import tables
 
 __all__ = ["REPORT_FILES", "write_report"]
 
+_ONLY_SOMETIMES = {"tables/differences.csv", "tables/measured_pairs.csv"}
 REPORT_FILES = ("report.html", "report.md", "report.json", "tables")
 
 
@@ -39,6 +41,7 @@ def write_report(
     ci_prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | Future[Compared] | None = None,
+    recommended: Design | str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
     """Write report.html, report.md, report.json and tables (CSV) into a folder.
@@ -59,6 +62,8 @@ def write_report(
         Circles to recommend; default: as many as the campaign has.
     comparison : Comparison, or a future of one, optional
         From `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
+    recommended : Design, optional
+        From `design` after the same readings; default: as many circles as ``tests``, of the forces tested.
     progress : callable, optional
         Called with the sections done and their number.
 
@@ -73,33 +78,42 @@ def write_report(
         For a comparison of other readings, results of other machines, or a folder that cannot be written.
     """
     others = beside_it or {}
-    apart = {
-        name: differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob) for name, other in others.items()
-    }
-    found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison)
-    document = compose(found, apart, same_instrument=same_instrument, progress=progress)
-    _write(Path(folder), document, found, tables(found, apart))
+    with _place(Path(folder)) as place:
+        apart = {
+            name: differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob)
+            for name, other in others.items()
+        }
+        found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended)
+        document = compose(found, apart, same_instrument=same_instrument, progress=progress)
+        frames = tables(found, apart)
+        place |= {f"tables/{name}.csv": frame.to_csv() for name, frame in frames.items()}
+        place["report.json"] = json_text(_record(found, frames))
+        place["report.md"] = markdown_page(document)
+        place["report.html"] = html_page(document)
     return document
 
 
-def _write(folder: Path, document: Document, found: Findings, frames: Mapping[str, pd.DataFrame]) -> None:
-    """Every file is written whole beside its place and then moved there, the page last."""
-    texts = {f"tables/{name}.csv": frame.to_csv() for name, frame in frames.items()}
-    texts["report.json"] = json_text(_record(found, frames))
-    texts["report.md"] = markdown_page(document)
-    texts["report.html"] = html_page(document)
+@contextmanager
+def _place(folder: Path) -> Iterator[dict[str, str]]:
+    """Texts by path, to be filled in. Every file is written whole beside its place and then moved there, the page last."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "tables").mkdir(exist_ok=True)
+        (folder / "tables").mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as name:
+            texts: dict[str, str] = {}
+            yield texts
             staging = Path(name)
             (staging / "tables").mkdir()
             for path, text in texts.items():
                 (staging / path).write_text(text, encoding="utf-8")
             for path in texts:
                 os.replace(staging / path, folder / path)
+            for stale in _ONLY_SOMETIMES - set(texts):
+                (folder / stale).unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{folder} must be writable, got: {error.strerror or error}. Choose another place (--out).") from None
+    finally:
+        if (folder / "tables").is_dir() and not any((folder / "tables").iterdir()):
+            (folder / "tables").rmdir()
 
 
 def _record(found: Findings, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli.main import app
+from ldbb_bayes.report.figures import FIGURES
 
 
 def run_inside(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -56,8 +57,8 @@ def test_demo_leaves_its_files(demo: tuple[Path, str]) -> None:
     out = place / "ldbb_demo"
     assert [p.name for p in place.iterdir()] == ["ldbb_demo"]
     figures = {p.name for p in (out / "figures").iterdir()}
-    names = ("traces", "residuals", "forest", "compliance_against_force", "corner", "chains", "predictive")
-    assert figures == {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
+    assert figures == {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")}
+    assert "<svg" in (out / "linear" / "report.html").read_text(encoding="utf-8")
     assert all((out / "figures" / name).stat().st_size > 5000 for name in figures)
     linear = json.loads((out / "linear" / "summary.json").read_text())
     assert linear["sampler"]["converged"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.report.rounding import round_uncertainty, value_and_uncertainty
-from ldbb_bayes.units import display_name, display_unit
+from ldbb_bayes.report.rounding import Statement, is_lopsided, round_uncertainty, state, stiffness, value_and_uncertainty
+from ldbb_bayes.units import display_name, display_unit, is_direct, reading_unit
 
 
 @pytest.mark.parametrize(
@@ -43,3 +43,43 @@ def test_units_and_names() -> None:
     assert display_name("E_C0YX") == "E_C(0Y)X"
     assert display_name("E_Xt0") == "E_Xt0"
     assert display_name("C_XXX_1") == "C_XXX_1"
+
+
+@pytest.mark.parametrize(
+    ("mean", "sd", "interval", "unit", "expected"),
+    [
+        (5.478e-5, 3.301e-6, (4.824e-5, 6.134e-5), "mm/N", Statement("54.8", "3.3", "6.6", "[48.2, 61.3]", "nm/N")),
+        (1.478e-4, 3.301e-6, (1.41e-4, 1.545e-4), "mm/N", Statement("0.1478", "0.0033", "0.0066", "[0.1410, 0.1545]", "µm/N")),
+        (-4.56e-7, 8.7e-7, (-2.19e-6, 1.28e-6), "mm/N", Statement("−0.46", "0.87", "1.7", "[−2.19, 1.28]", "nm/N")),
+        (7.3e-11, 4.5e-11, (1.1e-11, 1.78e-10), "rad/(N mm)", Statement("73", "45", "+105 / −62", "[11, 178]", "nrad/(N m)")),
+        (-1.03e-4, 5.8e-5, (-2.17e-4, 1.2e-5), "1", Statement("−103", "58", "120", "[−217, 12]", "µm/m")),
+        (3.8e-3, 8.2e-4, (2.17e-3, 5.41e-3), "mm", Statement("3.80", "0.82", "1.6", "[2.17, 5.41]", "µm")),
+        (-2e-8, 1e-6, (-2e-6, 2e-6), "rad", Statement("0.0", "1.0", "2.0", "[−2.0, 2.0]", "µrad")),
+        (0.0, 0.0, (0.0, 0.0), "mm", Statement("0.00", "0", "0", "[0.00, 0.00]", "µm")),
+    ],
+)
+def test_a_result_as_it_is_written(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: Statement) -> None:
+    assert state(mean, sd, interval, unit) == expected
+
+
+def test_lopsided() -> None:
+    assert is_lopsided(7.3, (1.1, 17.8))
+    assert not is_lopsided(5.48, (4.82, 6.13))
+
+
+def test_stiffness() -> None:
+    """1 / 54.8 nm/N = 18.2 N/µm; only a lower limit where C may be a fifth of its median or less, none below zero."""
+    assert stiffness(5.48e-5, (4.82e-5, 6.13e-5)) == "18.2 [16.3, 20.7]"
+    assert stiffness(5.48e-5, (5.47e-5, 5.49e-5)) == "18.248 [18.215, 18.282]"
+    assert stiffness(5.48e-5, (0.0, 6.13e-5)) == "at least 16.3"
+    assert stiffness(1e-6, (-1e-6, 3e-6)) == ""
+    assert stiffness(1e-5, (1e-8, 6e-5)) == "at least 16.7"
+    assert [name for name in ("C_XXX", "C_XYX", "C_ZZA", "C_CCY", "C_XXX_1", "E_XX1") if is_direct(name)] == ["C_XXX", "C_ZZA"]
+
+
+def test_a_unit_for_reading() -> None:
+    assert reading_unit("mm/N", 2e-4, 1e-6) == (1e3, "µm/N")
+    assert reading_unit("mm/N", 5e-5, 1e-6) == (1e6, "nm/N")
+    assert reading_unit("rad/N", 5e-12) == (1e12, "prad/N")
+    assert reading_unit("1", 5e-8, 0.0) == (1e9, "nm/m")
+    assert reading_unit("mm", 0.0, 0.0) == (1e3, "µm")

@@ -1,0 +1,183 @@
+"""``ldbb-bayes report``: what it writes, what it refuses."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from campaigns import plan, simulated
+from reports import NOT_COMPARED, fitted
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.compared import Comparison
+from ldbb_bayes.cli.main import app
+from ldbb_bayes.cli.show import write_result
+from ldbb_bayes.report import findings
+from ldbb_bayes.report.plain import json_text
+from ldbb_bayes.report.result import full_result
+from ldbb_bayes.report.writing import REPORT_FILES
+
+
+def invoke(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as left:
+        app([str(argument) for argument in arguments])
+    return int(left.value.code or 0)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Designs have tests of their own."""
+    monkeypatch.setattr(findings, "design", lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED)))
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory, recovered: lb.Campaign) -> Path:
+    posterior = fitted(lb.HybridModel.default(1), recovered)
+    folder = tmp_path_factory.mktemp("fit") / "result"
+    write_result(posterior, full_result(posterior, 0.95), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def comparison(tmp_path_factory: pytest.TempPathFactory, compared: Comparison) -> Path:
+    folder = tmp_path_factory.mktemp("comparison")
+    campaign = {"name": compared.campaign, "sha256": compared.sha256}
+    record = {"schema": 1, "campaign": campaign, "seed": 1, **compared.as_dict()}
+    (folder / "comparison.json").write_text(json_text(record), encoding="utf-8")
+    return folder
+
+
+def test_everything_written(result: Path, comparison: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert invoke("report", result, "--out", out, "--comparison", comparison, "--quiet", "--json") == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record == json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert sorted(path.name for path in out.iterdir()) == sorted(REPORT_FILES)
+    assert sorted(path.name for path in result.iterdir()) == ["model.toml", "posterior.nc", "summary.json"]
+    summary = json.loads((result / "summary.json").read_text())["parameters"]
+    table = pd.read_csv(out / "tables" / "results.csv", index_col="parameter")
+    covariance = pd.read_csv(out / "tables" / "covariance.csv", index_col="parameter")
+    assert list(covariance.index) == list(covariance.columns)
+    budget = pd.read_csv(out / "tables" / "budget.csv")
+    for name, entry in summary.items():
+        assert table.loc[name, "mean"] == pytest.approx(entry["mean"], rel=1e-12)
+        assert [table.loc[name, "ci_low"], table.loc[name, "ci_high"]] == pytest.approx(entry["ci95"], rel=1e-9)
+        assert covariance.loc[name, name] == pytest.approx(entry["sd"] ** 2, rel=1e-9)
+        own = budget[budget["parameter"] == name]
+        assert own["share"].sum() == pytest.approx(1.0, abs=1e-9)
+        assert (own["share"] * entry["sd"] ** 2).sum() == pytest.approx(entry["sd"] ** 2, rel=1e-2)
+    np.testing.assert_allclose(np.diag(pd.read_csv(out / "tables" / "correlation.csv", index_col="parameter")), 1.0)
+    assert set(record["tables"]) == {path.stem for path in (out / "tables").iterdir()}
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for phrase in ("Slopes one by one", "does not belong" if "does not belong" in page else "Every test belongs", NOT_COMPARED):
+        assert phrase in page
+    assert invoke("report", result, "--out", out, "--comparison", comparison) == 2
+    assert f"{out / 'report.html'} must not exist" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_figures(result: Path, comparison: Path, tmp_path: Path) -> None:
+    figures = tmp_path / "figures"
+    assert invoke("report", result, "--out", tmp_path, "--comparison", comparison, "--figures", figures, "--quiet") == 0
+    drawn = {path.name for path in figures.iterdir()}
+    names = ("traces", "budget", "circularity", "contributions", "corner", "evidence")
+    assert {f"{name}.{kind}" for name in names for kind in ("svg", "png", "pdf")} <= drawn
+    assert all((figures / name).stat().st_size > 1000 for name in drawn)
+
+
+@pytest.mark.slow
+def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    campaign = lb.HybridModel.default(1).simulate(plan(), seed=1).campaign
+    lb.save(fitted(lb.HybridModel.default(1), replace(campaign, name="after | <b>repair</b>")), tmp_path / "after.nc")
+    out = tmp_path / "out"
+    arguments = ["report", result, tmp_path / "after.nc", "--out", out, "--comparison", comparison, "--quiet"]
+    assert invoke(*arguments) == 0
+    table = pd.read_csv(out / "tables" / "differences.csv")
+    assert set(table["campaign"]) == {"after | <b>repair</b>"}
+    assert table["probability_of_increase"].between(0.0, 1.0).all()
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "after | &lt;b&gt;repair&lt;/b&gt; less the first" in page
+    assert "Instruments are taken as independent" in page
+    assert invoke(*arguments, "--same-instrument", "--force") == 0
+    assert "The instrument was the same" in (out / "report.html").read_text(encoding="utf-8")
+    narrower = pd.read_csv(out / "tables" / "differences.csv").set_index("parameter")["sd"] / table.set_index("parameter")["sd"]
+    assert narrower["E_XX1"] < 0.6
+    assert invoke("report", result, "--out", out, "--comparison", comparison, "--force", "--quiet") == 0
+    assert not (out / "tables" / "differences.csv").exists()
+    capsys.readouterr()
+
+
+def spoiled(result: Path, tmp_path: Path) -> Path:
+    """A result whose posterior is cut short."""
+    folder = tmp_path / "spoiled"
+    folder.mkdir()
+    (folder / "posterior.nc").write_bytes((result / "posterior.nc").read_bytes()[:5000])
+    return folder
+
+
+def test_refused(result: Path, comparison: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line, exit code 2, nothing written."""
+    other = tmp_path / "other.nc"
+    lb.save(fitted(lb.HybridModel.default(0), simulated(plan((40, 40), forces_N=(100.0, 600.0)))), other)
+    damaged, foreign = tmp_path / "damaged", tmp_path / "foreign"
+    damaged.mkdir()
+    (damaged / "comparison.json").write_text("{")
+    foreign.mkdir()
+    (foreign / "mine.txt").write_text("mine")
+    out = tmp_path / "out"
+    cases: list[tuple[list[object], str]] = [
+        (["report", tmp_path / "nothing"], "must be a folder with posterior.nc"),
+        (["report", foreign], "must be a folder with posterior.nc"),
+        (["report", spoiled(result, tmp_path)], "got a damaged file"),
+        (["report", result, "--comparison", damaged], "must be a comparison written by"),
+        (["report", result, "--comparison", tmp_path], "folder with comparison.json"),
+        (["report", other, "--comparison", comparison], "comparison must be of the readings of the fit"),
+        (["report", result, "--comparison", comparison, "--ci", "2"], "must lie between 0 and 1"),
+        (
+            ["report", result, "--comparison", comparison, "--figures", foreign, "--force"],
+            "must hold nothing but earlier results",
+        ),
+        (["report", result, "--comparison", comparison, "--same-instrument"], "must go with a second RESULT"),
+        (["report", result, "--comparison", comparison, "--tests", "0"], "--tests"),
+    ]
+    for arguments, said in cases:
+        assert invoke(*arguments, "--out", out, "--quiet") == 2, said
+        error = capsys.readouterr().err
+        assert said in " ".join(error.split()), error
+        assert "Traceback" not in error
+        assert not out.exists() or not any(out.iterdir()), said
+    assert (foreign / "mine.txt").read_text() == "mine"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_cannot_be_written(result: Path, comparison: Path, tmp_path: Path) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o500)
+    assert invoke("report", result, "--comparison", comparison, "--out", closed, "--quiet") == 2
+
+
+def test_a_failure_leaves_the_old_page(
+    result: Path, comparison: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("old")
+    (out / "tables").mkdir()
+    (out / "tables" / "budget.csv").write_text("old")
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", fail)
+    assert invoke("report", result, "--comparison", comparison, "--out", out, "--force", "--quiet") == 2
+    monkeypatch.undo()
+    assert "No space left on device" in capsys.readouterr().err
+    assert {path.name: path.read_text() for path in out.rglob("*") if path.is_file()} == {
+        "report.html": "old",
+        "budget.csv": "old",
+    }

@@ -1,0 +1,111 @@
+"""The page in a real browser: no error, no request, nothing that overflows; skipped where none is installed."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from reports import AWKWARD, NOT_COMPARED, awkward, fitted
+
+import ldbb_bayes as lb
+from ldbb_bayes.report.compose import compose
+from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.page import html_page
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
+BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+A4_PX = 794 - 2 * 53
+# Elements whose text reaches outside themselves, or out of the page; what scrolls on purpose may.
+OVERFLOWING = """() => {
+  const found = [];
+  const width = document.documentElement.clientWidth;
+  for (const element of document.querySelectorAll('h1, h2, p, li, summary, figcaption, caption, th, td, .scroll, .picture')) {
+    const box = element.getBoundingClientRect();
+    if (!box.width) continue;
+    const scrolls = element.matches('.scroll, .picture');
+    const inside = element.closest('.scroll, .picture');
+    if (!scrolls && element.scrollWidth > element.clientWidth + 1 && getComputedStyle(element).display !== 'inline')
+      found.push(['text outside ' + element.tagName, element.textContent.slice(0, 80)]);
+    if ((scrolls || !inside) && box.right > width + 1) found.push(['outside the page', element.textContent.slice(0, 80)]);
+  }
+  if (document.documentElement.scrollWidth > width) found.push(['the page scrolls sideways', '']);
+  return found;
+}"""
+# Where nothing can scroll, what stands in a scrolling box must fit as well.
+CUT_OFF = """() => [...document.querySelectorAll('.scroll, .picture')]
+  .filter(box => box.scrollWidth > box.clientWidth + 1)
+  .map(box => box.getAttribute('aria-label') || box.textContent.slice(0, 60))"""
+UNNAMED = """() => [...document.querySelectorAll('figure svg')].filter(svg => {
+  const title = document.getElementById(svg.getAttribute('aria-labelledby'));
+  return svg.getAttribute('role') !== 'img' || !title || !title.textContent.trim();
+}).length"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=BROWSER, args=OPTIONS)
+        yield running
+        running.close()
+
+
+def look(browser: Any, page: Path) -> None:
+    """At 1280 px light and dark, at 390 px, and as printed on A4."""
+    for width, scheme, medium in (
+        (1280, "light", "screen"),
+        (1280, "dark", "screen"),
+        (390, "light", "screen"),
+        (A4_PX, "light", "print"),
+    ):
+        context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        opened = context.new_page()
+        said: list[str] = []
+        asked: list[str] = []
+        opened.on("console", lambda message, said=said: said.append(message.text))
+        opened.on("pageerror", lambda error, said=said: said.append(str(error)))
+        opened.on("dialog", lambda dialog, said=said: said.append(dialog.message))
+        opened.on("request", lambda request, asked=asked: asked.append(request.url))
+        opened.goto(page.as_uri())
+        opened.emulate_media(media=medium, color_scheme=scheme)
+        where = f"{width} px, {scheme}, {medium}"
+        assert said == [], where
+        assert asked == [page.as_uri()], where
+        assert opened.evaluate(OVERFLOWING) == [], where
+        assert opened.evaluate(UNNAMED) == 0, where
+        if medium == "print":
+            assert opened.evaluate(CUT_OFF) == [], where
+            assert opened.evaluate("document.querySelector('details table').getBoundingClientRect().height") > 0, where
+        if scheme == "dark":
+            colour = opened.evaluate("getComputedStyle(document.body).backgroundColor")
+            assert max(int(part) for part in colour.strip("rgba()").split(",")[:3]) < 60, colour
+        context.close()
+
+
+def test_the_published_experiment(browser: Any, recovered: lb.Campaign, tmp_path: Path) -> None:
+    found = find(fitted(lb.HybridModel.default(1), recovered), comparison=NOT_COMPARED)
+    page = tmp_path / "report.html"
+    page.write_text(html_page(compose(found)), encoding="utf-8")
+    look(browser, page)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", AWKWARD)
+def test_awkward_campaigns(kind: str, browser: Any, tmp_path: Path) -> None:
+    """Worked out in full, comparison and design included."""
+    lb.write_report(awkward(kind), tmp_path)
+    look(browser, tmp_path / "report.html")
+
+
+def test_what_overflows_is_seen(browser: Any, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("<!doctype html><p style='width:40px;white-space:nowrap'>" + "m" * 60 + "</p>", encoding="utf-8")
+    context = browser.new_context(viewport={"width": 390, "height": 900})
+    opened = context.new_page()
+    opened.goto(page.as_uri())
+    assert opened.evaluate(OVERFLOWING)
+    context.close()

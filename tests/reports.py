@@ -1,0 +1,49 @@
+"""Reports for tests: quick posteriors of awkward campaigns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from campaigns import plan, simulated
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.stopping import StoppingRule
+
+NOT_COMPARED = "left out in this test"
+SCRIPT = '<script>alert(1)</script> $\\frac$ | *b* `c` & "q" ]]>'
+
+
+def awkward(kind: str) -> xr.DataTree:
+    """A posterior that a page must cope with."""
+    constant, linear = lb.HybridModel.default(0), lb.HybridModel.default(1)
+    if kind == "script":
+        return fitted(linear, replace(simulated(plan()), name=SCRIPT))
+    if kind == "long name":
+        return fitted(linear, replace(simulated(plan()), name="M" * 300))
+    if kind == "two tests":
+        return fitted(constant, simulated(plan((40, 40), forces_N=(100.0, 600.0))))
+    if kind == "forty tests":
+        return fitted(linear, simulated(plan([60] * 40, forces_N=np.linspace(36.0, 742.0, 40).tolist())))
+    if kind == "degree 2":
+        return fitted(lb.HybridModel.default(2), simulated(plan()))
+    if kind == "unconverged":
+        rule = StoppingRule(ess=100_000.0, max_steps=200)
+        return lb.sample(constant, simulated(plan((30,) * 4)), seed=1, rule=rule)
+    if kind == "contradiction":
+        campaign = simulated(plan())
+        # Compliances of the wrong sign: ln P(T | y) near −25, a probability of 1e-11.
+        turned = tuple(test.with_reading_um(-0.14 * np.asarray(test.reading_um)) for test in campaign.tests)
+        return fitted(constant, replace(campaign, tests=turned))
+    if kind == "paper":
+        return fitted(lb.HybridModel.paper(0), simulated(plan()))
+    raise ValueError(kind)
+
+
+AWKWARD = ("script", "long name", "two tests", "forty tests", "degree 2", "unconverged", "contradiction", "paper")
+
+
+def fitted(model: lb.HybridModel, campaign: lb.Campaign) -> xr.DataTree:
+    """By quadrature: the same draws every time."""
+    return lb.sample(model, campaign, seed=1, sampler="quadrature")
