@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from types import MappingProxyType
 
 from ldbb_bayes.errors import InputError
 
-__all__ = ["DISPLAY_UNITS", "display_name", "display_unit", "is_direct", "reading_unit"]
+__all__ = ["DISPLAY_UNITS", "display_name", "display_unit", "is_direct", "reading_unit", "units_for"]
 
 DISPLAY_UNITS: Mapping[str, tuple[float, str]] = MappingProxyType(
     {
@@ -30,7 +32,7 @@ DISPLAY_UNITS: Mapping[str, tuple[float, str]] = MappingProxyType(
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """Factor and label that turn an inside unit into one for reading.
+    """Factor and label that turn an inside unit into one for reading: those of `units_for`, else of `DISPLAY_UNITS`.
 
     Raises
     ------
@@ -39,25 +41,42 @@ def display_unit(unit: str) -> tuple[float, str]:
     """
     if unit not in DISPLAY_UNITS:
         raise InputError(f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use an inside unit.")
-    return DISPLAY_UNITS[unit]
+    return _CHOSEN.get().get(unit, DISPLAY_UNITS[unit])
 
 
 _READABLE = 0.1
+_CHOSEN: ContextVar[Mapping[str, tuple[float, str]]] = ContextVar("units chosen for reading", default=MappingProxyType({}))
 
 
 def reading_unit(unit: str, *sizes: float) -> tuple[float, str]:
-    """As `display_unit`, a thousand times smaller where every size would stay below 0.1: 0.058 µm/N → 58 nm/N.
+    """As in `DISPLAY_UNITS`, a thousand times smaller where every size would stay below 0.1: 0.058 µm/N → 58 nm/N.
 
     Parameters
     ----------
     sizes : float
         What will be shown, in the inside unit.
     """
-    factor, label = display_unit(unit)
+    factor, label = DISPLAY_UNITS[unit]
     smaller = {"µ": "n", "n": "p"}[label[0]]
-    if all(abs(size) * factor < _READABLE for size in sizes) and any(sizes):
+    if any(sizes) and all(abs(size) * factor < _READABLE for size in sizes):
         return factor * 1e3, smaller + label[1:]
     return factor, label
+
+
+@contextmanager
+def units_for(sizes: Mapping[str, Collection[float]]) -> Iterator[None]:
+    """Choose one unit for each kind of number and keep to it: `display_unit` gives it until the block ends.
+
+    Parameters
+    ----------
+    sizes : mapping of inside unit to sizes
+        Of the numbers that will be shown.
+    """
+    token = _CHOSEN.set({unit: reading_unit(unit, *shown) for unit, shown in sizes.items()})
+    try:
+        yield
+    finally:
+        _CHOSEN.reset(token)
 
 
 def is_direct(name: str) -> bool:

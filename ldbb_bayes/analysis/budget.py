@@ -90,8 +90,9 @@ class Budget:
         The largest first; shares sum to one.
     improve : str
         What would improve it most.
-    u_if_known : float
-        Standard uncertainty that would be left if the heaviest term were known exactly.
+    u_if_known : float or None
+        Standard uncertainty that would be left if the heaviest term were known exactly; None where that is the noise of the
+        readings or the parameters' own priors, which nothing makes known.
     """
 
     parameter: str
@@ -99,7 +100,7 @@ class Budget:
     u: float
     contributions: tuple[Contribution, ...]
     improve: str
-    u_if_known: float
+    u_if_known: float | None
 
     def share(self, term: str) -> float:
         """Share of a whole term."""
@@ -127,12 +128,8 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
         lines = _lines(bound, information, phi.mean(axis=0), shares, i, u)
         by_term = {term: sum(line.share for line in lines if line.term == term) for term in dict.fromkeys(x.term for x in lines)}
         heaviest = max(by_term, key=lambda term: by_term[term])
-        left = (
-            float(np.sqrt(known[heaviest][i] / plain[i]))
-            if heaviest in known
-            else float(np.sqrt(max(1.0 - by_term[heaviest], 0.0)))
-        )
-        found[parameter.name] = Budget(parameter.name, parameter.unit, u, lines, _REMEDIES[heaviest], u * left)
+        left = u * float(np.sqrt(known[heaviest][i] / plain[i])) if heaviest in known else None
+        found[parameter.name] = Budget(parameter.name, parameter.unit, u, lines, _REMEDIES[heaviest], left)
     return found
 
 

@@ -33,11 +33,11 @@ __all__ = [
     "geometric_columns",
     "measured_circularity",
     "offsets",
+    "squareness_name",
 ]
 
 Array = NDArray[Any]
 _ANGLE = np.arange(360) * (np.pi / 180.0)
-_DRAWS = 400
 _CLOSED_DEG = 350.0
 _COS2, _SIN2 = harmonic_index(2)
 QUANTITIES = {
@@ -57,8 +57,8 @@ def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataF
     Returns
     -------
     tests : DataFrame
-        One row per test: force_N, direction, plane, arc_deg; G, G_minimum_zone, F_max, F_min (about the least-squares centre)
-        [µm]; squareness and scale_mismatch [µm/m], not a number for less than a full circle.
+        One row per test: force_N, direction, plane, radius_mm, arc_deg; G, G_minimum_zone, F_max, F_min (about the least-squares
+        centre) [µm]; squareness and scale_mismatch [µm/m], not a number for less than a full circle.
     pairs : DataFrame
         One row per clockwise and counterclockwise test of the same circle: G_b, G_b_minimum_zone, D [µm].
     """
@@ -83,6 +83,7 @@ def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
         "force_N": test.force_N,
         "direction": test.direction,
         "plane": test.plane,
+        "radius_mm": float(test.circle.radius_mm),
         "arc_deg": test.arc_deg,
         **_zone_numbers(zone),
         "G_minimum_zone": minimum_zone(angle, reading).width,
@@ -119,7 +120,9 @@ def _pairs(tests: Sequence[CircularTest]) -> Iterator[tuple[CircularTest, Circul
     return ((one, two) for one, two in product(clockwise, other) if place(one) == place(two))
 
 
-def circularity(posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95) -> pd.DataFrame:
+def circularity(
+    posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95, draws: int = 2000
+) -> pd.DataFrame:
     """The machine's own path at every force, with credible intervals.
 
     Parameters
@@ -127,22 +130,24 @@ def circularity(posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_pr
     forces_N : sequence of float
         Default: 0 (geometry alone) and the tested forces.
     ci_prob : float
+    draws : int
+        Of the posterior, evenly picked.
 
     Returns
     -------
     DataFrame
         One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high; on the first circle of the
         plane. G about the least-squares centre and that of the minimum zone; F_max, F_min about the least-squares centre and
-        radius; squareness of the second axis to the first and scale_mismatch (gain of the first axis less that of the second),
-        as the second harmonic shows them, compliance included; where the plane is run both ways G_b by either centre and D, the
-        mean radius less the nominal one (G and F are then of the mean path). A G is a largest difference: where the path is not
-        known it is more often too large than too small.
+        radius; squareness (in the sense and sign of the plane's own parameter, `squareness_name`) and scale_mismatch (gain of
+        the first axis less that of the second), as the second harmonic shows them, compliance included; where the plane is run
+        both ways G_b by either centre and D, the mean radius less the nominal one (G and F are then of the mean path). A G is a
+        largest difference: where the path is not known it is more often too large than too small.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)
-    beta, _ = draws_of(posterior, bound, _DRAWS)
+    beta, phi = draws_of(posterior, bound, draws)
+    travel = _travel_draws(bound, beta, phi) if bound.setting.both_ways else {}
     beta = np.where(offsets(bound), 0.0, beta)
-    travel = _travel_draws(bound, posterior) if bound.setting.both_ways else {}
     forces = list(forces_N) or [0.0, *np.unique(bound.setting.force_N).tolist()]
     tail = 0.5 - 0.5 * ci_prob
     rows = []
@@ -201,9 +206,8 @@ def _of_both_ways(path: Array, half: Array) -> dict[str, Array]:
     }
 
 
-def _travel_draws(bound: BoundModel, posterior: xr.DataTree) -> dict[str, tuple[Array, Array]]:
+def _travel_draws(bound: BoundModel, beta: Array, phi: Array) -> dict[str, tuple[Array, Array]]:
     """Draws of the hysteresis in every plane run both ways, constant [mm] and per newton [mm/N], each (draws, 25)."""
-    beta, phi = draws_of(posterior, bound, _DRAWS)
     drawn = draw_nuisances(bound, phi, beta, np.random.default_rng(0))
     found = {}
     for plane in bound.setting.both_ways:
@@ -223,12 +227,18 @@ def _per_second_order(bound: BoundModel, name: str) -> Array:
     """Scale mismatch per µm of cos 2θ, squareness per µm of sin 2θ, on the circle of a test, shape (2,) [µm/m per µm]."""
     r = bound.test_names.index(name)
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
-    square = next(
-        j
-        for j, own in enumerate(geometric_errors_of(bound.campaign))
-        if own.kind == "squareness" and bound.setting.geometric[r][_SIN2, j] != 0.0
-    )
-    return np.array([2.0 / radius_m, 1e3 / float(bound.setting.geometric[r][_SIN2, square])])
+    return np.array([2.0 / radius_m, 1e3 / float(bound.setting.geometric[r][_SIN2, _squareness(bound, r)])])
+
+
+def _squareness(bound: BoundModel, r: int) -> int:
+    """Which geometric error is the squareness of the plane of test r."""
+    every = enumerate(geometric_errors_of(bound.campaign))
+    return next(j for j, own in every if own.kind == "squareness" and bound.setting.geometric[r][_SIN2, j] != 0.0)
+
+
+def squareness_name(bound: BoundModel, plane: str) -> str:
+    """The squareness error of a plane: E_C0YX."""
+    return geometric_errors_of(bound.campaign)[_squareness(bound, first_circle(bound, plane))].label
 
 
 def first_circle(bound: BoundModel, plane: str) -> int:

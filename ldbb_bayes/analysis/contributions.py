@@ -23,7 +23,7 @@ __all__ = ["COMPLIANCE", "GEOMETRY", "TOGETHER", "contribution_paths", "contribu
 
 Array = NDArray[Any]
 _ANGLE = np.arange(360) * (np.pi / 180.0)
-_DRAWS = 400
+_DRAWS = 2000
 TOGETHER, COMPLIANCE, GEOMETRY = "compliance and geometry", "compliance", "geometry"
 
 
@@ -40,9 +40,8 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
     -------
     DataFrame
         One row per plane and source: the two together, compliance, geometry, every compliance (its slope included) and every
-        geometric error; radius_mm, force_N, maximum, minimum (of the posterior mean), peak_to_peak (of the posterior mean) and
-        its sd, ci_low, ci_high. Where a source is hardly known its peak-to-peak is more often too large than too small: its
-        interval is that of its size.
+        geometric error; radius_mm, force_N; maximum, minimum and peak_to_peak of the mean path; median, sd, ci_low and ci_high of
+        the peak-to-peak. Where a source is hardly known its median exceeds the peak-to-peak of its mean, which may be zero.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)
@@ -55,7 +54,7 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
         for source, path in contribution_paths(bound, r, force, beta).items():
             mean = path.mean(axis=0)
             size = np.ptp(path, axis=1)
-            low, high = np.quantile(size, [tail, 1.0 - tail])
+            low, median, high = np.quantile(size, [tail, 0.5, 1.0 - tail])
             rows.append(
                 {
                     "plane": plane,
@@ -65,6 +64,7 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
                     "maximum": float(mean.max()),
                     "minimum": float(mean.min()),
                     "peak_to_peak": float(np.ptp(mean)),
+                    "median": float(median),
                     "sd": float(size.std()),
                     "ci_low": float(low),
                     "ci_high": float(high),

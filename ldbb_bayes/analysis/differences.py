@@ -97,6 +97,11 @@ def differences(
 
 def _check(one: BoundModel, two: BoundModel, name: str) -> None:
     first, second = one.campaign, two.campaign
+    if first.sha256 == second.sha256:
+        raise InputError(
+            f"results must be of different readings, got {name!r} twice (SHA-256 {first.sha256[:12]}…). Name another campaign; "
+            "to compare models of one campaign use compare."
+        )
     for what in ("topology", "frames_mm"):
         if getattr(first, what) != getattr(second, what):
             raise InputError(
@@ -129,6 +134,8 @@ def _shared_instrument(
     bounds: tuple[BoundModel, BoundModel], phi: tuple[Array, Array], read: Sequence[Array]
 ) -> tuple[Array, Array, Array]:
     """Means of both (2, names), and mean and covariance of the difference, in inside units."""
+    if len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for own in bounds for test in own.campaign.tests}) > 1:
+        bounds = (bounds[0].with_two_balls(), bounds[1].with_two_balls())
     one, two = bounds
     if "tau" in one.hyper_prior.names and "tau" in two.hyper_prior.names:
         i, j = one.hyper_prior.names.index("tau"), two.hyper_prior.names.index("tau")
@@ -136,19 +143,17 @@ def _shared_instrument(
     information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
     if any(own.flat for own in information):
         raise InputError("same_instrument must go with proper priors, got flat ones. Fit with the default preset.")
-    alike = [
-        name
-        for name, owner in zip(information[0].names, information[0].owners, strict=True)
-        if owner in INSTRUMENT and name in information[1].names
-    ]
+    told = [[_physical(name, bound) for name in own.names] for bound, own in zip(bounds, information, strict=True)]
+    pairs = zip(told[0], information[0].owners, strict=True)
+    alike = [name for name, owner in pairs if owner in INSTRUMENT and name in told[1]]
     place: dict[tuple[int, str], int] = {}
-    for k, own in enumerate(information):
-        for name in own.names:
+    for k, names in enumerate(told):
+        for name in names:
             place[k, name] = place[0, name] if k and name in alike else len(set(place.values()))
     size = len(set(place.values()))
     precision, weighted, scale = np.zeros((size, size)), np.zeros(size), np.ones(size)
     for k, (bound, own, values) in enumerate(zip(bounds, information, phi, strict=True)):
-        at = [place[k, name] for name in own.names]
+        at = [place[k, name] for name in told[k]]
         root, _ = own.root()
         inside = (root.T @ root) / np.outer(own.scale, own.scale)
         precision[np.ix_(at, at)] += inside
@@ -164,6 +169,11 @@ def _shared_instrument(
         rows[k][:, [place[k, name] for name in bound.names]] = read[k]
     apart = rows[1] - rows[0]
     return rows @ mean, apart @ mean, apart @ covariance @ apart.T
+
+
+def _physical(name: str, bound: BoundModel) -> str:
+    """The coefficient's name, with the radius that a bar length is of."""
+    return f"bar_length_{bound.setting.radii_mm[0]:g}" if name == "bar_length" else name
 
 
 def _mean(bound: BoundModel, phi: Array) -> Array:

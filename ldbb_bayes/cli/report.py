@@ -28,7 +28,7 @@ def report(
     comparison: Annotated[
         Path | None, typer.Option(help="The --out folder of an earlier compare of the same readings.", metavar="DIR")
     ] = None,
-    tests: Annotated[int | None, typer.Option(help="Circles to recommend. Default: as many as were run.", min=1)] = None,
+    tests: Annotated[int | None, typer.Option(help="Circles to recommend. Default: as many as were run.", min=1, max=300)] = None,
     same_instrument: Annotated[
         bool, typer.Option("--same-instrument", help="Campaigns beside one another share bar, balls, mount and force device.")
     ] = False,
@@ -53,7 +53,9 @@ def report(
     from ldbb_bayes.inference.summary import check_probability
     from ldbb_bayes.report.figures import corner, save_figure
     from ldbb_bayes.report.findings import compare_for_report
+    from ldbb_bayes.report.result import sizes_of
     from ldbb_bayes.report.writing import REPORT_FILES, write_report
+    from ldbb_bayes.units import units_for
 
     check_probability(ci)
     folder = out or (result[0] if result[0].is_dir() else result[0].parent)
@@ -81,7 +83,8 @@ def report(
         with staged_folder(figures, force=force, ours=_figure_files(figures)) as staging:
             for picture in document.pictures:
                 save_figure(picture.figure, staging, picture.key, formats=_FORMATS)
-            save_figure(corner(first), staging, "corner", formats=_FORMATS)
+            with units_for(sizes_of(first)):
+                save_figure(corner(first), staging, "corner", formats=_FORMATS)
     if as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import warnings
 from collections.abc import Mapping
@@ -118,6 +119,8 @@ def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     """Write the tree to one netCDF file (h5netcdf), whole or not at all."""
     target = Path(path)
     staging = target.with_name(f".{target.name}.part")
+    tree = tree.copy()
+    tree["provenance"].attrs["sha256"] = _digest(tree)
     try:
         tree.to_netcdf(staging, engine="h5netcdf")
         os.replace(staging, target)
@@ -134,7 +137,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     Raises
     ------
     InputError
-        When the file is missing, damaged, or not one of ours.
+        When the file is missing, damaged (its digest tells), or not one of ours.
     """
     source = Path(path)
     source = source / "posterior.nc" if source.is_dir() else source
@@ -152,4 +155,17 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         raise InputError(
             f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again."
         )
+    if tree["provenance"].attrs.get("sha256", _digest(tree)) != _digest(tree):
+        raise InputError(f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its digest. Fit again.")
     return tree
+
+
+def _digest(tree: xr.DataTree) -> str:
+    """SHA-256 of every number, name and record in a tree."""
+    found = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
+    for node in sorted(tree.subtree, key=lambda own: own.path):
+        for name in sorted(map(str, node.variables)):
+            values = np.asarray(node[name].to_numpy())
+            found.update(f"{node.path}/{name} {values.shape}".encode())
+            found.update(np.ascontiguousarray(values).tobytes() if values.dtype.kind in "fiub" else str(values.tolist()).encode())
+    return found.hexdigest()

@@ -114,6 +114,12 @@ class BoundModel:
         """The same binding with only the named tests; campaign properties stay frozen."""
         return BoundModel(self.model, self.campaign, keep=names, pilot=self.pilot)
 
+    def with_two_balls(self) -> BoundModel:
+        """The same binding with a form for each ball, as other readings with the same balls need."""
+        found = BoundModel(self.model, self.campaign, keep=self.test_names, pilot=self.pilot)
+        found.setting = replace(found.setting, two_balls=True)
+        return found
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters of interest."""

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
-import pandas as pd
-
+from ldbb_bayes.model.wording import joined
 from ldbb_bayes.report.document import Document, Picture
 from ldbb_bayes.report.findings import Findings
-from ldbb_bayes.report.sections.beside import beside
+from ldbb_bayes.report.sections.beside import Beside, beside
 from ldbb_bayes.report.sections.campaign import campaign
 from ldbb_bayes.report.sections.degree import degree
 from ldbb_bayes.report.sections.limits import limits
-from ldbb_bayes.report.sections.method import assumptions, method
+from ldbb_bayes.report.sections.method import assumptions, method, sign_off
 from ldbb_bayes.report.sections.path import path
 from ldbb_bayes.report.sections.plan import plan
 from ldbb_bayes.report.sections.quality import diagnostics, fit
@@ -22,12 +21,12 @@ from ldbb_bayes.report.sections.uncertainty import uncertainty
 
 __all__ = ["compose"]
 
-_SECTIONS = (summary, campaign, results, limits, degree, uncertainty, path, plan, fit, assumptions, diagnostics, method)
+_SECTIONS = (summary, campaign, results, limits, degree, uncertainty, path, plan, fit, assumptions, diagnostics, method, sign_off)
 
 
 def compose(
     found: Findings,
-    beside_it: Mapping[str, pd.DataFrame] | None = None,
+    others: tuple[Beside, ...] = (),
     *,
     same_instrument: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -36,8 +35,8 @@ def compose(
 
     Parameters
     ----------
-    beside_it : mapping of campaign to DataFrame
-        Differences of other campaigns to this one.
+    others : tuple of Beside
+        Campaigns to set beside this one.
     progress : callable, optional
         Called with the sections done and their number.
     """
@@ -52,13 +51,17 @@ def compose(
                 _ = part.svg
         report(k + 1, len(_SECTIONS))
     sections = [made[section] for section in _SECTIONS]
-    if beside_it:
-        name = found.result["campaign"]["name"]
-        sections.insert(1, beside(name, beside_it, same_instrument=same_instrument, ci_prob=found.ci_prob))
+    name = found.result["campaign"]["name"]
+    if others:
+        sections.insert(1, beside(found.result, others, same_instrument=same_instrument, ci_prob=found.ci_prob))
+        name = f"{name}, beside {joined([other.name for other in others])}"
     provenance = found.result["provenance"]
     lines = (
         f"Machine {found.seen.topology}, plane {found.seen.plane}. {len(found.seen.tests)} circular tests at "
         f"{min(test.force_N for test in found.seen.tests):g} to {max(test.force_N for test in found.seen.tests):g} N.",
         f"Fitted {provenance['started'][:10]} with ldbb_bayes {provenance['versions']['ldbb-bayes']}.",
     )
-    return Document(f"Loaded double ball bar: {found.result['campaign']['name']}", lines, alerts(found), tuple(sections))
+    bad = tuple(
+        f"Not converged: {other.name}. Do not use its numbers." for other in others if not other.result["sampler"]["converged"]
+    )
+    return Document(f"Loaded double ball bar: {name}", lines, (*alerts(found), *bad), tuple(sections))

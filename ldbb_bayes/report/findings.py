@@ -153,4 +153,6 @@ def _design(model: HybridModel, campaign: Campaign, tests: int | None) -> Design
     try:
         return design(model.with_degree(max(model.degree, 1)), pilot=campaign, tests=tests)
     except InputError as error:
+        if tests is not None:
+            raise
         return str(error)

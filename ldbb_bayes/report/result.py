@@ -11,7 +11,7 @@ from ldbb_bayes.inference.nuisances import nuisances
 from ldbb_bayes.inference.origin import campaign_of
 from ldbb_bayes.inference.summary import result_json
 
-__all__ = ["full_result"]
+__all__ = ["full_result", "sizes_of"]
 
 
 def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
@@ -22,3 +22,11 @@ def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     result["fit"]["warnings"] += [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
     result["fit"]["warnings"] += [remark for remark in seen.remarks if not remark.startswith(("One", "Two"))]
     return result
+
+
+def sizes_of(posterior: xr.DataTree) -> dict[str, list[float]]:
+    """Means and U (k = 2) of the parameters by inside unit: what units for reading are chosen by."""
+    found: dict[str, list[float]] = {}
+    for entry in result_json(posterior)["parameters"].values():
+        found.setdefault(entry["unit"], []).extend((entry["mean"], 2.0 * entry["sd"]))
+    return found

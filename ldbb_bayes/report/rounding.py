@@ -5,9 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ldbb_bayes.units import reading_unit
+from ldbb_bayes.units import display_unit
 
-__all__ = ["Statement", "is_lopsided", "round_like", "round_uncertainty", "state", "stiffness", "value_and_uncertainty"]
+__all__ = [
+    "Statement",
+    "is_lopsided",
+    "plus_minus",
+    "round_like",
+    "round_uncertainty",
+    "state",
+    "stiffness",
+    "value_and_uncertainty",
+]
 
 _HARDLY = 0.2
 
@@ -62,14 +71,14 @@ class Statement:
 
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
     """A result in a unit for reading, from numbers in an inside unit."""
-    factor, label = reading_unit(unit, mean, 2.0 * sd)
+    factor, label = display_unit(unit)
     value, u = value_and_uncertainty(mean * factor, sd * factor)
     _, decimals = round_uncertainty(sd * factor)
     low, high = (bound * factor for bound in interval)
     expanded, _ = round_uncertainty(2.0 * sd * factor)
     if is_lopsided(mean, interval):
         above, below = (round_like(distance, decimals) for distance in (high - mean * factor, mean * factor - low))
-        expanded = f"+{above} / −{below}"
+        expanded = f"+{above} / −{below}" if low <= mean * factor <= high else "see interval"
     return Statement(_minus(value), u, expanded, _minus(f"[{round_like(low, decimals)}, {round_like(high, decimals)}]"), label)
 
 
@@ -82,17 +91,27 @@ def is_lopsided(mean: float, interval: tuple[float, float]) -> bool:
 def stiffness(median: float, interval: tuple[float, float]) -> str:
     """1/C in N/µm with its interval, from a compliance in mm/N.
 
-    Only a lower limit where C may be a fifth of its median or less; nothing where it may be negative.
+    Only a lower limit where C may be a fifth of its median or less; nothing where C is negative.
     """
     low, high = interval
-    if low < 0.0 or high <= 0.0:
+    if high <= 0.0:
         return ""
-    if low < _HARDLY * median:
+    if low < _HARDLY * median or low <= 0.0:
         limit = 1e-3 / high
         return f"at least {round_like(limit, 2 - math.floor(math.log10(limit)))}"
-    _, decimals = round_uncertainty((1e-3 / low - 1e-3 / high) / 4.0)
+    _, decimals = round_uncertainty(1e-3 / median - 1e-3 / high)
     middle, least, most = (round_like(1e-3 / value, decimals) for value in (median, high, low))
     return f"{middle} [{least}, {most}]"
+
+
+def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:
+    """Value ± U (k = 2) to the same place and unit; value and interval where the distribution is lopsided."""
+    factor, label = display_unit(unit)
+    value, expanded = value_and_uncertainty(mean * factor, 2.0 * sd * factor)
+    if not is_lopsided(mean, interval):
+        return f"{_minus(value)} ± {expanded} {label}"
+    own = state(mean, sd, interval, unit)
+    return f"{own.value} {own.interval} {own.unit}"
 
 
 def _minus(text: str) -> str:

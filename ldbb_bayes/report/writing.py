@@ -18,13 +18,17 @@ from ldbb_bayes.analysis.designed import Design
 from ldbb_bayes.analysis.differences import differences
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.origin import record_of
+from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report.compose import compose
 from ldbb_bayes.report.document import Document
 from ldbb_bayes.report.findings import Compared, Findings, find
 from ldbb_bayes.report.page import html_page, markdown_page
 from ldbb_bayes.report.plain import json_text
+from ldbb_bayes.report.result import sizes_of
+from ldbb_bayes.report.sections.beside import Beside
 from ldbb_bayes.report.sections.summary import alerts
 from ldbb_bayes.report.tables import tables
+from ldbb_bayes.units import units_for
 
 __all__ = ["REPORT_FILES", "write_report"]
 
@@ -78,11 +82,15 @@ def write_report(
         For a comparison of other readings, results of other machines, or a folder that cannot be written.
     """
     others = beside_it or {}
-    with _place(Path(folder)) as place:
-        apart = {
-            name: differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob)
+    with units_for(sizes_of(posterior)), _place(Path(folder)) as place:
+        apart = tuple(
+            Beside(
+                name,
+                result_json(other, ci_prob=ci_prob),
+                differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob),
+            )
             for name, other in others.items()
-        }
+        )
         found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended)
         document = compose(found, apart, same_instrument=same_instrument, progress=progress)
         frames = tables(found, apart)

@@ -17,7 +17,13 @@ MODEL = lb.HybridModel.default(1).without("truncation")
 
 
 def posterior_of(seed: int, model: lb.HybridModel = MODEL, **options: object) -> object:
-    campaign = lb.HybridModel.default(0).simulate(plan(**options), seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign  # type: ignore[arg-type]
+    radii = options.pop("radius_mm", ())
+    planned = plan(**options)  # type: ignore[arg-type]
+    if radii:
+        radii = radii if isinstance(radii, tuple) else (radii,)
+        tests = [replace(test, radius_mm=r, name=f"{test.name} {r:g}") for r in radii for test in planned.tests]
+        planned = replace(planned, tests=tuple(tests))
+    campaign = lb.HybridModel.default(0).simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
     return lb.sample(model, campaign, seed=1, sampler="quadrature")
 
 
@@ -45,9 +51,12 @@ def test_independent_instruments(two: tuple[object, object]) -> None:
     assert (row["probability_of_increase"] > 0.5) == (row["difference"] > 0.0)
 
 
-def dense(two: tuple[object, object]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def dense(two: tuple[object, object], *, two_balls: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Posterior of both parameter vectors from all readings stacked: y = J₁ β₁ + J₂ β₂ + N ν + noise, N shared by both."""
     bounds = [bound_of(posterior) for posterior in two]  # type: ignore[arg-type]
+    if two_balls:
+        for bound in bounds:
+            bound.setting = replace(bound.setting, two_balls=True)
     phi = [draws_of(posterior, bound)[1].mean(axis=0) for posterior, bound in zip(two, bounds, strict=True)]  # type: ignore[arg-type]
     tau = bounds[0].hyper_prior.names.index("tau")
     phi[0][tau] = phi[1][tau] = 0.5 * (phi[0][tau] + phi[1][tau])
@@ -120,13 +129,28 @@ def test_the_same_instrument() -> None:
     assert (table["sd"] < 1.05 * independent["sd"]).all()
 
 
-def test_balls_turned_in_one_of_them_share_less() -> None:
-    """Two forms in one campaign, one in the other: no form in common, the length of the bar still."""
+def test_balls_turned_in_one_of_them() -> None:
+    """The same balls: their forms are shared although only one campaign turns them; against the dense model of both balls."""
     both = (posterior_of(1), posterior_of(2, work_deg=40.0))
     table = lb.differences(*both, same_instrument=True)  # type: ignore[arg-type]
-    independent = lb.differences(*both)  # type: ignore[arg-type]
-    assert table.loc["E_C0YX", "sd"] > 0.8 * independent.loc["E_C0YX", "sd"]
-    assert table.loc["E_XX1", "sd"] < 0.9 * independent.loc["E_XX1", "sd"]
+    mean, covariance, names = dense(both, two_balls=True)
+    p = len(names) // 2
+    for name in ("E_C0YX", "E_YX2", "E_XX1", "C_CCY"):
+        apart = np.zeros(2 * p)
+        apart[names.index(name)], apart[p + names.index(name)] = -1.0, 1.0
+        sd = float(np.sqrt(apart @ covariance @ apart))
+        assert table.loc[name, "sd"] == pytest.approx(sd, rel=2e-4), name
+        assert table.loc[name, "difference"] == pytest.approx(apart @ mean, abs=2e-3 * sd), name
+
+
+def test_another_radius_is_another_length() -> None:
+    """One length at 150 mm in both cancels, those of 150 and 100 mm do not."""
+    first, shorter = posterior_of(1), posterior_of(2, radius_mm=100.0)
+    alone = lb.differences(first, shorter, same_instrument=True).loc["E_XX1", "sd"]  # type: ignore[arg-type]
+    independent = lb.differences(first, shorter).loc["E_XX1", "sd"]  # type: ignore[arg-type]
+    assert alone > 0.9 * independent
+    both_radii = lb.differences(first, posterior_of(3, radius_mm=(150.0, 100.0)), same_instrument=True)  # type: ignore[arg-type]
+    assert both_radii.loc["E_XX1", "sd"] < 0.4 * alone
 
 
 def test_refused(two: tuple[object, object]) -> None:
@@ -136,6 +160,7 @@ def test_refused(two: tuple[object, object]) -> None:
     with pytest.raises(lb.InputError, match="same topology"):
         lb.differences(two[0], other)  # type: ignore[arg-type]
     flat = posterior_of(1, lb.HybridModel.paper(0))
+    with pytest.raises(lb.InputError, match="different readings"):
+        lb.differences(flat, flat)  # type: ignore[arg-type]
     with pytest.raises(lb.InputError, match="proper priors"):
-        lb.differences(flat, flat, same_instrument=True)  # type: ignore[arg-type]
-    assert lb.differences(flat, flat)["difference"].abs().max() == pytest.approx(0.0, abs=1e-18)  # type: ignore[arg-type]
+        lb.differences(flat, posterior_of(2, lb.HybridModel.paper(0)), same_instrument=True)  # type: ignore[arg-type]

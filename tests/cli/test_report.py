@@ -101,7 +101,8 @@ def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, capsys: py
     assert set(table["campaign"]) == {"after | <b>repair</b>"}
     assert table["probability_of_increase"].between(0.0, 1.0).all()
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "after | &lt;b&gt;repair&lt;/b&gt; less the first" in page
+    assert "Second: after | &lt;b&gt;repair&lt;/b&gt;; first: wCAFYXZSt, recovered experiment" in page
+    assert "beside after | &lt;b&gt;repair&lt;/b&gt;</h1>" in page
     assert "Instruments are taken as independent" in page
     assert invoke(*arguments, "--same-instrument", "--force") == 0
     assert "The instrument was the same" in (out / "report.html").read_text(encoding="utf-8")
@@ -117,6 +118,17 @@ def spoiled(result: Path, tmp_path: Path) -> Path:
     folder = tmp_path / "spoiled"
     folder.mkdir()
     (folder / "posterior.nc").write_bytes((result / "posterior.nc").read_bytes()[:5000])
+    return folder
+
+
+def altered(result: Path, tmp_path: Path) -> Path:
+    """A result with a few bytes of its draws changed."""
+    folder = tmp_path / "altered"
+    folder.mkdir()
+    data = bytearray((result / "posterior.nc").read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 64] = bytes(255 - byte for byte in data[middle : middle + 64])
+    (folder / "posterior.nc").write_bytes(data)
     return folder
 
 
@@ -144,6 +156,8 @@ def test_refused(result: Path, comparison: Path, tmp_path: Path, capsys: pytest.
         ),
         (["report", result, "--comparison", comparison, "--same-instrument"], "must go with a second RESULT"),
         (["report", result, "--comparison", comparison, "--tests", "0"], "--tests"),
+        (["report", result, result, "--comparison", comparison], "results must be of different readings"),
+        (["report", altered(result, tmp_path), "--comparison", comparison], "not those of its digest"),
     ]
     for arguments, said in cases:
         assert invoke(*arguments, "--out", out, "--quiet") == 2, said

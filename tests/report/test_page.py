@@ -93,7 +93,12 @@ def test_the_page_of_the_published_experiment(document: Document) -> None:
     assert len(page.encode()) < 3e6
     titles = ["Summary", "The campaign", "Results", "What the data cannot tell", "Constant or linear", "Uncertainty budget"]
     titles += ["Circular-test quantities", "Recommended next tests", "How well the model fits", "Priors and assumptions"]
-    assert [section.title for section in document.sections] == [*titles, "Diagnostics", "Method, limitations, provenance"]
+    assert [section.title for section in document.sections] == [
+        *titles,
+        "Diagnostics",
+        "Method, limitations, provenance",
+        "Sign-off",
+    ]
     assert not document.alerts
     assert sum(tag == "figure" for tag, _ in reader.tags) == len(list(document.pictures)) > 12
     assert "18." in page

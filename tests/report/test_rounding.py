@@ -5,8 +5,16 @@ from __future__ import annotations
 import pytest
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.report.rounding import Statement, is_lopsided, round_uncertainty, state, stiffness, value_and_uncertainty
-from ldbb_bayes.units import display_name, display_unit, is_direct, reading_unit
+from ldbb_bayes.report.rounding import (
+    Statement,
+    is_lopsided,
+    plus_minus,
+    round_uncertainty,
+    state,
+    stiffness,
+    value_and_uncertainty,
+)
+from ldbb_bayes.units import display_name, display_unit, is_direct, reading_unit, units_for
 
 
 @pytest.mark.parametrize(
@@ -59,20 +67,38 @@ def test_units_and_names() -> None:
     ],
 )
 def test_a_result_as_it_is_written(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: Statement) -> None:
-    assert state(mean, sd, interval, unit) == expected
+    with units_for({unit: (mean, 2.0 * sd)}):
+        assert state(mean, sd, interval, unit) == expected
+
+
+@pytest.mark.parametrize(
+    ("mean", "sd", "interval", "unit", "expected"),
+    [
+        (3.561e-4, 7e-6, (3.42e-4, 3.7e-4), "1", "356 ± 14 µm/m"),
+        (-2.3e-4, 5.8e-5, (-3.44e-4, -1.16e-4), "1", "−230 ± 120 µm/m"),
+        (7.3e-11, 4.5e-11, (1.1e-11, 1.78e-10), "rad/(N mm)", "73 [11, 178] nrad/(N m)"),
+    ],
+)
+def test_in_a_sentence(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: str) -> None:
+    """GUM 7.2.6: the value to the place of the uncertainty given with it."""
+    with units_for({unit: (mean, 2.0 * sd)}):
+        assert plus_minus(mean, sd, interval, unit) == expected
 
 
 def test_lopsided() -> None:
+    assert state(0.9, 0.1, (1.0, 3.0), "um").expanded == "see interval"
     assert is_lopsided(7.3, (1.1, 17.8))
     assert not is_lopsided(5.48, (4.82, 6.13))
 
 
 def test_stiffness() -> None:
-    """1 / 54.8 nm/N = 18.2 N/µm; only a lower limit where C may be a fifth of its median or less, none below zero."""
+    """1 / 54.8 nm/N = 18.2 N/µm; only a lower limit where C may be a fifth of its median or less."""
     assert stiffness(5.48e-5, (4.82e-5, 6.13e-5)) == "18.2 [16.3, 20.7]"
     assert stiffness(5.48e-5, (5.47e-5, 5.49e-5)) == "18.248 [18.215, 18.282]"
     assert stiffness(5.48e-5, (0.0, 6.13e-5)) == "at least 16.3"
-    assert stiffness(1e-6, (-1e-6, 3e-6)) == ""
+    assert stiffness(1e-6, (-1e-6, 3e-6)) == "at least 333"
+    assert stiffness(4.337e-5, (8.7e-6, 1.445e-4)) == "23 [7, 115]"
+    assert stiffness(-1e-6, (-3e-6, -1e-7)) == ""
     assert stiffness(1e-5, (1e-8, 6e-5)) == "at least 16.7"
     assert [name for name in ("C_XXX", "C_XYX", "C_ZZA", "C_CCY", "C_XXX_1", "E_XX1") if is_direct(name)] == ["C_XXX", "C_ZZA"]
 
@@ -83,3 +109,12 @@ def test_a_unit_for_reading() -> None:
     assert reading_unit("rad/N", 5e-12) == (1e12, "prad/N")
     assert reading_unit("1", 5e-8, 0.0) == (1e9, "nm/m")
     assert reading_unit("mm", 0.0, 0.0) == (1e3, "µm")
+
+
+def test_one_unit_for_all_of_a_kind() -> None:
+    """Chosen by the largest number, kept until the block ends."""
+    with units_for({"mm/N": (5e-5, 4e-7, 0.0), "1": (1e-4,)}):
+        assert display_unit("mm/N") == (1e6, "nm/N")
+        assert display_unit("1") == (1e6, "µm/m")
+        assert display_unit("rad/N") == (1e9, "nrad/N")
+    assert display_unit("mm/N") == (1e3, "µm/N")

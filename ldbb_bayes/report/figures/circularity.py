@@ -15,7 +15,7 @@ from ldbb_bayes.report.figures.style import PALETTE, new_figure, styled
 
 __all__ = ["circularity"]
 
-_POINTS = 25
+_POINTS, _DRAWS = 25, 500
 _PANELS = (
     (("G", "G_minimum_zone"), "Circular deviation (µm)"),
     (("F_max", "F_min"), "Radial deviation (µm)"),
@@ -38,14 +38,15 @@ def circularity(posterior: xr.DataTree) -> Figure:
     readings themselves, balls and bar included."""
     bound = bound_of(posterior)
     top = float(bound.setting.force_N.max())
-    table = quantities(posterior, np.linspace(0.0, top, _POINTS).tolist())
+    table = quantities(posterior, np.linspace(0.0, top, _POINTS).tolist(), draws=_DRAWS)
     measured, _ = measured_circularity(posterior)
     planes = bound.setting.planes
     figure = new_figure(9.6, 0.3 + 5.2 * len(planes))
     panels = figure.subplots(2 * len(planes), 2, squeeze=False)
     for k, plane in enumerate(planes):
         own = table[table["plane"] == plane]
-        read = measured[measured["plane"] == plane]
+        # Other radii have other paths: only readings of the circle that is drawn.
+        read = measured[(measured["plane"] == plane) & (measured["radius_mm"] == own["radius_mm"].iloc[0])]
         for axes, (names, label) in zip(panels[2 * k : 2 * k + 2].flat, _PANELS, strict=True):
             for name, colour in zip(names, PALETTE, strict=False):
                 _quantity(axes, own[own["quantity"] == name], read, name, colour)

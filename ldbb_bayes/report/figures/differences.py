@@ -10,19 +10,21 @@ from matplotlib.figure import Figure
 
 from ldbb_bayes.report.figures.style import GREY, PALETTE, new_figure, styled
 from ldbb_bayes.report.rounding import value_and_uncertainty
-from ldbb_bayes.units import display_name, reading_unit
+from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["difference_forest"]
 
 
 @styled
-def difference_forest(differences: Mapping[str, pd.DataFrame]) -> Figure:
-    """Every parameter's difference to the first campaign in units of its standard uncertainty, with the 95 % interval.
+def difference_forest(differences: Mapping[str, pd.DataFrame], *, ci_prob: float = 0.95) -> Figure:
+    """Every parameter's difference to the first campaign in units of its standard uncertainty, with its interval.
 
     Parameters
     ----------
     differences : mapping of campaign to DataFrame
         From `differences`, each against the same first campaign.
+    ci_prob : float
+        Probability of their intervals.
     """
     names = list(dict.fromkeys(name for table in differences.values() for name in table.index))
     figure = new_figure(8.6, 1.3 + 0.27 * len(names) * max(1.0, 0.6 * len(differences)))
@@ -39,7 +41,7 @@ def difference_forest(differences: Mapping[str, pd.DataFrame]) -> Figure:
             axes.plot(ends, [row + shift] * 2, color=PALETTE[k % 7], linewidth=1.6, label=campaign if name == names[0] else None)
             axes.plot(own["difference"] / own["sd"], row + shift, "o", color=PALETTE[k % 7], markersize=3.6)
             if k == 0:
-                factor, unit = reading_unit(own["unit"], own["difference"], 2.0 * own["sd"])
+                factor, unit = display_unit(own["unit"])
                 value, u = value_and_uncertainty(own["difference"] * factor, own["sd"] * factor)
                 texts[names.index(name)] = f"{value} ± {u} {unit}"
     axes.axvline(0.0, color=GREY, linewidth=0.9)
@@ -53,6 +55,5 @@ def difference_forest(differences: Mapping[str, pd.DataFrame]) -> Figure:
     if len(differences) > 1:
         figure.legend(loc="outside lower center", ncols=3)
     whose = " of the second" if len(differences) > 1 else ""
-    whose = " of the second" if len(differences) > 1 else ""
-    axes.set_title(f"Difference to the first campaign, 95 % interval; right: difference ± u{whose}")
+    axes.set_title(f"Difference to the first campaign, {100 * ci_prob:g} % interval; right: difference ± u{whose}")
     return figure

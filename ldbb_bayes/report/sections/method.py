@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ldbb_bayes.inference.origin import bound_of, record_of
-from ldbb_bayes.model.wording import term_words
+from ldbb_bayes.model.wording import joined, term_words
 from ldbb_bayes.report.document import Bullets, Details, Paragraph, Section, Sheet, sheet
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.rounding import round_uncertainty
-from ldbb_bayes.units import display_name, reading_unit
+from ldbb_bayes.units import display_name, display_unit
 
-__all__ = ["assumptions", "method"]
+__all__ = ["assumptions", "method", "sign_off"]
 
 
 def assumptions(found: Findings) -> Section:
@@ -36,11 +36,21 @@ def assumptions(found: Findings) -> Section:
     )
 
 
+def _prior_words(found: Findings) -> str:
+    hypers = joined(
+        [{"sigma": "σ", "delta": "δ", "kappa": "κ", "tau": "τ"}.get(n.split("_")[0], n) for n in found.result["hyper"]]
+    )
+    if found.result["model"]["preset"] == "paper":
+        return "Priors are flat (least squares)."
+    held = ", restricted to compliances that are not negative at any tested force" if found.result["model"]["truncated"] else ""
+    return f"Parameters have normal priors about zero{held}; {hypers} half-normal ones."
+
+
 def _priors(found: Findings) -> Sheet:
     bound = bound_of(found.posterior)
     rows = []
     for parameter in bound.parameters:
-        factor, unit = reading_unit(parameter.unit, parameter.prior_sd if np.isfinite(parameter.prior_sd) else 0.0)
+        factor, unit = display_unit(parameter.unit)
         told = round_uncertainty(parameter.prior_sd * factor)[0] if np.isfinite(parameter.prior_sd) else "flat"
         rows.append([display_name(parameter.name), told, unit])
     for name, scale in zip(bound.hyper_prior.names, bound.hyper_prior.scale_mm, strict=True):
@@ -48,23 +58,32 @@ def _priors(found: Findings) -> Sheet:
     return sheet("Prior standard deviations, truncation aside", ["parameter", "prior sd", "unit"], rows, text=(2,))
 
 
+def _integrated(found: Findings) -> str:
+    own = [term_words(name) for name in found.result["model"]["terms"] if name not in ("Compliance", "GeometricErrors")]
+    if not own:
+        return "No nuisance is in the model; parameters and σ are sampled."
+    return f"Nuisances ({joined(own)}) are Gaussian and integrated out; parameters, σ and the scales are sampled."
+
+
 def method(found: Findings) -> Section:
     """In short, with digests, versions and seed."""
-    provenance, campaign, model = (found.result[key] for key in ("provenance", "campaign", "model"))
-    versions = ", ".join(f"{name} {value}" for name, value in provenance["versions"].items())
     return Section(
         "method",
         "Method, limitations, provenance",
         (
             Paragraph(
                 "Readings are a linear function of joint compliances times force, geometric errors and nuisances (hybrid "
-                "Jacobian), with white noise. Ball form, bar length, mount, force errors, set-up shifts and discrepancies "
-                "between circles are integrated out as Gaussian nuisances; parameters and hyper-parameters are sampled. "
-                "Intervals are equal-tailed credible intervals: given model and readings, the parameter lies inside with the "
-                "stated probability."
+                f"Jacobian), with white noise. {_integrated(found)} Intervals are equal-tailed credible intervals: given model "
+                "and readings, the parameter lies inside with the stated probability. The model is that of 'A Novel "
+                "Elasto-Geometric Model Exploiting Loaded Circular Test on a Machine Tool' (the paper; Eq. and Table are "
+                "its), with nuisances."
             ),
             Bullets(
                 (
+                    "ln B: logarithm of the Bayes factor, how much more probable one model makes the readings than the other; "
+                    "in nats (natural logarithms), 1 to 3 positive, 3 to 5 strong, more very strong evidence.",
+                    "Truncation: the condition that compliances are not negative. Discrepancy: what else differs from circle "
+                    "to circle.",
                     "Form of the balls at orders 2 and 3 looks exactly like geometric errors; its size is learnt from the "
                     "orders the machine cannot make. A ball with one strong lobe at order 2 or 3 breaks this.",
                     "Compliance is quasi-static and a polynomial of force; thermal drift counts only where it was asked for.",
@@ -73,18 +92,29 @@ def method(found: Findings) -> Section:
                     "variance.",
                 )
             ),
-            sheet(
-                "Provenance",
-                ["what", "value"],
-                [
-                    ["campaign", campaign["name"]],
-                    ["readings, SHA-256", campaign["sha256"]],
-                    ["model, SHA-256", model["sha256"]],
-                    ["sampler and seed", f"{found.result['sampler']['kind']}, {provenance['seed']}"],
-                    ["fitted", f"{provenance['started']}, {provenance['platform']}"],
-                    ["versions", versions],
-                ],
-                text=(1,),
-            ),
+            _provenance(found),
         ),
     )
+
+
+def _provenance(found: Findings) -> Sheet:
+    provenance, campaign, model = (found.result[key] for key in ("provenance", "campaign", "model"))
+    rows = [
+        ["campaign", campaign["name"]],
+        ["readings, SHA-256", campaign["sha256"]],
+        ["model, SHA-256", model["sha256"]],
+        ["sampler and seed", f"{found.result['sampler']['kind']}, {provenance['seed']}"],
+        ["fitted", f"{provenance['started']}, {provenance['platform']}"],
+        ["versions", ", ".join(f"{name} {value}" for name, value in provenance["versions"].items())],
+    ]
+    return sheet("Provenance", ["what", "value"], rows, text=(1,))
+
+
+def sign_off(_: Findings) -> Section:
+    """What readings do not hold and a signature needs, to be filled in."""
+    blank = (
+        "machine, maker and serial number; date and place of the tests; bar and balls, certificates; force device, certificate; "
+    )
+    blank += "temperature, warm-up; positions of axes not moved; operator; checked and signed by, date"
+    rows = [[entry, ""] for entry in blank.split("; ")]
+    return Section("sign-off", "Sign-off", (sheet("To be filled in", ["what", "entry"], rows, text=(1,)),))

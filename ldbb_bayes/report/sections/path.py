@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pandas as pd
 
-from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES
+from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squareness_name
 from ldbb_bayes.analysis.contributions import COMPLIANCE, GEOMETRY, TOGETHER
+from ldbb_bayes.inference.origin import bound_of
+from ldbb_bayes.model.wording import joined
 from ldbb_bayes.report.document import Paragraph, Part, Picture, Section, Sheet, sheet
 from ldbb_bayes.report.figures.circularity import circularity
 from ldbb_bayes.report.figures.contributions import contributions, parameter_contributions
@@ -33,12 +35,14 @@ def path(found: Findings) -> Section:
     """Per force and as a function of force."""
     percent = f"{100 * found.ci_prob:g} %"
     planes = list(dict.fromkeys(found.path["plane"]))
+    bound = bound_of(found.posterior)
+    squares = joined([display_name(squareness_name(bound, plane)) for plane in planes])
     parts: list[Part] = [
         Paragraph(
             "Circular deviation G, radial deviations F_max and F_min about the least-squares circle (ISO 230-4), and from the "
-            "second harmonic squareness of the second axis to the first and scale mismatch (gain of the first axis less that "
-            "of the second), as a circle shows them: under load compliance is in them. Of the machine's own path, without "
-            f"balls, bar, mount and tool offsets: median and {percent} interval; 0 N is geometry alone. G is a largest "
+            f"second harmonic squareness (in the sense and sign of {squares}) and scale mismatch (gain of the first axis less "
+            "that of the second), as a circle shows them: under load compliance is in them. Of the machine's own path, "
+            f"without balls, bar, mount and tool offsets: median and {percent} interval; 0 N is geometry alone. G is a largest "
             "difference: where the path is hardly known it is more often too large than too small."
         )
     ]
@@ -98,11 +102,19 @@ def _measured(table: pd.DataFrame, caption: str) -> Sheet:
     def number(value: float) -> str:
         return "–" if value != value else f"{value:.2f}".replace("-", "−")
 
+    places = [field for field in ("plane", "radius_mm") if table[field].nunique() > 1]
     rows = [
-        [str(name), f"{row['force_N']:.4g}", row["direction"] or "–", *(number(row[quantity]) for quantity in QUANTITIES)]
+        [
+            str(name),
+            *(f"{row[field]}".removesuffix(".0") for field in places),
+            f"{row['force_N']:.4g}",
+            row["direction"] or "–",
+            *(number(row[quantity]) for quantity in QUANTITIES),
+        ]
         for name, row in table.iterrows()
     ]
-    return sheet(caption, ["test", "force (N)", "travel", *(_HEADS[quantity] for quantity in QUANTITIES)], rows, text=(2,))
+    heads = ["test", *({"plane": "plane", "radius_mm": "R (mm)"}[field] for field in places), "force (N)", "travel"]
+    return sheet(caption, [*heads, *(_HEADS[quantity] for quantity in QUANTITIES)], rows, text=(len(heads) - 1,))
 
 
 def _contributions(table: pd.DataFrame, plane: str, percent: str, several: bool) -> Sheet:
@@ -110,7 +122,7 @@ def _contributions(table: pd.DataFrame, plane: str, percent: str, several: bool)
     rows = []
     for _, row in own.iterrows():
         _, decimals = round_uncertainty(row["sd"])
-        numbers = [round_like(row[key], max(decimals, 1)) for key in ("maximum", "minimum", "peak_to_peak", "ci_low", "ci_high")]
+        numbers = [round_like(row[key], max(decimals, 1)) for key in ("maximum", "minimum", "median", "ci_low", "ci_high")]
         most, least, size, low, high = (text.replace("-", "−") for text in numbers)
         source = row["source"] if row["source"] in (TOGETHER, COMPLIANCE, GEOMETRY) else display_name(row["source"])
         rows.append([source, most, least, size, f"[{low}, {high}]"])

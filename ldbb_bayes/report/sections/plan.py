@@ -9,7 +9,7 @@ from ldbb_bayes.report.document import Bullets, Paragraph, Picture, Section, She
 from ldbb_bayes.report.figures.design import expected_widths, information
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.rounding import round_uncertainty
-from ldbb_bayes.units import display_name, reading_unit
+from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["plan"]
 
@@ -29,8 +29,8 @@ def plan(found: Findings) -> Section:
                 "compliances and geometric errors together (expected information gain). ldbb-bayes design has other goals: "
                 "clockings, radii, directions, costs, adding to the tests already run."
             ),
-            Bullets(chosen.sentences()),
-            _expected(chosen),
+            Bullets(tuple(said for said in chosen.sentences() if "looks exactly like" not in said)),
+            _expected(chosen, found),
             Picture(
                 "information",
                 "How much a circle tells at every force, and the circles recommended",
@@ -47,18 +47,19 @@ def plan(found: Findings) -> Section:
     )
 
 
-def _expected(chosen: Design) -> Sheet:
+def _expected(chosen: Design, found: Findings) -> Sheet:
     baseline = chosen.baseline.forecast.expected
+    now = {name: entry["sd"] for name, entry in found.result["parameters"].items()}
     rows = []
     for name, entry in chosen.forecast.expected.items():
-        factor, unit = reading_unit(entry.unit, entry.sd)
-        values = (entry.sd, baseline[name].sd, entry.floor_sd, entry.prior_sd)
+        factor, unit = display_unit(entry.unit)
+        values = (now.get(name, np.nan), entry.sd, baseline[name].sd, entry.floor_sd, entry.prior_sd)
         cells = [round_uncertainty(value * factor)[0] if np.isfinite(value) else "–" for value in values]
         rows.append([display_name(name), *cells, unit])
-    heads = ["parameter", "expected u", chosen.baseline.name, "no less than", "prior", "unit"]
-    return sheet(
-        "Expected standard uncertainties, linear compliance; no less than: what a million circles would leave",
-        heads,
-        rows,
-        text=(5,),
+    heads = ["parameter", "u now", "expected u", chosen.baseline.name, "no less than", "prior", "unit"]
+    degree = ("constant", "linear", "quadratic")[chosen.model.degree]
+    caption = (
+        f"Standard uncertainties, {degree} compliance: of this campaign, and expected of the circles recommended in its place "
+        "(averaged over readings not yet taken); no less than: what a million circles would leave"
     )
+    return sheet(caption, heads, rows, text=(6,))

@@ -11,11 +11,13 @@ from ldbb_bayes.units import display_name
 
 __all__ = ["diagnostics", "fit"]
 
+_SAID = ("looks exactly like", "are told apart by force alone")
+
 
 def fit(found: Findings) -> Section:
     """RMSE, fitness and posterior predictive checks."""
     quality = found.result["fit"]
-    notes = tuple(note for note in quality["warnings"] if not note.startswith("Look at"))
+    notes = tuple(note for note in quality["warnings"] if not note.startswith("Look at") and not any(w in note for w in _SAID))
     return Section(
         "fit",
         "How well the model fits",

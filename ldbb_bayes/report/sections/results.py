@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import pandas as pd
 
+from ldbb_bayes.analysis.machine import describe, sum_in_words
+from ldbb_bayes.inference.origin import campaign_of
 from ldbb_bayes.model.wording import nuisance_words, unit_words
 from ldbb_bayes.report.document import Details, Paragraph, Picture, Section, Sheet, sheet
 from ldbb_bayes.report.figures.parameters import compliance_against_force, forest
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.rounding import round_like, round_uncertainty, state, stiffness
+from ldbb_bayes.report.sections.summary import preferred
 from ldbb_bayes.units import display_name, display_unit, is_direct
 
 __all__ = ["results", "results_frame"]
@@ -27,9 +30,14 @@ def results(found: Findings) -> Section:
         (
             Paragraph(
                 f"Compliance {degree}.{at} u is the standard uncertainty (posterior standard deviation), U = 2u the expanded "
-                f"one (k = 2); where the distribution is lopsided, U gives way to the distances to the ends of the {percent} "
-                f"credible interval. A compliance stands for the sum of its set (Table 2 of the paper).{negative}"
+                f"one (k = 2, about 95 %); where the distribution is lopsided, the distances to the ends of the {percent} "
+                f"credible interval stand in its place. Brackets, of the stiffness too, are {percent} intervals. A compliance "
+                f"stands for the sum of its set.{negative} The last column is what the readings tell of the parameter: "
+                "identified, prior-limited (mostly what was assumed), or aliased with what they cannot tell it from; in "
+                "brackets what knowing a term would take from its variance. Such shares overlap; those of the budgets below "
+                "sum to one."
             ),
+            *_preferred(found),
             _parameters(found, percent),
             Picture(
                 "forest",
@@ -45,6 +53,7 @@ def results(found: Findings) -> Section:
             ),
             _scales(found, percent),
             *_nuisances(found),
+            _meanings(found),
         ),
     )
 
@@ -63,6 +72,34 @@ def _parameters(found: Findings, percent: str) -> Sheet:
         )  # fmt: skip
     heads = ["parameter", "value", "u", "U (k = 2)", f"{percent} interval", "unit", "stiffness (N/µm)", "identified?"]
     return sheet("Compliances, their slopes, geometric errors", heads, rows, text=(5, 7))
+
+
+def _preferred(found: Findings) -> list[Paragraph]:
+    other = preferred(found)
+    if other is None:
+        return []
+    said = f"The readings prefer {other.name} compliance (probability {other.probability:.3g}; see Constant or linear)."
+    return [
+        Paragraph(
+            f"{said} The numbers here are of the model that was fitted: to sign the other, fit with --degree {other.degree}."
+        )
+    ]
+
+
+def _meanings(found: Findings) -> Details:
+    """What every parameter is, and the set it stands for."""
+    campaign = campaign_of(found.posterior)
+    machine = describe(campaign.machine(), [test.circle for test in campaign.tests])
+    seen = {entry.name: entry for entry in (*machine.compliances, *machine.geometric_errors)}
+    rows = []
+    for name in found.result["parameters"]:
+        slope = name[-2:] in ("_1", "_2") and name.startswith("C_")
+        entry = seen.get(name[:-2] if slope else name) or seen.get(name.rsplit("_", 1)[0])
+        if entry is not None:
+            power = {"_1": "slope in force of: ", "_2": "curvature in force of: "}[name[-2:]] if slope else ""
+            rows.append([display_name(name), f"{power}{entry.meaning}", "" if slope else sum_in_words(entry)])
+    table = sheet("Parameters", ["parameter", "what it is", "stands for"], rows, text=(1, 2))
+    return Details("What the parameters are", (table,))
 
 
 def _scales(found: Findings, percent: str) -> Sheet:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from ldbb_bayes.analysis.compared import Comparison
+from ldbb_bayes.analysis.compared import ComparedModel, Comparison
 from ldbb_bayes.analysis.designed import Design
 from ldbb_bayes.model.wording import joined, term_words
 from ldbb_bayes.report.document import Bullets, Paragraph, Section
 from ldbb_bayes.report.figures.budget import source_words
 from ldbb_bayes.report.findings import Findings
-from ldbb_bayes.report.rounding import state, stiffness
+from ldbb_bayes.report.rounding import plus_minus, stiffness
 from ldbb_bayes.units import display_name, is_direct
 
-__all__ = ["alerts", "summary"]
+__all__ = ["alerts", "preferred", "summary"]
 
 _GRAVE = ("Not converged", "The readings contradict", "The readings speak against", "Misfit")
+_DEGREES = ("constant", "linear", "quadratic")
+_WORTH = 0.95
 
 
 def alerts(found: Findings) -> tuple[str, ...]:
@@ -27,8 +29,8 @@ def alerts(found: Findings) -> tuple[str, ...]:
         said.append(f"Misfit: {clause}. Intervals assume that the model holds.")
     if model["preset"] == "paper":
         said.append(
-            "Least squares (preset paper): the intervals cover white noise alone. Ball form, bar length, mount, force errors "
-            "and what differs between circles are not in them; real uncertainties are many times larger."
+            "Least squares (preset paper): the intervals cover white noise alone. Ball form, bar length, mount, force errors and "
+            "what differs between circles are not in them; real uncertainties are many times larger."
         )
     return tuple(said)
 
@@ -41,27 +43,31 @@ def summary(found: Findings) -> Section:
     return Section("summary", "Summary", (Paragraph(lead), Bullets(tuple(sentences))))
 
 
+def _told(found: Findings, name: str) -> str:
+    entry = found.result["parameters"][name]
+    return f"{display_name(name)} = {plus_minus(entry['mean'], entry['sd'], tuple(entry[found.interval_key]), entry['unit'])}"
+
+
 def _compliance(found: Findings) -> Iterator[str]:
-    known = []
-    for name, entry in found.result["parameters"].items():
-        if not is_direct(name):
-            continue
-        own = state(entry["mean"], entry["sd"], tuple(entry[found.interval_key]), entry["unit"])
-        stiff = stiffness(entry["median"], tuple(entry[found.interval_key]))
-        told = f" (stiffness {stiff} N/µm)" if stiff else " (no lower limit of the stiffness can be given)"
-        sign = "" if own.expanded.startswith("+") else "± "
-        known.append(f"{name} = {own.value} {sign}{own.expanded} {own.unit}{told}")
-    if not known:
+    names = [name for name in found.result["parameters"] if is_direct(name)]
+    if not names:
         return
-    heaviest = _heaviest(found, [name for name in found.result["parameters"] if is_direct(name)])
-    at = f" at {found.result['model']['reference_force_N']:g} N" if found.result["model"]["degree"] else ""
+    known = []
+    for name in names:
+        entry = found.result["parameters"][name]
+        stiff = stiffness(entry["median"], tuple(entry[found.interval_key]))
+        word = found.verdicts[name].verdict.word
+        doubt = f", {word}" if word != "identified" else ""
+        known.append(f"{_told(found, name)} ({f'stiffness {stiff} N/µm' if stiff else 'negative: no stiffness'}{doubt})")
+    degree = found.result["model"]["degree"]
+    at = f" at {found.result['model']['reference_force_N']:g} N" if degree else ""
     yield (
-        f"Compliance{at}, with expanded uncertainty (k = 2, or the interval where it is lopsided): {joined(known)}. "
-        f"Most of this uncertainty is {heaviest}."
+        f"Compliance{at}, {_DEGREES[degree]} in force, ± expanded uncertainty U (k = 2), brackets {100 * found.ci_prob:g} % "
+        f"intervals: {joined(known)}. Most of the uncertainty is {_heaviest(found, names)}."
     )
 
 
-def _heaviest(found: Findings, names: list[str]) -> str:
+def _heaviest(found: Findings, names: Sequence[str]) -> str:
     """The largest sources of the variance of some parameters together."""
     terms = {line.term for name in names for line in found.budgets[name].contributions}
     share = {term: sum(found.budgets[name].share(term) for name in names) / len(names) for term in terms}
@@ -74,36 +80,87 @@ def _geometry(found: Findings) -> Iterator[str]:
     names = [name for name in found.result["parameters"] if name.startswith("E_") and name[3] != "t"]
     if not names:
         return
-    told = [
-        name for name in names if abs(found.result["parameters"][name]["mean"]) > 2.0 * found.result["parameters"][name]["sd"]
-    ]
+    entries = found.result["parameters"]
+    told = [name for name in names if abs(entries[name]["mean"]) > 2.0 * entries[name]["sd"]]
     aliased = [name for name in names if found.verdicts[name].verdict.word == "aliased"]
-    shown = []
-    for name in told:
-        entry = found.result["parameters"][name]
-        own = state(entry["mean"], entry["sd"], tuple(entry[found.interval_key]), entry["unit"])
-        shown.append(f"{display_name(name)} = {own.value} ± {own.expanded} {own.unit}")
-    says = f"told from zero (k = 2): {joined(shown)}" if shown else "none is told from zero (k = 2)"
-    yield f"Geometric errors ({len(names)}, tool offsets aside): {says}."
-    if aliased:
-        partners = joined(list(dict.fromkeys(term_words(p) for name in aliased for p in found.verdicts[name].verdict.partners)))
-        yield (
-            f"{joined([display_name(name) for name in aliased])} cannot be told from {partners}: their intervals rest on what "
-            "was assumed of these, and more readings of the same kind do not narrow them."
+    partners = joined(list(dict.fromkeys(term_words(p) for name in aliased for p in found.verdicts[name].verdict.partners)))
+    if not aliased:
+        shown = (
+            f"told from zero (k = 2): {joined([_told(found, name) for name in told])}"
+            if told
+            else "none is told from zero (k = 2)"
         )
+        yield f"Geometric errors ({len(names)}, tool offsets aside): {shown}."
+        return
+    if found.result["model"]["preset"] == "paper":
+        yield (
+            f"Geometric errors: {joined([display_name(name) for name in aliased])} look exactly like {partners}, which these "
+            "intervals leave out: they are not known as well as is printed."
+        )
+        return
+    clear = [name for name in told if name not in aliased]
+    rest = [name for name in told if name in aliased]
+    shown = f" Told from zero (k = 2): {joined([_told(found, name) for name in clear])}." if clear else ""
+    if rest:
+        shown += f" Beyond what was assumed of these: {joined([_told(found, name) for name in rest])}."
+    if not told:
+        shown = " None is told from zero (k = 2)."
+    yield (
+        f"Geometric errors: the readings cannot tell {joined([display_name(name) for name in aliased])} from {partners}; their "
+        f"intervals rest on what was assumed of these, and more readings of the same kind do not narrow them.{shown}"
+    )
 
 
 def _comparison(found: Findings) -> Iterator[str]:
-    if isinstance(found.comparison, Comparison):
-        yield f"Constant or linear compliance: {found.comparison.verdict[0]} {_robust(found.comparison)}".strip()
-    else:
-        yield f"Constant or linear compliance could not be compared: {found.comparison}"
+    compared = found.comparison
+    if not isinstance(compared, Comparison):
+        yield f"Constant or linear compliance could not be compared: {compared}"
+        return
+    robust = next((sentence for sentence in compared.verdict if sentence.startswith("The sign")), "")
+    yield f"Constant or linear compliance: {compared.verdict[0]} {robust}".strip()
+    other = preferred(found)
+    if other is not None:
+        own = _DEGREES[found.result["model"]["degree"]]
+        values = [
+            f"{name} = {plus_minus(mean, sd, (mean - 2.0 * sd, mean + 2.0 * sd), unit)}"
+            for name, (unit, mean, sd) in other.parameters.items()
+            if is_direct(name)
+        ]
+        yield (
+            f"The numbers of this page are of {own} compliance. With {other.name} compliance, which the readings prefer "
+            f"(probability {other.probability:.3g}): {joined(values)}."
+        )
 
 
-def _robust(comparison: Comparison) -> str:
-    return next((sentence for sentence in comparison.verdict if sentence.startswith("The sign")), "")
+def preferred(found: Findings) -> ComparedModel | None:
+    """The likeliest model, where that is another degree than was fitted."""
+    if not isinstance(found.comparison, Comparison):
+        return None
+    best = max(found.comparison.models.values(), key=lambda model: model.probability)
+    return best if best.degree != found.result["model"]["degree"] and best.probability > 0.5 else None
 
 
 def _next(found: Findings) -> Iterator[str]:
-    if isinstance(found.design, Design):
-        yield f"Next: {found.design.sentences()[0][0].lower()}{found.design.sentences()[0][1:]}"
+    remedies: dict[str, list[str]] = {}
+    for name, budget in found.budgets.items():
+        if is_direct(name) or (name.startswith("E_") and name[3] != "t"):
+            remedies.setdefault(budget.improve, []).append(display_name(name))
+    ordered = sorted(remedies.items(), key=lambda pair: -len(pair[1]))[:2]
+    yield "What would help most: " + " ".join(f"{joined(names)}: {remedy[0].lower()}{remedy[1:]}" for remedy, names in ordered)
+    chosen = found.design
+    if not isinstance(chosen, Design):
+        return
+    expected, baseline = chosen.forecast.expected, chosen.baseline.forecast.expected
+    ratio = {name: expected[name].sd / baseline[name].sd for name in chosen.parameters}
+    best = min(ratio, key=lambda name: ratio[name])
+    run = chosen.sentences()[0]
+    if ratio[best] > _WORTH:
+        yield (
+            f"Other forces alone would not help: of as many circles the best ({run[4:].rstrip('.')}) narrow no interval by "
+            f"more than {100 * (1.0 - _WORTH):.0f} % against equal steps."
+        )
+    else:
+        yield (
+            f"If the campaign is run anew: {run[0].lower()}{run[1:].rstrip('.')}; against equal steps the interval of "
+            f"{display_name(best)} is then {ratio[best]:.2f} times as wide."
+        )

@@ -11,7 +11,7 @@ from ldbb_bayes.report.document import Details, Paragraph, Picture, Section, She
 from ldbb_bayes.report.figures.budget import budget_bars, source_words
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.rounding import round_uncertainty
-from ldbb_bayes.units import display_name, reading_unit
+from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["budget_frame", "uncertainty"]
 
@@ -28,9 +28,10 @@ def uncertainty(found: Findings) -> Section:
             Paragraph(
                 "Contributions are independent and come from the model in one go; shares are of the posterior variance and "
                 "sum to one. Type A: evaluated from the scatter of the readings; type B: from what else is known. "
-                "Sensitivity: change of the estimate per unit of the source, estimated with all other sources at work. The "
-                "last column is the standard uncertainty that would be left if the largest term were known exactly. A share "
-                "under Results is what knowing a term would take away, with what its errors share with those of others."
+                "Sensitivity: change of the estimate per unit of the source, with all other sources at work. The last column "
+                "of the first table is the standard uncertainty that would be left if the largest term were known exactly: "
+                "less than its share alone leaves, where knowing it lets the readings say more of the others; – where the "
+                "largest is noise or a prior, which nothing makes known."
             ),
             _overview(found),
             Picture(
@@ -47,23 +48,23 @@ def uncertainty(found: Findings) -> Section:
 def _overview(found: Findings) -> Sheet:
     rows = []
     for name, budget in found.budgets.items():
-        factor, unit = reading_unit(budget.unit, budget.u)
+        factor, unit = display_unit(budget.unit)
         terms = {line.term: budget.share(line.term) for line in budget.contributions}
         heavy = sorted((term for term in terms if terms[term] >= _RUNNERS), key=lambda term: -terms[term])[:3]
         told = ", ".join(f"{source_words(term)} {100 * terms[term]:.0f} %" for term in heavy)
-        left = round_uncertainty(budget.u_if_known * factor)[0]
+        left = "–" if budget.u_if_known is None else round_uncertainty(budget.u_if_known * factor)[0]
         rows.append([display_name(name), round_uncertainty(budget.u * factor)[0], unit, told, budget.improve, left])
     heads = ["parameter", "u", "unit", "largest sources", "what would improve it most", "u then"]
     return sheet("What limits every parameter", heads, rows, text=(2, 3, 4))
 
 
 def _line(budget: Budget) -> str:
-    factor, unit = reading_unit(budget.unit, budget.u)
+    factor, unit = display_unit(budget.unit)
     return f"{display_name(budget.parameter)}: u = {round_uncertainty(budget.u * factor)[0]} {unit}"
 
 
 def _budget(budget: Budget) -> Sheet:
-    factor, unit = reading_unit(budget.unit, budget.u)
+    factor, unit = display_unit(budget.unit)
     rows, small = [], 0.0
     for line in budget.contributions:
         if line.share < _SMALL:
