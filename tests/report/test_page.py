@@ -17,7 +17,9 @@ from ldbb_bayes.report.compose import compose
 from ldbb_bayes.report.document import Bullets, Details, Document, Paragraph, Picture, Section, sheet
 from ldbb_bayes.report.figures.style import new_figure
 from ldbb_bayes.report.findings import find
-from ldbb_bayes.report.page import html_page, markdown_page
+from ldbb_bayes.report.page import html_page, markdown_page, typeset
+from ldbb_bayes.report.result import sizes_of
+from ldbb_bayes.units import units_for
 
 GOLDEN = Path(__file__).parent / "golden" / "report.md"
 NUMBER = re.compile(r"(?<![\w.])[−+-]?\d+(?:\.\d+)?(?:e[−+-]?\d+)?(?!\w)")
@@ -25,7 +27,9 @@ NUMBER = re.compile(r"(?<![\w.])[−+-]?\d+(?:\.\d+)?(?:e[−+-]?\d+)?(?!\w)")
 
 @pytest.fixture(scope="module")
 def document(recovered: lb.Campaign, compared: Comparison) -> Document:
-    return compose(find(fitted(lb.HybridModel.default(1), recovered), comparison=compared))
+    posterior = fitted(lb.HybridModel.default(1), recovered)
+    with units_for(sizes_of(posterior)):
+        return compose(find(posterior, comparison=compared))
 
 
 def test_golden_text(document: Document) -> None:
@@ -149,3 +153,16 @@ def test_refused(recovered: lb.Campaign, compared: Comparison) -> None:
     posterior: xr.DataTree = awkward("two tests")
     with pytest.raises(lb.InputError, match="comparison must be of the readings of the fit"):
         find(posterior, comparison=compared)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("ln B = -5.85 ± 0.01", "ln B = −5.85 ± 0.01"),
+        ("[-1, -2] on 2026-11-20, 36-742 N, a-1", "[−1, −2] on 2026-11-20, 36-742 N, a-1"),
+        ("3.1e-05 and 1e-11", "3.1·10⁻⁵ and 1·10⁻¹¹"),
+        ("in 1e+02", "in 1·10²"),
+    ],
+)
+def test_typeset(text: str, expected: str) -> None:
+    assert typeset(text) == expected
