@@ -62,6 +62,7 @@ _HOMES = {
     "differences": "ldbb_bayes.analysis.differences",
     "measured_circularity": "ldbb_bayes.analysis.circularity",
     "read_comparison": "ldbb_bayes.analysis.recorded",
+    "read_design": "ldbb_bayes.analysis.recorded",
     "write_report": "ldbb_bayes.report.writing",
     "summarize": "ldbb_bayes.inference.summary",
     "nuisances": "ldbb_bayes.inference.nuisances",
@@ -109,6 +110,7 @@ __all__ = [
     "preview",
     "read_campaign",
     "read_comparison",
+    "read_design",
     "read_model",
     "sample",
     "save",
@@ -137,7 +139,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.local_fits import local_fits
     from ldbb_bayes.analysis.machine import describe
     from ldbb_bayes.analysis.preview import preview
-    from ldbb_bayes.analysis.recorded import read_comparison
+    from ldbb_bayes.analysis.recorded import read_comparison, read_design
     from ldbb_bayes.analysis.validation import validate
     from ldbb_bayes.campaign.campaign import Campaign, Plan
     from ldbb_bayes.campaign.circular_test import CircularTest

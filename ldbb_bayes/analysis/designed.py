@@ -180,7 +180,9 @@ class Design:
             "compared": [_judged_dict(judged, self.columns) for judged in (self.baseline, *self.others)],
             "trade_off": self.trade_off.to_dict(orient="records"),
             "robustness": self.robustness.to_dict(orient="index"),
+            "degree": self.model.degree,
             "notes": list(self.notes),
+            "sentences": list(self.sentences()),
         }
 
     def sentences(self) -> tuple[str, ...]:

@@ -1,11 +1,12 @@
-"""comparison.json read back: what `compare` found, for a report of the same readings."""
+"""comparison.json and design.json read back: what `compare` and `design` found, for a report of the same readings."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -13,12 +14,15 @@ import pandas as pd
 from ldbb_bayes.analysis.assumptions import Assumed
 from ldbb_bayes.analysis.belonging import Belonging, Dropping
 from ldbb_bayes.analysis.compared import ComparedModel, ComparedTest, Comparison, ScaledSlopes
+from ldbb_bayes.analysis.designed import Design
+from ldbb_bayes.analysis.forecast import Expected
 from ldbb_bayes.analysis.slopes import Curve, SlopeSubset, SlopeSubsets
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidence
 
-__all__ = ["read_comparison"]
+__all__ = ["RecordedDesign", "read_comparison", "read_design", "recorded"]
 
+T = TypeVar("T")
 _LARGEST_BYTES = 200_000_000
 
 
@@ -30,20 +34,100 @@ def read_comparison(path: Path) -> Comparison:
     InputError
         When the file is missing, damaged, or not one of ours.
     """
-    source = path / "comparison.json" if path.is_dir() else path
+    return _read(path, "comparison", _comparison)
+
+
+def read_design(path: Path) -> RecordedDesign:
+    """The design in a folder written by ``ldbb-bayes design --out``, or its design.json.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, damaged, or not one of ours.
+    """
+    return _read(path, "design", _design)
+
+
+def _read(path: Path, what: str, read: Callable[[Mapping[str, Any]], T]) -> T:
+    verb = {"comparison": "compare", "design": "design"}[what]
+    source = path / f"{what}.json" if path.is_dir() else path
     if not source.is_file():
         raise InputError(
-            f"comparison must be a folder with comparison.json or such a file, got {path}. Give the --out folder of a compare."
+            f"{what} must be a folder with {what}.json or such a file, got {path}. Give the --out folder of a {verb}."
         )
     try:
         if source.stat().st_size > _LARGEST_BYTES:
             raise ValueError("larger than 200 MB")
-        return _comparison(json.loads(source.read_text(encoding="utf-8")))
+        return read(json.loads(source.read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, StopIteration, RecursionError) as error:
         raise InputError(
-            f"{source} must be a comparison written by this version of ldbb-bayes compare, got a damaged one "
-            f"({type(error).__name__}: {error}). Compare again."
+            f"{source} must be a {what} written by this version of ldbb-bayes {verb}, got a damaged one "
+            f"({type(error).__name__}: {error}). Run {verb} again."
         ) from None
+
+
+@dataclass(frozen=True)
+class RecordedDesign:
+    """What a report shows of a design.
+
+    Attributes
+    ----------
+    campaign, sha256 : str
+        Of the pilot.
+    sentences : tuple of str
+    degree : int
+    parameters : tuple of str
+    expected, baseline : mapping of parameter to Expected
+    baseline_name : str
+    augment : bool
+    """
+
+    campaign: str
+    sha256: str
+    sentences: tuple[str, ...]
+    degree: int
+    parameters: tuple[str, ...]
+    expected: Mapping[str, Expected]
+    baseline: Mapping[str, Expected]
+    baseline_name: str
+    augment: bool
+
+
+def recorded(design: Design) -> RecordedDesign:
+    """The same of a design at hand."""
+    return RecordedDesign(
+        design.pilot.name,
+        design.pilot.sha256,
+        tuple(design.sentences()),
+        design.model.degree,
+        design.parameters,
+        design.forecast.expected,
+        design.baseline.forecast.expected,
+        design.baseline.name,
+        design.augment,
+    )
+
+
+def _design(record: Mapping[str, Any]) -> RecordedDesign:
+    return RecordedDesign(
+        str(record["pilot"]["name"]),
+        str(record["pilot"]["sha256"]),
+        tuple(map(str, record["sentences"])),
+        int(record["degree"]),
+        tuple(map(str, record["parameters"])),
+        _expected(record["expected"]),
+        _expected(record["baseline"]),
+        str(record["compared"][0]["name"]),
+        bool(record["augment"]),
+    )
+
+
+def _expected(entries: Mapping[str, Mapping[str, Any]]) -> dict[str, Expected]:
+    sizes = ("prior_sd", "sd", "untruncated_sd", "floor_sd")
+    return {
+        str(name): Expected(str(own["unit"]), *(np.inf if own[key] is None else float(own[key]) for key in sizes))
+        for name, own in entries.items()
+    }
 
 
 def _comparison(record: Mapping[str, Any]) -> Comparison:

@@ -28,6 +28,9 @@ def report(
     comparison: Annotated[
         Path | None, typer.Option(help="The --out folder of an earlier compare of the same readings.", metavar="DIR")
     ] = None,
+    design: Annotated[
+        Path | None, typer.Option(help="The --out folder of an earlier design after the same readings.", metavar="DIR")
+    ] = None,
     tests: Annotated[int | None, typer.Option(help="Circles to recommend. Default: as many as were run.", min=1, max=300)] = None,
     same_instrument: Annotated[
         bool, typer.Option("--same-instrument", help="Campaigns beside one another share bar, balls, mount and force device.")
@@ -45,7 +48,7 @@ def report(
     Writes report.html, report.md, report.json and tables (CSV) into RESULT, working out what the fit did not keep. Exit code 1
     when the fit had missed its target; the page then says so at its top.
     """
-    from ldbb_bayes.analysis.recorded import read_comparison
+    from ldbb_bayes.analysis.recorded import read_comparison, read_design
     from ldbb_bayes.cli.show import counting_progress, worker_pool
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.origin import record_of
@@ -64,6 +67,8 @@ def report(
         raise InputError(f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force.")
     if figures is not None:
         check_target(figures, force=force, ours=_figure_files(figures))
+    if design is not None and tests is not None:
+        raise InputError("--tests must not go with --design, got both. The design says how many.")
     if same_instrument and len(result) == 1:
         raise InputError("--same-instrument must go with a second RESULT, got one alone. Name the campaign to set beside it.")
     with worker_pool(1 if comparison is not None else 2) as executor, counting_progress(quiet, "sections") as progress:
@@ -77,6 +82,7 @@ def report(
             ci_prob=ci,
             tests=tests,
             comparison=running if comparison is None else read_comparison(comparison),
+            recommended=None if design is None else read_design(design),
             progress=progress,
         )
     if figures is not None:

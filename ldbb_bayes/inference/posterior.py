@@ -155,7 +155,8 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         raise InputError(
             f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again."
         )
-    if tree["provenance"].attrs.get("sha256", _digest(tree)) != _digest(tree):
+    digest = _digest(tree)
+    if tree["provenance"].attrs.pop("sha256", digest) != digest:
         raise InputError(f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its digest. Fit again.")
     return tree
 

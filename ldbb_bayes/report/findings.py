@@ -22,6 +22,7 @@ from ldbb_bayes.analysis.designed import Design
 from ldbb_bayes.analysis.identifiability import identify, verdicts
 from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiability
 from ldbb_bayes.analysis.preview import CampaignPreview, preview
+from ldbb_bayes.analysis.recorded import RecordedDesign, recorded
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.origin import campaign_of, model_of
@@ -30,9 +31,10 @@ from ldbb_bayes.inference.summary import summarize
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.result import full_result
 
-__all__ = ["Compared", "Findings", "compare_for_report", "find"]
+__all__ = ["Compared", "Findings", "Recommended", "compare_for_report", "find"]
 
 Compared: TypeAlias = Comparison | str
+Recommended: TypeAlias = Design | RecordedDesign | str
 
 _NAMES = ("constant", "linear", "quadratic")
 
@@ -58,8 +60,10 @@ class Findings:
         Of the readings.
     contributions : DataFrame
     comparing : Comparison, str, or a future of either
-    design : Design, or str
+    design : Design, RecordedDesign, or str
         Why there is none.
+    design_given : bool
+        Whether it was brought, not worked out for the report.
     """
 
     posterior: xr.DataTree
@@ -75,7 +79,8 @@ class Findings:
     pairs: pd.DataFrame
     contributions: pd.DataFrame
     comparing: Compared | Future[Compared]
-    design: Design | str
+    design: Recommended
+    design_given: bool
 
     @cached_property
     def comparison(self) -> Compared:
@@ -94,7 +99,7 @@ def find(
     ci_prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | Future[Compared] | None = None,
-    recommended: Design | str | None = None,
+    recommended: Recommended | None = None,
 ) -> Findings:
     """Work out what the fit did not keep.
 
@@ -104,7 +109,7 @@ def find(
         Circles to recommend; default: as many as the campaign has.
     comparison : Comparison, str or future, optional
         Of `compare` on the same readings, or what `compare_for_report` returns; default: the latter.
-    recommended : Design, or str, optional
+    recommended : Design, RecordedDesign or str, optional
         Of `design` after the same readings, or why there is none; default: worked out.
     """
     campaign, model = campaign_of(posterior), model_of(posterior)
@@ -113,6 +118,13 @@ def find(
             f"comparison must be of the readings of the fit, got one of {comparison.campaign!r} (SHA-256 "
             f"{comparison.sha256[:12]}… instead of {campaign.sha256[:12]}…). Compare again."
         )
+    if isinstance(recommended, Design | RecordedDesign):
+        told = recorded(recommended) if isinstance(recommended, Design) else recommended
+        if told.sha256 != campaign.sha256:
+            raise InputError(
+                f"design must be made after the readings of the fit, got one after {told.campaign!r} (SHA-256 "
+                f"{told.sha256[:12]}… instead of {campaign.sha256[:12]}…). Design again."
+            )
     measured, pairs = measured_circularity(posterior)
     return Findings(
         posterior,
@@ -129,6 +141,7 @@ def find(
         contributions(posterior, ci_prob=ci_prob),
         compare_for_report(posterior) if comparison is None else comparison,
         _design(model, campaign, tests) if recommended is None else recommended,
+        recommended is not None,
     )
 
 

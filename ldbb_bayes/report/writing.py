@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from ldbb_bayes.inference.origin import record_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report.compose import compose
 from ldbb_bayes.report.document import Document
-from ldbb_bayes.report.findings import Compared, Findings, find
+from ldbb_bayes.report.findings import Compared, Findings, Recommended, find
 from ldbb_bayes.report.page import html_page, markdown_page
 from ldbb_bayes.report.plain import json_text
 from ldbb_bayes.report.result import sizes_of
@@ -45,7 +46,7 @@ def write_report(
     ci_prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | Future[Compared] | None = None,
-    recommended: Design | str | None = None,
+    recommended: Recommended | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
     """Write report.html, report.md, report.json and tables (CSV) into a folder.
@@ -66,8 +67,8 @@ def write_report(
         Circles to recommend; default: as many as the campaign has.
     comparison : Comparison, or a future of one, optional
         From `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
-    recommended : Design, optional
-        From `design` after the same readings; default: as many circles as ``tests``, of the forces tested.
+    recommended : Design, or RecordedDesign, optional
+        From `design` or `read_design` after the same readings; default: as many circles as ``tests``, of the forces tested.
     progress : callable, optional
         Called with the sections done and their number.
 
@@ -126,7 +127,7 @@ def _place(folder: Path) -> Iterator[dict[str, str]]:
 
 def _record(found: Findings, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
     """One JSON of all tables, with what they are of."""
-    compared, chosen = found.comparison, found.design
+    compared = found.comparison
     return {
         "schema": 1,
         "campaign": found.result["campaign"],
@@ -135,5 +136,11 @@ def _record(found: Findings, frames: Mapping[str, pd.DataFrame]) -> dict[str, An
         "provenance": record_of(found.posterior)["provenance"],
         "tables": {name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()},
         "comparison": compared.as_dict() if isinstance(compared, Comparison) else {"missing": compared},
-        "design": chosen.as_dict() if isinstance(chosen, Design) else {"missing": chosen},
+        "design": _design(found.design),
     }
+
+
+def _design(chosen: Recommended) -> dict[str, Any]:
+    if isinstance(chosen, Design):
+        return chosen.as_dict()
+    return {"missing": chosen} if isinstance(chosen, str) else asdict(chosen)

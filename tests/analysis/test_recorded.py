@@ -10,6 +10,7 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.compared import Comparison
+from ldbb_bayes.analysis.recorded import recorded
 from ldbb_bayes.report.figures import compliance_with_local_fits, evidence
 from ldbb_bayes.report.plain import json_text
 
@@ -45,3 +46,13 @@ def test_a_part_missing(compared: Comparison, tmp_path: Path) -> None:
         lb.read_comparison(tmp_path)
     with pytest.raises(lb.InputError, match=r"must be a folder with comparison\.json"):
         lb.read_comparison(tmp_path / "nothing")
+
+
+def test_a_design_there_and_back(recovered: lb.Campaign, tmp_path: Path) -> None:
+    design = lb.design(lb.HybridModel.default(0), pilot=recovered, tests=4)
+    pilot = {"name": recovered.name, "sha256": recovered.sha256}
+    (tmp_path / "design.json").write_text(json_text({"schema": 1, "pilot": pilot, **design.as_dict()}), encoding="utf-8")
+    assert lb.read_design(tmp_path) == recorded(design)
+    (tmp_path / "design.json").write_text('{"pilot": {}}', encoding="utf-8")
+    with pytest.raises(lb.InputError, match=r"design\.json must be a design written by"):
+        lb.read_design(tmp_path)

@@ -147,6 +147,8 @@ def test_refused(result: Path, comparison: Path, tmp_path: Path, capsys: pytest.
         (["report", foreign], "must be a folder with posterior.nc"),
         (["report", spoiled(result, tmp_path)], "got a damaged file"),
         (["report", result, "--comparison", damaged], "must be a comparison written by"),
+        (["report", result, "--comparison", comparison, "--design", damaged], "folder with design.json"),
+        (["report", result, "--comparison", comparison, "--design", damaged, "--tests", "4"], "--tests must not go with"),
         (["report", result, "--comparison", tmp_path], "folder with comparison.json"),
         (["report", other, "--comparison", comparison], "comparison must be of the readings of the fit"),
         (["report", result, "--comparison", comparison, "--ci", "2"], "must lie between 0 and 1"),

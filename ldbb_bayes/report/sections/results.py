@@ -11,7 +11,6 @@ from ldbb_bayes.report.document import Details, Paragraph, Picture, Section, She
 from ldbb_bayes.report.figures.parameters import compliance_against_force, forest
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.rounding import round_like, round_uncertainty, state, stiffness
-from ldbb_bayes.report.sections.summary import preferred
 from ldbb_bayes.units import display_name, display_unit, is_direct
 
 __all__ = ["results", "results_frame"]
@@ -29,15 +28,14 @@ def results(found: Findings) -> Section:
         "Results",
         (
             Paragraph(
-                f"Compliance {degree}.{at} u is the standard uncertainty (posterior standard deviation), U = 2u the expanded "
-                f"one (k = 2, about 95 %); where the distribution is lopsided, the distances to the ends of the {percent} "
-                f"credible interval stand in its place. Brackets, of the stiffness too, are {percent} intervals. A compliance "
-                f"stands for the sum of its set.{negative} The last column is what the readings tell of the parameter: "
-                "identified, prior-limited (mostly what was assumed), or aliased with what they cannot tell it from; in "
-                "brackets what knowing a term would take from its variance. Such shares overlap; those of the budgets below "
-                "sum to one."
+                f"Compliance {degree}, as it was fitted (whether the readings prefer it: Constant or linear).{at} u is the "
+                "standard uncertainty (posterior standard deviation), U = 2u the expanded one (k = 2, about 95 %); where the "
+                f"distribution is lopsided, the distances to the ends of the {percent} credible interval stand in its place. "
+                f"Brackets, of the stiffness too, are {percent} intervals. A compliance stands for the sum of its "
+                f"set.{negative} The last column is what the readings tell of the parameter: identified, prior-limited (mostly "
+                "what was assumed), or aliased with what they cannot tell it from; in brackets what knowing a term would take "
+                "from its variance. Such shares overlap; those of the budgets below sum to one."
             ),
-            *_preferred(found),
             _parameters(found, percent),
             Picture(
                 "forest",
@@ -72,18 +70,6 @@ def _parameters(found: Findings, percent: str) -> Sheet:
         )  # fmt: skip
     heads = ["parameter", "value", "u", "U (k = 2)", f"{percent} interval", "unit", "stiffness (N/µm)", "identified?"]
     return sheet("Compliances, their slopes, geometric errors", heads, rows, text=(5, 7))
-
-
-def _preferred(found: Findings) -> list[Paragraph]:
-    other = preferred(found)
-    if other is None:
-        return []
-    said = f"The readings prefer {other.name} compliance (probability {other.probability:.3g}; see Constant or linear)."
-    return [
-        Paragraph(
-            f"{said} The numbers here are of the model that was fitted: to sign the other, fit with --degree {other.degree}."
-        )
-    ]
 
 
 def _meanings(found: Findings) -> Details:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from ldbb_bayes.analysis.compared import ComparedModel, Comparison
 from ldbb_bayes.analysis.designed import Design
+from ldbb_bayes.analysis.recorded import recorded
 from ldbb_bayes.model.wording import joined, term_words
 from ldbb_bayes.report.document import Bullets, Paragraph, Section
 from ldbb_bayes.report.figures.budget import source_words
@@ -13,7 +14,7 @@ from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.rounding import plus_minus, stiffness
 from ldbb_bayes.units import display_name, is_direct
 
-__all__ = ["alerts", "preferred", "summary"]
+__all__ = ["alerts", "summary"]
 
 _GRAVE = ("Not converged", "The readings contradict", "The readings speak against", "Misfit")
 _DEGREES = ("constant", "linear", "quadratic")
@@ -118,7 +119,7 @@ def _comparison(found: Findings) -> Iterator[str]:
         return
     robust = next((sentence for sentence in compared.verdict if sentence.startswith("The sign")), "")
     yield f"Constant or linear compliance: {compared.verdict[0]} {robust}".strip()
-    other = preferred(found)
+    other = _preferred(found)
     if other is not None:
         own = _DEGREES[found.result["model"]["degree"]]
         values = [
@@ -132,7 +133,7 @@ def _comparison(found: Findings) -> Iterator[str]:
         )
 
 
-def preferred(found: Findings) -> ComparedModel | None:
+def _preferred(found: Findings) -> ComparedModel | None:
     """The likeliest model, where that is another degree than was fitted."""
     if not isinstance(found.comparison, Comparison):
         return None
@@ -147,20 +148,19 @@ def _next(found: Findings) -> Iterator[str]:
             remedies.setdefault(budget.improve, []).append(display_name(name))
     ordered = sorted(remedies.items(), key=lambda pair: -len(pair[1]))[:2]
     yield "What would help most: " + " ".join(f"{joined(names)}: {remedy[0].lower()}{remedy[1:]}" for remedy, names in ordered)
-    chosen = found.design
-    if not isinstance(chosen, Design):
+    if isinstance(found.design, str):
         return
-    expected, baseline = chosen.forecast.expected, chosen.baseline.forecast.expected
-    ratio = {name: expected[name].sd / baseline[name].sd for name in chosen.parameters}
+    told = recorded(found.design) if isinstance(found.design, Design) else found.design
+    ratio = {name: told.expected[name].sd / told.baseline[name].sd for name in told.parameters}
     best = min(ratio, key=lambda name: ratio[name])
-    run = chosen.sentences()[0]
-    if ratio[best] > _WORTH:
+    run = told.sentences[0].rstrip(".")
+    against = f"against {told.baseline_name} the interval of {display_name(best)} is then {ratio[best]:.2f} times as wide"
+    if found.design_given:
+        yield f"Recommended next: {run[0].lower()}{run[1:]}; {against}."
+    elif ratio[best] > _WORTH:
         yield (
-            f"Other forces alone would not help: of as many circles the best ({run[4:].rstrip('.')}) narrow no interval by "
-            f"more than {100 * (1.0 - _WORTH):.0f} % against equal steps."
+            f"Other forces alone would not help: of as many circles the best ({run[4:]}) narrow no interval by more than "
+            f"{100 * (1.0 - _WORTH):.0f} % against {told.baseline_name}."
         )
     else:
-        yield (
-            f"If the campaign is run anew: {run[0].lower()}{run[1:].rstrip('.')}; against equal steps the interval of "
-            f"{display_name(best)} is then {ratio[best]:.2f} times as wide."
-        )
+        yield f"If the campaign is run anew: {run[0].lower()}{run[1:]}; {against}."
