@@ -77,7 +77,7 @@ def report(
         document = write_report(
             first,
             folder,
-            beside_it=_named(others, result[1:]),
+            beside_it=_named(first, others, result[1:]),
             same_instrument=same_instrument,
             ci_prob=ci,
             tests=tests,
@@ -111,10 +111,12 @@ def _figure_files(folder: Path) -> tuple[str, ...]:
     return tuple(f"{name}.{kind}" for name in sorted(known) for kind in _FORMATS)
 
 
-def _named(posteriors: list[xr.DataTree], paths: list[Path]) -> dict[str, xr.DataTree]:
+def _named(first: xr.DataTree, posteriors: list[xr.DataTree], paths: list[Path]) -> dict[str, xr.DataTree]:
     """Keyed by the campaign's name; by the folder's where two have the same."""
     from ldbb_bayes.inference.origin import record_of
 
-    names = [str(record_of(posterior)["campaign"]["name"]) for posterior in posteriors]
-    told = names if len(set(names)) == len(names) else [str(path) for path in paths]
+    names = [str(record_of(posterior)["campaign"]["name"]) for posterior in (first, *posteriors)]
+    told = (
+        names[1:] if len(set(names)) == len(names) else [f"{name} ({path})" for name, path in zip(names[1:], paths, strict=True)]
+    )
     return dict(zip(told, posteriors, strict=True))

@@ -64,31 +64,27 @@ class DrawnNuisances:
 
     Attributes
     ----------
-    names, owners : list of str
-        Of the q coefficients, and the term of each.
-    prior_sd : ndarray, shape (q,)
-        At the mean of φ.
+    names : list of str
+        Of the q coefficients.
     values : ndarray, shape (tests, 25, q)
         Their columns.
     draws : ndarray, shape (draws, q)
     """
 
     names: list[str]
-    owners: list[str]
-    prior_sd: Array
     values: Array
     draws: Array
 
 
 def draw_nuisances(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> DrawnNuisances:
     """One draw of the shared nuisances for every draw of φ (draws, h) and β (draws, p)."""
-    names, owners, prior_sd = _shared(bound, phi)
+    names, _, _ = _shared(bound, phi)
     if not names:
         empty = np.zeros((len(bound.test_names), SIZE, 0))
-        return DrawnNuisances(names, owners, prior_sd, empty, np.zeros((len(beta), 0)))
+        return DrawnNuisances(names, empty, np.zeros((len(beta), 0)))
     _, given = bound.given_interest.conditional(phi, beta - bound.centre)
     values = [term.values for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
-    return DrawnNuisances(names, owners, prior_sd, np.concatenate(values, axis=2), given.draw(rng))
+    return DrawnNuisances(names, np.concatenate(values, axis=2), given.draw(rng))
 
 
 def _shared(bound: BoundModel, phi: Array) -> tuple[list[str], list[str], Array]:

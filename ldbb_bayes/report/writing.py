@@ -105,6 +105,7 @@ def write_report(
 @contextmanager
 def _place(folder: Path) -> Iterator[dict[str, str]]:
     """Texts by path, to be filled in. Every file is written whole beside its place and then moved there, the page last."""
+    made = not folder.exists()
     try:
         (folder / "tables").mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as name:
@@ -121,8 +122,9 @@ def _place(folder: Path) -> Iterator[dict[str, str]]:
     except OSError as error:
         raise InputError(f"{folder} must be writable, got: {error.strerror or error}. Choose another place (--out).") from None
     finally:
-        if (folder / "tables").is_dir() and not any((folder / "tables").iterdir()):
-            (folder / "tables").rmdir()
+        for empty in (folder / "tables", *([folder] if made else [])):
+            if empty.is_dir() and not any(empty.iterdir()):
+                empty.rmdir()
 
 
 def _record(found: Findings, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:

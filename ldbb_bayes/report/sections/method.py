@@ -26,9 +26,7 @@ def assumptions(found: Findings) -> Section:
         (
             Paragraph(
                 f"Preset {model['preset']}, priors {model['priors']}; terms: "
-                f"{', '.join(term_words(name) for name in model['terms'])}.{idle}{fixed} Parameters have normal priors about "
-                f"zero{', restricted to compliances that are not negative at any tested force' if model['truncated'] else ''}; "
-                "σ, δ, κ and τ half-normal ones."
+                f"{', '.join(term_words(name) for name in model['terms'])}.{idle}{fixed} {_prior_words(found)}"
             ),
             _priors(found),
             Details("The whole model as TOML (edit and fit again with --model)", (Paragraph(record["model"]["toml"]),)),
@@ -37,11 +35,10 @@ def assumptions(found: Findings) -> Section:
 
 
 def _prior_words(found: Findings) -> str:
-    hypers = joined(
-        [{"sigma": "σ", "delta": "δ", "kappa": "κ", "tau": "τ"}.get(n.split("_")[0], n) for n in found.result["hyper"]]
-    )
     if found.result["model"]["preset"] == "paper":
-        return "Priors are flat (least squares)."
+        return "Priors are flat (least squares), that of σ half-normal."
+    greek = {"sigma": "σ", "delta": "δ", "kappa": "κ", "tau": "τ"}
+    hypers = joined(list(dict.fromkeys(greek.get(name.split("_")[0], name) for name in found.result["hyper"])))
     held = ", restricted to compliances that are not negative at any tested force" if found.result["model"]["truncated"] else ""
     return f"Parameters have normal priors about zero{held}; {hypers} half-normal ones."
 

@@ -127,7 +127,9 @@ def _contributions(table: pd.DataFrame, plane: str, percent: str, several: bool)
         source = row["source"] if row["source"] in (TOGETHER, COMPLIANCE, GEOMETRY) else display_name(row["source"])
         rows.append([source, most, least, size, f"[{low}, {high}]"])
     where = f", plane {plane}" if several else ""
-    caption = f"Contributions to the reading at {own['force_N'].iloc[0]:.4g} N{where}; a compliance with its slope"
-    return sheet(
-        caption, ["source", "largest (µm)", "smallest (µm)", "peak to peak (µm)", f"{percent} interval of it (µm)"], rows
+    caption = (
+        f"Contributions to the reading at {own['force_N'].iloc[0]:.4g} N{where}, a compliance with its slope. Largest and "
+        "smallest: of the mean path; peak to peak: median over what is likely, which does not shrink for not being known"
     )
+    heads = ["source", "largest (µm)", "smallest (µm)", "peak to peak (µm)", f"{percent} interval of it (µm)"]
+    return sheet(caption, heads, rows)

@@ -146,6 +146,9 @@ def _next(found: Findings) -> Iterator[str]:
     for name, budget in found.budgets.items():
         if is_direct(name) or (name.startswith("E_") and name[3] != "t"):
             remedies.setdefault(budget.improve, []).append(display_name(name))
+    if found.result["model"]["preset"] == "paper":
+        yield "What would help most: fit with the default preset. Least squares sees nothing but white noise."
+        return
     ordered = sorted(remedies.items(), key=lambda pair: -len(pair[1]))[:2]
     yield "What would help most: " + " ".join(f"{joined(names)}: {remedy[0].lower()}{remedy[1:]}" for remedy, names in ordered)
     if isinstance(found.design, str):
