@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -24,7 +25,7 @@ def desk(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     commands = re.findall(r"^ldbb-bayes .*$", "".join(re.findall(r"```sh\n(.*?)```", text(root), re.S)), re.M)
     assert len(commands) >= 3
     for command in commands:
-        arguments = [sys.executable, "-W", "error", "-m", "ldbb_bayes", *command.split()[1:]]
+        arguments = [sys.executable, "-W", "error", "-m", "ldbb_bayes", *shlex.split(command, comments=True)[1:]]
         done = subprocess.run(arguments, capture_output=True, text=True, cwd=place, check=False)
         assert done.returncode == 0, f"{command}: {done.stderr}"
     return place
@@ -33,7 +34,7 @@ def desk(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_python_runs(root: Path, desk: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", text(root), re.S)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     for block in blocks:
         done = subprocess.run([sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, cwd=desk, check=False)
         assert done.returncode == 0, done.stderr
