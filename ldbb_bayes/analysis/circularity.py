@@ -39,6 +39,8 @@ __all__ = [
 Array = NDArray[Any]
 _ANGLE = np.arange(360) * (np.pi / 180.0)
 _CLOSED_DEG = 350.0
+# Minimum zones of two paths at once are a linear programme each.
+_ZONES = 200
 _COS2, _SIN2 = harmonic_index(2)
 QUANTITIES = {
     "G": "µm",
@@ -121,7 +123,7 @@ def _pairs(tests: Sequence[CircularTest]) -> Iterator[tuple[CircularTest, Circul
 
 
 def circularity(
-    posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95, draws: int = 2000
+    posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95, draws: int = 2000, both_ways: bool = True
 ) -> pd.DataFrame:
     """The machine's own path at every force, with credible intervals.
 
@@ -131,7 +133,9 @@ def circularity(
         Default: 0 (geometry alone) and the tested forces.
     ci_prob : float
     draws : int
-        Of the posterior, evenly picked.
+        Of the posterior, evenly picked (for G_b of the minimum zone 200 at most).
+    both_ways : bool
+        Whether G_b and D are wanted where a plane is run both ways.
 
     Returns
     -------
@@ -146,7 +150,7 @@ def circularity(
     check_probability(ci_prob)
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, draws)
-    travel = _travel_draws(bound, beta, phi) if bound.setting.both_ways else {}
+    travel = _travel_draws(bound, beta, phi) if both_ways and bound.setting.both_ways else {}
     beta = np.where(offsets(bound), 0.0, beta)
     forces = list(forces_N) or [0.0, *np.unique(bound.setting.force_N).tolist()]
     tail = 0.5 - 0.5 * ci_prob
@@ -199,9 +203,10 @@ def _of_both_ways(path: Array, half: Array) -> dict[str, Array]:
     centred = path.copy()
     centred[:, :3] = 0.0
     traces = np.concatenate([(centred + half) @ basis(_ANGLE).T, (centred - half) @ basis(_ANGLE).T], axis=1)
+    some = np.linspace(0, len(traces) - 1, min(len(traces), _ZONES)).astype(int)
     return {
         "G_b": np.ptp(traces, axis=1),
-        "G_b_minimum_zone": np.array([minimum_zone(np.tile(_ANGLE[::4], 2), trace[::4]).width for trace in traces]),
+        "G_b_minimum_zone": np.array([minimum_zone(np.tile(_ANGLE[::4], 2), trace[::4]).width for trace in traces[some]]),
         "D": path[:, 0],
     }
 

@@ -38,7 +38,7 @@ def circularity(posterior: xr.DataTree) -> Figure:
     readings themselves, balls and bar included."""
     bound = bound_of(posterior)
     top = float(bound.setting.force_N.max())
-    table = quantities(posterior, np.linspace(0.0, top, _POINTS).tolist(), draws=_DRAWS)
+    table = quantities(posterior, np.linspace(0.0, top, _POINTS).tolist(), draws=_DRAWS, both_ways=False)
     measured, _ = measured_circularity(posterior)
     planes = bound.setting.planes
     figure = new_figure(9.6, 0.3 + 5.2 * len(planes))
