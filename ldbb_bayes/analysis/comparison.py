@@ -101,6 +101,7 @@ def compare(
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
     several = len(campaign.tests) > 1 and not evidence_only
     subsets = bool(selected.degree) and not evidence_only
+    windows = campaign.force_levels > 1 and not evidence_only
     steps.total = len(chosen) * (1 + several * len(campaign.tests))
     steps.total += 2 * len([*scales, *discrepancy_assumptions(pair), *nuisance_assumptions(pair, campaign)])
     steps.total += count_subsets(selected, evidences, quadratic=quadratic) if subsets else 0
@@ -129,9 +130,7 @@ def compare(
         nuisances=compare_under(pair, nuisance_assumptions(pair, campaign), evidences),
         slopes=slope_subsets(selected, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if subsets else None,
         tests=_tests(weighed, left, seed, tolerance) if several else {},
-        local_fits=local_fits(largest, campaign, ci_prob=ci_prob)
-        if campaign.force_levels > 1 and not evidence_only
-        else pd.DataFrame(),
+        local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if windows else pd.DataFrame(),
         verdict=(),
         tolerance=tolerance,
         largest_error=max([evidences.largest_error, *(one.evidence.error for tests in left.values() for one in tests.values())]),

@@ -44,7 +44,7 @@ def differences(
     posterior, other : DataTree
         Of machines with the same topology, planes and joint frames.
     same_instrument : bool
-        Whether bar, balls (clocked alike), mount and force device were the same.
+        Whether bar, balls, mount and force device were the same.
     ci_prob : float
 
     Returns

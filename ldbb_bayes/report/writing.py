@@ -60,7 +60,7 @@ def write_report(
     beside_it : mapping of name to DataTree, optional
         Other campaigns to set beside this one.
     same_instrument : bool
-        Whether these were run with the same bar, balls (clocked alike), mount and force device.
+        Whether these were run with the same bar, balls, mount and force device.
     ci_prob : float
         Probability of the credible intervals.
     tests : int, optional
