@@ -67,8 +67,9 @@ def company_words(lead: str, amount: float, name: str, change: float) -> str:
 
 
 def term_words(term: str) -> str:
-    """BallForm → ball form; a parameter's name stays."""
-    return display_name(term) if "_" in term else re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
+    """BallForm → ball form, SetupShift → set-up shift; a parameter's name stays."""
+    spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
+    return display_name(term) if "_" in term else spaced.replace("setup", "set-up")
 
 
 _FORM = re.compile(r"(work_|tool_)?form(?:_(XY|YZ|ZX))?_(cos|sin)(\d+)")

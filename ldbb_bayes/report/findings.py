@@ -82,6 +82,11 @@ class Findings:
     design: Recommended
     design_given: bool
 
+    @property
+    def flat(self) -> bool:
+        """Whether the parameters have flat priors."""
+        return all(entry["prior_sd"] is None for entry in self.result["parameters"].values())
+
     @cached_property
     def comparison(self) -> Compared:
         """The comparison, or why there is none; waited for where it is still at work."""

@@ -12,8 +12,7 @@ __all__ = ["limits"]
 def limits(found: Findings) -> Section:
     """Degeneracies with their cures, and what the readings added to the priors."""
     own = found.identifiability
-    flat = found.result["model"]["preset"] == "paper"
-    told = "The model leaves it out (least squares)." if flat else "Only what was assumed tells it apart."
+    told = "The model leaves it out (least squares)." if found.flat else "Only what was assumed tells it apart."
     pairs = tuple(
         f"{d.statement} What would tell: {cure[0].lower()}{cure[1:]}" for d, cure in zip(own.degeneracies, own.cures, strict=True)
     )
@@ -27,7 +26,7 @@ def limits(found: Findings) -> Section:
         parts.append(Paragraph("No combination of parameters and nuisances is unseen."))
     if own.notes:
         parts.append(Bullets(own.notes))
-    if not flat:
+    if not found.flat:
         parts.append(
             Paragraph(
                 f"Effective number of parameters {own.effective_parameters:.1f} of {len(own.parameters)}: how much the "

@@ -35,7 +35,7 @@ def assumptions(found: Findings) -> Section:
 
 
 def _prior_words(found: Findings) -> str:
-    if found.result["model"]["preset"] == "paper":
+    if found.flat:
         return "Priors are flat (least squares), that of σ half-normal."
     greek = {"sigma": "σ", "delta": "δ", "kappa": "κ", "tau": "τ"}
     hypers = joined(list(dict.fromkeys(greek.get(name.split("_")[0], name) for name in found.result["hyper"])))

@@ -93,7 +93,7 @@ def _geometry(found: Findings) -> Iterator[str]:
         )
         yield f"Geometric errors ({len(names)}, tool offsets aside): {shown}."
         return
-    if found.result["model"]["preset"] == "paper":
+    if found.flat:
         yield (
             f"Geometric errors: {joined([display_name(name) for name in aliased])} look exactly like {partners}, which these "
             "intervals leave out: they are not known as well as is printed."
@@ -129,7 +129,7 @@ def _comparison(found: Findings) -> Iterator[str]:
         ]
         yield (
             f"The numbers of this page are of {own} compliance. With {other.name} compliance, which the readings prefer "
-            f"(probability {other.probability:.3g}): {joined(values)}."
+            f"(probability {other.probability:.3g}): {joined(values)}; to sign these, fit with --degree {other.degree}."
         )
 
 
@@ -146,7 +146,7 @@ def _next(found: Findings) -> Iterator[str]:
     for name, budget in found.budgets.items():
         if is_direct(name) or (name.startswith("E_") and name[3] != "t"):
             remedies.setdefault(budget.improve, []).append(display_name(name))
-    if found.result["model"]["preset"] == "paper":
+    if found.flat:
         yield "What would help most: fit with the default preset. Least squares sees nothing but white noise."
         return
     ordered = sorted(remedies.items(), key=lambda pair: -len(pair[1]))[:2]
