@@ -1,9 +1,7 @@
 """Two campaigns of one kind of machine: by how much does every parameter differ, and with what probability has it grown?
 
 Before and after a repair, machine A and B. Independent instruments: the difference of independent posteriors. The same bar,
-balls, mount and force device: their errors ν are the same in both and cancel, as far as the two campaigns see them alike. With
-(β₁, ν) and (β₂, ν) Gaussian given the readings of each, and ν ~ N(0, S), precisions add and the prior of ν is taken out once:
-Λ = Λ₁ + Λ₂ − S⁻¹ (truncation set aside, hyper-parameters at their means, the size of the form at the mean of both).
+balls, mount and force device: their errors cancel (`instrument`).
 """
 
 from __future__ import annotations
@@ -14,23 +12,20 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy.linalg
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import offsets
+from ldbb_bayes.analysis.instrument import same_instrument_means
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.origin import bound_of, draws_of, record_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.columns import Columns
-from ldbb_bayes.model.information import information_of
 
-__all__ = ["INSTRUMENT", "differences"]
+__all__ = ["differences"]
 
 Array = NDArray[Any]
-INSTRUMENT = ("BallForm", "BarLength", "Mount", "ForceError")
 _DRAWS = 20_000
 
 
@@ -51,7 +46,8 @@ def differences(
     -------
     DataFrame
         One row per parameter both have, offsets of the tool ball left out: unit, first, second (means, at the first one's
-        reference force), difference, sd, ci_low, ci_high, probability_of_increase.
+        reference force), difference, sd, ci_low, ci_high, probability_of_increase. ``attrs["conflict"]``: of one instrument, the
+        coefficient in which the campaigns disagree most about it, and the p-value of that (Bonferroni); else None.
 
     Raises
     ------
@@ -65,10 +61,12 @@ def differences(
     at = one.setting.reference_force_N
     read = [_reading(bound, names, at) for bound in (one, two)]
     low, high = 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob
+    conflict = None
     if same_instrument:
         phi = (draws_of(posterior, one)[1].mean(axis=0), draws_of(other, two)[1].mean(axis=0))
-        means, mean, covariance = _shared_instrument((one, two), phi, read)
-        sd = np.sqrt(np.diag(covariance))
+        shared = same_instrument_means((one, two), phi, read)
+        means, mean, sd = shared.means, shared.difference, np.sqrt(np.diag(shared.covariance))
+        conflict = shared.conflict
         reach = float(ndtri(high)) * sd
         interval, increase = np.array([mean - reach, mean + reach]), ndtr(mean / sd)
     else:
@@ -80,7 +78,7 @@ def differences(
         rng = np.random.default_rng(0)
         apart = drawn[1][rng.integers(len(drawn[1]), size=_DRAWS)] - drawn[0][rng.integers(len(drawn[0]), size=_DRAWS)]
         interval, increase = np.quantile(apart, [low, high], axis=0), (apart > 0.0).mean(axis=0)
-    return pd.DataFrame(
+    table = pd.DataFrame(
         {
             "unit": [one.parameters[one.names.index(name)].unit for name in names],
             "first": means[0],
@@ -93,6 +91,8 @@ def differences(
         },
         index=names,
     )
+    table.attrs["conflict"] = conflict
+    return table
 
 
 def _check(one: BoundModel, two: BoundModel, name: str) -> None:
@@ -128,58 +128,3 @@ def _reading(bound: BoundModel, names: Sequence[str], reference_force_N: float) 
             elif parameter.group != "geometric" and parameter.compliance == own.compliance and power >= 0:
                 rows[i, j] = comb(parameter.degree, own.degree) * lever**power
     return rows
-
-
-def _shared_instrument(
-    bounds: tuple[BoundModel, BoundModel], phi: tuple[Array, Array], read: Sequence[Array]
-) -> tuple[Array, Array, Array]:
-    """Means of both (2, names), and mean and covariance of the difference, in inside units."""
-    if len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for own in bounds for test in own.campaign.tests}) > 1:
-        bounds = (bounds[0].with_two_balls(), bounds[1].with_two_balls())
-    one, two = bounds
-    if "tau" in one.hyper_prior.names and "tau" in two.hyper_prior.names:
-        i, j = one.hyper_prior.names.index("tau"), two.hyper_prior.names.index("tau")
-        phi[0][i] = phi[1][j] = 0.5 * (phi[0][i] + phi[1][j])
-    information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
-    if any(own.flat for own in information):
-        raise InputError("same_instrument must go with proper priors, got flat ones. Fit with the default preset.")
-    told = [[_physical(name, bound) for name in own.names] for bound, own in zip(bounds, information, strict=True)]
-    pairs = zip(told[0], information[0].owners, strict=True)
-    alike = [name for name, owner in pairs if owner in INSTRUMENT and name in told[1]]
-    place: dict[tuple[int, str], int] = {}
-    for k, names in enumerate(told):
-        for name in names:
-            place[k, name] = place[0, name] if k and name in alike else len(set(place.values()))
-    size = len(set(place.values()))
-    precision, weighted, scale = np.zeros((size, size)), np.zeros(size), np.ones(size)
-    for k, (bound, own, values) in enumerate(zip(bounds, information, phi, strict=True)):
-        at = [place[k, name] for name in told[k]]
-        root, _ = own.root()
-        inside = (root.T @ root) / np.outer(own.scale, own.scale)
-        precision[np.ix_(at, at)] += inside
-        weighted[at] += inside @ _mean(bound, values)
-        scale[at] = own.scale
-    again = [place[0, name] for name in alike]
-    precision[again, again] -= scale[again] ** -2.0
-    cholesky = np.linalg.cholesky(precision * np.outer(scale, scale))
-    covariance = scipy.linalg.cho_solve((cholesky, True), np.eye(size)) * np.outer(scale, scale)
-    mean = covariance @ weighted
-    rows = np.zeros((2, len(read[0]), size))
-    for k, bound in enumerate(bounds):
-        rows[k][:, [place[k, name] for name in bound.names]] = read[k]
-    apart = rows[1] - rows[0]
-    return rows @ mean, apart @ mean, apart @ covariance @ apart.T
-
-
-def _physical(name: str, bound: BoundModel) -> str:
-    """The coefficient's name, with the radius that a bar length is of."""
-    return f"bar_length_{bound.setting.radii_mm[0]:g}" if name == "bar_length" else name
-
-
-def _mean(bound: BoundModel, phi: Array) -> Array:
-    """Posterior mean of parameters and shared nuisances at φ, in the order of `information_of`."""
-    beta = bound.given(phi[None])[1].mean[0]
-    if not any(isinstance(term, Columns) and not term.private for term in bound.nuisance_columns):
-        return np.asarray(beta)
-    _, nuisances = bound.given_interest.conditional(phi[None], (beta - bound.centre)[None])
-    return np.concatenate([beta, nuisances.mean[0]])

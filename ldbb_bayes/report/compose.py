@@ -7,7 +7,7 @@ from collections.abc import Callable
 from ldbb_bayes.model.wording import joined
 from ldbb_bayes.report.document import Document, Picture
 from ldbb_bayes.report.findings import Findings
-from ldbb_bayes.report.sections.beside import Beside, beside
+from ldbb_bayes.report.sections.beside import Beside, beside, doubts
 from ldbb_bayes.report.sections.campaign import campaign
 from ldbb_bayes.report.sections.degree import degree
 from ldbb_bayes.report.sections.limits import limits
@@ -61,7 +61,5 @@ def compose(
         f"{min(test.force_N for test in found.seen.tests):g} to {max(test.force_N for test in found.seen.tests):g} N.",
         f"Fitted {provenance['started'][:10]} with ldbb_bayes {provenance['versions']['ldbb-bayes']}.",
     )
-    bad = tuple(
-        f"Not converged: {other.name}. Do not use its numbers." for other in others if not other.result["sampler"]["converged"]
-    )
-    return Document(f"Loaded double ball bar: {name}", lines, (*alerts(found), *bad), tuple(sections))
+    doubtful = [said for other in others for said in doubts(other, found.result)]
+    return Document(f"Loaded double ball bar: {name}", lines, (*alerts(found), *doubtful), tuple(sections))

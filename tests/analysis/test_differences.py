@@ -13,6 +13,7 @@ from ldbb_bayes.inference.origin import bound_of, draws_of
 from ldbb_bayes.model.basis import basis
 from ldbb_bayes.model.columns import BasisNoise, Columns
 
+SAME = {name: value for name, value in HYPER_UM.items() if name != "tau"}
 MODEL = lb.HybridModel.default(1).without("truncation")
 
 
@@ -151,6 +152,26 @@ def test_another_radius_is_another_length() -> None:
     assert alone > 0.9 * independent
     both_radii = lb.differences(first, posterior_of(3, radius_mm=(150.0, 100.0)), same_instrument=True)  # type: ignore[arg-type]
     assert both_radii.loc["E_XX1", "sd"] < 0.4 * alone
+
+
+def test_two_instruments_taken_for_one() -> None:
+    """Campaigns simulated with forms of their own disagree about them; with one form they do so at p below 1 % hardly ever."""
+    table = lb.differences(posterior_of(1), posterior_of(2), same_instrument=True)  # type: ignore[arg-type]
+    name, p = table.attrs["conflict"]
+    assert name.startswith("form_")
+    assert p < 1e-6
+    assert lb.differences(posterior_of(1), posterior_of(2)).attrs["conflict"] is None  # type: ignore[arg-type]
+    one_form = lb.HybridModel.default(0).without("ball-form", "bar-length")
+    told = []
+    for seed in range(3, 9):
+        both = [
+            lb.sample(
+                MODEL, one_form.simulate(plan(), seed=own, parameters=TRUTH, hyper_um=SAME).campaign, seed=1, sampler="quadrature"
+            )
+            for own in (seed, seed + 100)
+        ]
+        told.append(lb.differences(*both, same_instrument=True).attrs["conflict"][1])
+    assert min(told) > 0.01 / len(told)
 
 
 def test_refused(two: tuple[object, object]) -> None:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
+from ldbb_bayes.model.wording import nuisance_words
 from ldbb_bayes.report.document import Bullets, Paragraph, Picture, Section, Sheet, sheet
 from ldbb_bayes.report.figures.differences import difference_forest
 from ldbb_bayes.report.rounding import plus_minus, round_like, round_uncertainty, state
 from ldbb_bayes.units import display_name, display_unit
 
-__all__ = ["Beside", "beside"]
+__all__ = ["Beside", "beside", "doubts"]
 
+_CONFLICT = 0.01
 _DEGREES = ("constant", "linear", "quadratic")
 
 
@@ -74,6 +76,19 @@ def beside(first: Mapping[str, Any], others: tuple[Beside, ...], *, same_instrum
             ),
         ),
     )
+
+
+def doubts(other: Beside, first: Mapping[str, Any]) -> Iterator[str]:
+    """What forbids the use of a difference."""
+    if not other.result["sampler"]["converged"]:
+        yield f"Not converged: {other.name}. Do not use its numbers."
+    conflict = other.differences.attrs.get("conflict")
+    if conflict is not None and conflict[1] < _CONFLICT:
+        yield (
+            f"Not one instrument: {first['campaign']['name']} and {other.name} disagree about the "
+            f"{nuisance_words(conflict[0])} (p = {conflict[1]:.1g}). Balls turned or changed? Do not use the differences; make "
+            "the page without --same-instrument."
+        )
 
 
 def _changes(first: str, other: Beside, ci_prob: float) -> str:
