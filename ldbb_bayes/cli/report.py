@@ -37,7 +37,7 @@ def report(
     ] = False,
     figures: Annotated[
         Path | None,
-        typer.Option(help="Folder for the figures as SVG, PNG and PDF, the joint posterior among them.", metavar="DIR"),
+        typer.Option(help="Folder for the figures of the page and the analyses' others, as SVG, PNG and PDF.", metavar="DIR"),
     ] = None,
     as_json: JsonOption = False,
     ci: CiOption = 0.95,
@@ -54,7 +54,7 @@ def report(
     from ldbb_bayes.inference.origin import record_of
     from ldbb_bayes.inference.posterior import load
     from ldbb_bayes.inference.summary import check_probability
-    from ldbb_bayes.report.figures import corner, save_figure
+    from ldbb_bayes.report.figures import save_figure
     from ldbb_bayes.report.findings import compare_for_report
     from ldbb_bayes.report.result import sizes_of
     from ldbb_bayes.report.writing import REPORT_FILES, write_report
@@ -66,7 +66,7 @@ def report(
     if there is not None and not force:
         raise InputError(f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force.")
     if figures is not None:
-        check_target(figures, force=force, ours=_figure_files(figures))
+        check_target(figures, force=force, ours=_figure_files())
     if design is not None and tests is not None:
         raise InputError("--tests must not go with --design, got both. The design says how many.")
     if same_instrument and len(result) == 1:
@@ -86,11 +86,12 @@ def report(
             progress=progress,
         )
     if figures is not None:
-        with staged_folder(figures, force=force, ours=_figure_files(figures)) as staging:
+        with staged_folder(figures, force=force, ours=_figure_files()) as staging:
             for picture in document.pictures:
                 save_figure(picture.figure, staging, picture.key, formats=_FORMATS)
             with units_for(sizes_of(first)):
-                save_figure(corner(first), staging, "corner", formats=_FORMATS)
+                for name, draw in document.further.items():
+                    save_figure(draw(), staging, name, formats=_FORMATS)
     if as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
     else:
@@ -102,12 +103,13 @@ def report(
         raise typer.Exit(1)
 
 
-def _figure_files(folder: Path) -> tuple[str, ...]:
+def _figure_files() -> tuple[str, ...]:
     """Figures that may be replaced: those of an earlier report."""
     from ldbb_bayes.report.figures import FIGURES
 
-    known = {*FIGURES, "budget", "differences", "evidence", "compliance_with_local_fits", "expected_widths", "information"}
-    known |= {"nuisance_costs", "prior_and_posterior", "corner", "chains"}
+    known = {*FIGURES, "budget", "differences", "evidence", "compliance_with_local_fits", "geometry_with_local_fits"}
+    known |= {"predictive_p_values", "expected_widths", "information", "efficiency", "nuisance_costs", "prior_and_posterior"}
+    known |= {"alias", "correlation"}
     return tuple(f"{name}.{kind}" for name in sorted(known) for kind in _FORMATS)
 
 

@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
+from matplotlib.figure import Figure
+
+from ldbb_bayes.analysis.compared import Comparison
+from ldbb_bayes.analysis.designed import Design
 from ldbb_bayes.model.wording import joined
 from ldbb_bayes.report.document import Document, Picture
+from ldbb_bayes.report.figures import (
+    alias_map,
+    corner,
+    correlation_map,
+    efficiency,
+    expected_widths,
+    geometry_with_local_fits,
+    nuisance_costs,
+    predictive_p_values,
+    prior_and_posterior,
+)
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.sections.beside import Beside, beside, doubts
 from ldbb_bayes.report.sections.campaign import campaign
@@ -62,4 +78,24 @@ def compose(
         f"Fitted {provenance['started'][:10]} with ldbb_bayes {provenance['versions']['ldbb-bayes']}.",
     )
     doubtful = [said for other in others for said in doubts(other, found.result)]
-    return Document(f"Loaded double ball bar: {name}", lines, (*alerts(found), *doubtful), tuple(sections))
+    return Document(f"Loaded double ball bar: {name}", lines, (*alerts(found), *doubtful), tuple(sections), _further(found))
+
+
+def _further(found: Findings) -> dict[str, Callable[[], Figure]]:
+    """The analyses' other figures."""
+    own, compared, chosen = found.identifiability, found.comparison, found.design
+    figures: dict[str, Callable[[], Figure]] = {
+        "corner": partial(corner, found.posterior),
+        "prior_and_posterior": partial(prior_and_posterior, own),
+        "nuisance_costs": partial(nuisance_costs, own),
+        "alias": partial(alias_map, own),
+        "correlation": partial(correlation_map, own),
+    }
+    if isinstance(compared, Comparison) and compared.tests:
+        figures["predictive_p_values"] = partial(predictive_p_values, compared)
+    if isinstance(compared, Comparison) and not compared.local_fits.empty:
+        figures["geometry_with_local_fits"] = partial(geometry_with_local_fits, compared)
+    if isinstance(chosen, Design):
+        figures["expected_widths"] = partial(expected_widths, chosen)
+        figures["efficiency"] = partial(efficiency, chosen)
+    return figures

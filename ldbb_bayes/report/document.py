@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
 
@@ -106,12 +106,15 @@ class Document:
     alerts : tuple of str
         What a reader must know before any number.
     sections : tuple of Section
+    further : mapping of name to callable
+        Draws a figure that is not on the page.
     """
 
     title: str
     lines: tuple[str, ...]
     alerts: tuple[str, ...]
     sections: tuple[Section, ...]
+    further: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
 
     @property
     def pictures(self) -> Iterator[Picture]:

@@ -16,6 +16,7 @@ from reports import NOT_COMPARED, fitted
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.compared import Comparison
 from ldbb_bayes.cli.main import app
+from ldbb_bayes.cli.report import _figure_files
 from ldbb_bayes.cli.show import write_result
 from ldbb_bayes.report import findings
 from ldbb_bayes.report.plain import json_text
@@ -85,9 +86,10 @@ def test_figures(result: Path, comparison: Path, tmp_path: Path) -> None:
     figures = tmp_path / "figures"
     assert invoke("report", result, "--out", tmp_path, "--comparison", comparison, "--figures", figures, "--quiet") == 0
     drawn = {path.name for path in figures.iterdir()}
-    names = ("traces", "budget", "circularity", "contributions", "corner", "evidence")
+    names = ("traces", "budget", "circularity", "contributions", "corner", "evidence", "alias", "correlation", "nuisance_costs")
     assert {f"{name}.{kind}" for name in names for kind in ("svg", "png", "pdf")} <= drawn
     assert all((figures / name).stat().st_size > 1000 for name in drawn)
+    assert drawn <= set(_figure_files())
 
 
 @pytest.mark.slow

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from ldbb_bayes.report.document import Bullets, Paragraph, Part, Picture, Section
-from ldbb_bayes.report.figures.identifiability import prior_and_posterior
+from ldbb_bayes.report.document import Bullets, Paragraph, Part, Section
 from ldbb_bayes.report.findings import Findings
 
 __all__ = ["limits"]
 
 
 def limits(found: Findings) -> Section:
-    """Degeneracies with their cures, and what the readings added to the priors."""
+    """Degeneracies with their cures, and how much the readings added to the priors."""
     own = found.identifiability
     told = "The model leaves it out (least squares)." if found.flat else "Only what was assumed tells it apart."
     pairs = tuple(
@@ -34,12 +33,4 @@ def limits(found: Findings) -> Section:
                 f"{own.basis}"
             )
         )
-    parts.append(
-        Picture(
-            "prior_and_posterior",
-            "Prior and posterior density of every parameter",
-            "What was assumed (grey) and what is known after the readings, each scaled to its peak; truncation set aside.",
-            prior_and_posterior(own),
-        )
-    )
     return Section("limits", "What the data cannot tell", tuple(parts))

@@ -7,7 +7,7 @@ import numpy as np
 from ldbb_bayes.analysis.designed import Design
 from ldbb_bayes.analysis.recorded import RecordedDesign, recorded
 from ldbb_bayes.report.document import Bullets, Paragraph, Part, Picture, Section, Sheet, sheet
-from ldbb_bayes.report.figures.design import expected_widths, information
+from ldbb_bayes.report.figures.design import information
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.rounding import round_uncertainty
 from ldbb_bayes.units import display_name, display_unit
@@ -42,12 +42,6 @@ def plan(found: Findings) -> Section:
                 "How much a circle tells at every force, and the circles recommended",
                 "Where a circle tells most, and the circles recommended.",
                 information(chosen),
-            ),
-            Picture(
-                "expected_widths",
-                "Expected uncertainty of every parameter",
-                "Expected uncertainties beside those of equal steps of force.",
-                expected_widths(chosen),
             ),
         ]
     return Section("plan", title, tuple(parts))
