@@ -151,8 +151,7 @@ def _shares(information: Information, covariance: Array) -> dict[tuple[str, str]
         for source, part in noise.items():
             parts[source, source] = parts.get((source, source), 0.0) + gain.T @ part @ gain
     raw = {key: np.einsum("ij,ji->i", part, weight) for key, part in parts.items()}
-    summed = np.sum(list(raw.values()), axis=0)
-    return {key: values / summed for key, values in raw.items()}
+    return {key: values / np.diag(covariance) for key, values in raw.items()}
 
 
 def _lines(

@@ -29,6 +29,7 @@ def found(posterior: object) -> dict[str, Budget]:
 
 
 def test_shares_sum_to_one_and_give_back_the_variance(posterior: object, found: dict[str, Budget]) -> None:
+    """Nothing is divided by the sum: a source left out or counted twice would show."""
     table = lb.summarize(posterior)  # type: ignore[arg-type]
     for name, budget in found.items():
         assert sum(line.share for line in budget.contributions) == pytest.approx(1.0, abs=1e-9)
