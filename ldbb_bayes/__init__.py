@@ -19,6 +19,12 @@ _HOMES = {
     "ForceLaw": "ldbb_bayes.campaign.loading",
     "MountCompensation": "ldbb_bayes.campaign.loading",
     "Plan": "ldbb_bayes.campaign.campaign",
+    "exact_reading_mm": "ldbb_bayes.machine.forward",
+    "figures": "ldbb_bayes.report",
+    "hybrid_jacobian": "ldbb_bayes.machine.hybrid",
+    "patterns": "ldbb_bayes.machine.hybrid",
+    "least_squares": "ldbb_bayes.inference.least_squares",
+    "LeastSquares": "ldbb_bayes.inference.least_squares",
     "read_campaign": "ldbb_bayes.campaign.folder",
     "write_campaign": "ldbb_bayes.campaign.folder",
     "compensate_mount": "ldbb_bayes.campaign.prepare",
@@ -80,6 +86,7 @@ __all__ = [
     "Hysteresis",
     "Identifiability",
     "InputError",
+    "LeastSquares",
     "Machine",
     "MountCompensation",
     "ParameterIdentifiability",
@@ -97,7 +104,11 @@ __all__ = [
     "design",
     "differences",
     "embedded_campaign",
+    "exact_reading_mm",
+    "figures",
+    "hybrid_jacobian",
     "identify",
+    "least_squares",
     "load",
     "local_fits",
     "log_bayes_factor",
@@ -107,6 +118,7 @@ __all__ = [
     "mask_reversals",
     "measured_circularity",
     "nuisances",
+    "patterns",
     "preview",
     "read_campaign",
     "read_comparison",
@@ -149,6 +161,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.prepare import compensate_mount, mask_angles, mask_reversals, trim_overshoot
     from ldbb_bayes.errors import InputError
     from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
+    from ldbb_bayes.inference.least_squares import LeastSquares, least_squares
     from ldbb_bayes.inference.marginals import marginals
     from ldbb_bayes.inference.nuisances import nuisances
     from ldbb_bayes.inference.posterior import load, save
@@ -156,10 +169,13 @@ if TYPE_CHECKING:
     from ldbb_bayes.inference.stopping import StoppingRule
     from ldbb_bayes.inference.summary import summarize
     from ldbb_bayes.machine.chain import Circle, Machine
+    from ldbb_bayes.machine.forward import exact_reading_mm
+    from ldbb_bayes.machine.hybrid import hybrid_jacobian, patterns
     from ldbb_bayes.model.hybrid import HybridModel
     from ldbb_bayes.model.prior import Prior
     from ldbb_bayes.model.spec import read_model
     from ldbb_bayes.model.terms import Drift, Hysteresis
+    from ldbb_bayes.report import figures
     from ldbb_bayes.report.figures import save_figures
     from ldbb_bayes.report.writing import write_report
 
@@ -167,7 +183,8 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'ldbb_bayes' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
+    home = import_module(_HOMES[name])
+    value = getattr(home, name) if hasattr(home, name) else import_module(f"{_HOMES[name]}.{name}")
     globals()[name] = value
     return value
 

@@ -33,6 +33,7 @@ from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.collapsed import draw_parameters_given
 from ldbb_bayes.inference.evidence import check_comparable, log_bayes_factor
+from ldbb_bayes.inference.least_squares import least_squares
 from ldbb_bayes.inference.leave_one_out import LeftOut, leave_one_out, pareto_smoothed
 from ldbb_bayes.inference.marginals import moments
 from ldbb_bayes.inference.origin import campaign_of, model_of
@@ -230,8 +231,7 @@ def _least_squares_quality(model: HybridModel, campaign: Campaign) -> FitQuality
     """RMSE and fitness of the paper's least squares at the same degree; None where the forces do not determine it."""
     if campaign.force_levels < model.degree + 2:
         return None
-    bound = HybridModel.paper(model.degree).fixing(*model.fixed).bind(campaign)
-    return fit_quality(bound, np.ones((1, 1)), bound.centre[None])
+    return least_squares(campaign, model.degree, reference_force_N=model.reference_force_N, fixed=model.fixed).quality
 
 
 def _standard_error(densities: Array) -> float:

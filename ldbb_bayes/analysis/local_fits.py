@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import check_comparable
+from ldbb_bayes.inference.least_squares import least_squares
 from ldbb_bayes.inference.marginals import moments, quantiles
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.inference.summary import check_probability
@@ -69,7 +70,8 @@ def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_pro
         near, lattice = posterior.mode, posterior.lattice(_TOLERANCE)
         mean, sd = moments(posterior, lattice, spare=_SPARE)
         low, high = quantiles(posterior, lattice, levels, seed, components=_COMPONENTS)
-        squares, spread = _least_squares(constant, replace(campaign.select(names), foreseen=campaign.scope))
+        window = replace(campaign.select(names), foreseen=campaign.scope)
+        squares = least_squares(window, fixed=constant.fixed).table
         forces = bound.setting.force_N
         for j, parameter in enumerate(bound.parameters):
             rows.append(
@@ -80,8 +82,8 @@ def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_pro
                     "tests": len(names),
                     "parameter": parameter.name,
                     "unit": parameter.unit,
-                    "least_squares": squares[j],
-                    "least_squares_u": spread[j],
+                    "least_squares": squares["estimate"].iloc[j],
+                    "least_squares_u": squares["u"].iloc[j],
                     "mean": mean[j],
                     "sd": sd[j],
                     "ci_low": low[j],
@@ -114,20 +116,3 @@ def windows(campaign: Campaign, width: int) -> list[tuple[str, ...]]:
         tuple(name for name, own in zip(names, level, strict=True) if first <= own < first + width)
         for first in range(level[-1] - width + 2)
     ]
-
-
-def _least_squares(constant: HybridModel, window: Campaign) -> tuple[list[float], list[float]]:
-    """The paper's estimate (Eq. 31) of one window and its standard uncertainty from the residual scatter."""
-    bound = HybridModel.paper(0).fixing(*constant.fixed).bind(window)
-    freedom = window.readings - len(bound.names)
-    misfit = [
-        np.asarray(test.projection) - test.factor @ (bound.interest[r] @ bound.centre + bound.known_offset[r])
-        for r, test in enumerate(bound.reduced)
-    ]
-    square = sum(float(own @ own) + test.residual_ss for own, test in zip(misfit, bound.reduced, strict=True))
-    rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]) * bound.scale
-    singular, right = np.linalg.svd(rows, full_matrices=False)[1:]
-    if freedom <= 0 or len(rows) < rows.shape[1] or singular[-1] < 1e-10 * singular[0]:
-        return [float("nan")] * len(bound.names), [float("nan")] * len(bound.names)
-    spread = np.sqrt(square / freedom * ((right.T / singular) ** 2).sum(axis=1)) * bound.scale
-    return bound.centre.tolist(), spread.tolist()

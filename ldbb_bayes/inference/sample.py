@@ -139,7 +139,8 @@ def sample(
         },
     }
     checks, sensitivity = _check(bound, beta, phi, groups, np.random.default_rng(seeds[2]))
-    quality["predictive_checks"], quality["sensitivity"] = checks.as_dict(), sensitivity
+    quality["predictive_checks"], quality["misfits"] = checks.as_dict(), list(checks.misfits)
+    quality["sensitivity"] = sensitivity
     quality["verdict"] = verdict(
         converged=run.converged,
         checks=checks,

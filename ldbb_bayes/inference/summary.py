@@ -33,7 +33,7 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     -------
     DataFrame
         Columns unit, mean, sd, median, ci_low, ci_high, prior_sd, ess_bulk, ess_tail, rhat; ``attrs["verdict"]`` says in one
-        line whether the numbers can be used.
+        line whether the numbers can be used, ``attrs["fit"]`` is that judgement in parts (``misfits``, ``warnings``, …).
 
     Raises
     ------
@@ -60,7 +60,8 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
             "rhat": rhat,
         }
     table = pd.DataFrame.from_dict(rows, orient="index")
-    table.attrs["verdict"] = record_of(posterior)["fit"]["verdict"]
+    table.attrs["fit"] = record_of(posterior)["fit"]
+    table.attrs["verdict"] = table.attrs["fit"]["verdict"]
     return table
 
 

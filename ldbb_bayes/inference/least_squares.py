@@ -1,0 +1,107 @@
+"""The paper's estimate (Eq. 31): least squares of readings on the hybrid Jacobian, with RMSE and fitness (Eq. 34-35).
+
+What is published today, and what every result here is compared with. Its uncertainty knows of white noise alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.predictive import FitQuality, fit_quality
+from ldbb_bayes.model.basis import basis
+from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.notebook import table_html
+
+__all__ = ["LeastSquares", "least_squares"]
+
+Array = NDArray[Any]
+_SINGULAR = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """A least-squares estimate and how well it fits.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the residuals, as if they were white
+        noise; not a number where the readings do not determine the parameters), in inside units.
+    quality : FitQuality
+        RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35).
+    predicted_um : dict of test to ndarray, shape (n,) [µm]
+        In the order of the test's readings.
+    """
+
+    table: pd.DataFrame
+    quality: FitQuality
+    predicted_um: dict[str, Array]
+
+    @property
+    def estimate(self) -> dict[str, float]:
+        """Parameter to estimate, in inside units."""
+        return {str(name): float(value) for name, value in self.table["estimate"].items()}
+
+    def __str__(self) -> str:
+        return f"{self.table.to_string()}\nRMSE {self.quality.rmse_um:.3g} µm"
+
+    def _repr_html_(self) -> str:
+        rows = [{"parameter": name, **dict(row)} for name, row in self.table.iterrows()]
+        return table_html(f"Least squares (Eq. 31), RMSE {self.quality.rmse_um:.3g} µm", rows)
+
+
+def least_squares(
+    campaign: Campaign, degree: int = 0, *, reference_force_N: float | None = None, fixed: tuple[str, ...] = ()
+) -> LeastSquares:
+    """Estimate compliances, slopes and geometric errors by the pseudoinverse (Eq. 31).
+
+    Parameters
+    ----------
+    campaign : Campaign
+        With readings.
+    degree : {0, 1, 2}
+        Compliance constant, linear (Eq. 33) or quadratic in force.
+    reference_force_N : float, optional
+        F0; default: mid-range of the campaign's forces. 0 gives Eq. 33 literally.
+    fixed : tuple of str
+        Parameters held at zero.
+
+    Raises
+    ------
+    InputError
+        For a plan, or fewer than degree + 2 force levels.
+    """
+    check_campaign(campaign)
+    if campaign.is_plan:
+        raise InputError("least squares must have readings, got a plan. Run the tests, or simulate it.")
+    bound = HybridModel(degree, (), HybridModel.paper().prior, reference_force_N, "paper", fixed).bind(campaign)
+    centre = bound.centre
+    predicted = bound.interest @ centre + bound.known_offset
+    table = pd.DataFrame(
+        {"unit": [parameter.unit for parameter in bound.parameters], "estimate": centre, "u": _uncertainty(bound, predicted)},
+        index=list(bound.names),
+    )
+    if table["u"].isna().any():
+        table["estimate"] = np.nan
+    readings = {test.name: basis(test.angles_rad()) @ own * 1e3 for test, own in zip(campaign.tests, predicted, strict=True)}
+    return LeastSquares(table, fit_quality(bound, np.ones((1, 1)), centre[None]), readings)
+
+
+def _uncertainty(bound: BoundModel, predicted: Array) -> Array:
+    """Square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,); not a number where J is singular or as many as the readings."""
+    freedom = sum(test.readings for test in bound.reduced) - len(bound.names)
+    misfit = [np.asarray(test.projection) - test.factor @ own for test, own in zip(bound.reduced, predicted, strict=True)]
+    square = sum(float(own @ own) + test.residual_ss for own, test in zip(misfit, bound.reduced, strict=True))
+    rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]) * bound.scale
+    singular, right = np.linalg.svd(rows, full_matrices=False)[1:]
+    if freedom <= 0 or len(rows) < rows.shape[1] or singular[-1] < _SINGULAR * singular[0]:
+        return np.full(len(bound.names), np.nan)
+    return np.asarray(np.sqrt(square / freedom * ((right.T / singular) ** 2).sum(axis=1)) * bound.scale)

@@ -1,0 +1,53 @@
+"""Run the studies: `python studies` all but those run by hand, `python studies 01 04` some, `--quick` for a smaller run of each.
+
+Exit code 1 when a number that a study states is not reproduced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+BY_HAND = ("90_speed",)
+
+
+def studies() -> list[Path]:
+    """Folders with a script, in order."""
+    return sorted(path.parent for path in HERE.glob("[0-9][0-9]_*/run.py"))
+
+
+def main() -> None:
+    """Each in a process of its own; a table of seconds at the end."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("which", nargs="*", metavar="NUMBER", help="numbers of studies, for example 01 04")
+    parser.add_argument("--quick", action="store_true", help="fewer simulated campaigns are made again")
+    options = parser.parse_args()
+    known = studies()
+    unknown = [number for number in options.which if not any(path.name.startswith(number) for path in known)]
+    if unknown:
+        parser.error(f"unknown study {unknown[0]}; there are {', '.join(path.name for path in known)}")
+    chosen = [
+        path
+        for path in known
+        if (any(path.name.startswith(number) for number in options.which) if options.which else path.name not in BY_HAND)
+    ]
+    failed, seconds = [], {}
+    for path in chosen:
+        start = time.perf_counter()
+        print(f"== {path.name}", flush=True)
+        if subprocess.run(
+            [sys.executable, str(path / "run.py"), *(["--quick"] if options.quick else [])], check=False
+        ).returncode:
+            failed.append(path.name)
+        seconds[path.name] = time.perf_counter() - start
+    print("\n".join(f"{'FAILED ' if name in failed else 'ok     '}{name} {value:6.0f} s" for name, value in seconds.items()))
+    if failed:
+        sys.exit(f"Not reproduced: {', '.join(failed)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,250 @@
+"""What every study has in common: measure, compare with what is stated, write the page from the numbers.
+
+A study is a folder with
+
+    run.py          `measure(quick)` gives the numbers, `draw(results)` the figures
+    README.md.j2    the page with names in place of numbers
+    results.json    the numbers as stated      }
+    README.md       the page                   }  written by `run.py --write`
+    *.png           the figures                }
+    *.csv           simulated campaigns, one row each, where there are any
+
+`run.py` measures again and fails when a stated number is not reproduced. Of simulated campaigns it makes a part again
+(`--quick`: fewer) and compares them row by row with those kept; the page is about all that are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any, Literal
+
+import pandas as pd
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from matplotlib.figure import Figure
+from threadpoolctl import threadpool_limits
+
+__all__ = ["DATA", "Effort", "Study", "differences", "page", "replicated", "run"]
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+Effort = Literal["quick", "usual", "write"]
+Row = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Study:
+    """One study.
+
+    Attributes
+    ----------
+    folder : Path
+    measure : callable
+        Effort → numbers by name, nested.
+    draw : callable
+        Numbers → figures by file name; called by ``--write`` only.
+    tolerance : float
+        Relative, of every number; where a number is smaller than one, absolute for those named in ``absolute``.
+    absolute : dict of pattern to float
+        Numbers (paths as a/b/c) that may differ by as much.
+    once : tuple of patterns
+        What another machine cannot reproduce (seconds): shown on the page, not compared.
+    """
+
+    folder: Path
+    measure: Callable[[Effort], dict[str, Any]]
+    draw: Callable[[dict[str, Any]], Mapping[str, Figure]] = lambda results: {}
+    tolerance: float = 0.01
+    absolute: Mapping[str, float] = field(default_factory=dict)
+    once: tuple[str, ...] = ()
+
+
+def run(study: Study) -> None:
+    """The command line of every study."""
+    parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="fewer simulated campaigns are made again")
+    parser.add_argument("--write", action="store_true", help="state anew: all campaigns, results.json, README.md, figures")
+    options = parser.parse_args()
+    effort: Effort = "write" if options.write else "quick" if options.quick else "usual"
+    start = time.perf_counter()
+    results = json.loads(json.dumps(study.measure(effort)))
+    stated = study.folder / "results.json"
+    if options.write:
+        stated.write_text(json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        (study.folder / "README.md").write_text(page(study.folder), encoding="utf-8")
+        for name, figure in study.draw(results).items():
+            figure.savefig(study.folder / f"{name}.png", dpi=150)
+    wrong = differences(results, json.loads(stated.read_text(encoding="utf-8")), study)
+    if (study.folder / "README.md").read_text(encoding="utf-8") != page(study.folder):
+        wrong.append("README.md is not what README.md.j2 and results.json give: run with --write")
+    if wrong:
+        sys.exit(f"{study.folder.name}: not reproduced\n  " + "\n  ".join(wrong))
+    print(f"{study.folder.name}: reproduced in {time.perf_counter() - start:.0f} s")
+
+
+def differences(new: Any, old: Any, study: Study, path: str = "") -> list[str]:
+    """What was not reproduced, by name; what is stated and no longer measured, or the reverse."""
+    if any(fnmatch(path, pattern) for pattern in study.once):
+        return []
+    if isinstance(old, dict) and isinstance(new, dict):
+        keys = dict.fromkeys([*old, *new])
+        return [
+            text
+            for key in keys
+            for text in (
+                differences(new[key], old[key], study, f"{path}/{key}".lstrip("/"))
+                if key in new and key in old
+                else [f"{path}/{key}".lstrip("/") + (": stated, not measured" if key in old else ": measured, not stated")]
+            )
+        ]
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        return [text for k, (a, b) in enumerate(zip(new, old, strict=True)) for text in differences(a, b, study, f"{path}/{k}")]
+    if isinstance(old, float) and isinstance(new, float | int):
+        allowed = max((size for pattern, size in study.absolute.items() if fnmatch(path, pattern)), default=0.0)
+        same = math.isclose(new, old, rel_tol=study.tolerance, abs_tol=allowed) or (math.isnan(new) and math.isnan(old))
+        return [] if same else [f"{path}: {new:.6g}, stated {old:.6g}"]
+    return [] if new == old else [f"{path}: {new!r}, stated {old!r}"]
+
+
+def page(folder: Path) -> str:
+    """README.md of a study: its template filled with results.json."""
+    environment = Environment(
+        loader=FileSystemLoader(folder),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"to": _to, "sig": _sig, "of": _of, "least": _least, "most": _most, "mean": _mean}
+    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    return environment.get_template("README.md.j2").render(r=results, pm=_plus_minus)
+
+
+def _to(value: float, form: str = ".2f", factor: float = 1.0) -> str:
+    """A number with a true minus sign: ``{{ x | to("+.2f", 1e6) }}``."""
+    text = format(value * factor, form)
+    mantissa, e, exponent = text.partition("e")
+    return (mantissa + (f"e{int(exponent)}" if e else "")).replace("-", "−")
+
+
+def _sig(value: float, digits: int = 2, factor: float = 1.0) -> str:
+    """So many significant digits, written out: 0.10, 5.5, 200."""
+    size = value * factor
+    if not size:
+        return "0"
+    places = digits - 1 - math.floor(math.log10(abs(float(f"{size:.{digits - 1}e}"))))
+    return _to(round(size, places), f".{max(places, 0)}f")
+
+
+def _plus_minus(mean: float, sd: float, factor: float = 1.0, digits: int = 2) -> str:
+    """−110.9 ± 5.8: the sd to two digits, the mean to the same place."""
+    places = digits - 1 - math.floor(math.log10(abs(sd * factor)))
+    rounded = round(sd * factor, places)
+    places = digits - 1 - math.floor(math.log10(abs(rounded)))
+    form = f".{max(places, 0)}f"
+    return f"{_to(round(mean * factor, places) + 0.0, form)} ± {_to(rounded, form)}"
+
+
+def _of(table: Mapping[str, Mapping[str, float]], column: str) -> list[float]:
+    """One column of rows by name."""
+    return [row[column] for row in table.values()]
+
+
+def _values(numbers: Mapping[str, float] | Sequence[float]) -> list[float]:
+    return list(numbers.values()) if isinstance(numbers, Mapping) else list(numbers)
+
+
+def _least(numbers: Mapping[str, float] | Sequence[float]) -> float:
+    return min(_values(numbers))
+
+
+def _most(numbers: Mapping[str, float] | Sequence[float]) -> float:
+    return max(_values(numbers))
+
+
+def _mean(numbers: Mapping[str, float] | Sequence[float]) -> float:
+    return sum(_values(numbers)) / len(_values(numbers))
+
+
+def replicated(
+    path: Path,
+    job: Callable[[str, int], Row],
+    kinds: Mapping[str, int],
+    effort: Effort,
+    *,
+    again: Mapping[Effort, int],
+    tolerance: float = 0.01,
+) -> pd.DataFrame:
+    """Simulated campaigns, one row each with columns kind, seed and what ``job(kind, seed)`` gives.
+
+    ``--write`` makes all of them and keeps them in ``path``. Otherwise ``again[effort]`` of each kind are made again, and each
+    must be what is kept; all that are kept are returned.
+
+    Parameters
+    ----------
+    job : callable
+        Importable, because workers import it; the same seed gives the same row.
+    kinds : dict of kind to int
+        How many of each.
+    tolerance : float
+        Relative to each column's largest absolute value.
+    """
+    kept = None if effort == "write" else pd.read_csv(path, float_precision="round_trip")
+    jobs = [(kind, seed) for kind, count in kinds.items() for seed in range(min(count, again.get(effort, count)))]
+    made = pd.DataFrame(_on_all_cores(job, jobs))
+    if kept is None:
+        made.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
+        return pd.read_csv(path, float_precision="round_trip")
+    counts = {str(kind): int(count) for kind, count in kept["kind"].value_counts().items()}
+    if counts != dict(kinds):
+        sys.exit(f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. Run with --write.")
+    _compare(made, kept, f"{path.parent.name}/{path.name}", tolerance)
+    return kept
+
+
+def _compare(made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: float) -> None:
+    """Refuse rows that are not those kept."""
+    both = made.merge(kept, on=["kind", "seed"], suffixes=("", " kept"), how="left", validate="one_to_one")
+    numbers = [name for name in made.columns if name not in ("kind", "seed")]
+    missing = [name for name in numbers if name not in kept.columns]
+    if missing:
+        sys.exit(f"{where}: {', '.join(missing)} are not kept. Run with --write.")
+    for name in numbers:
+        scale = kept[name].abs().max()
+        off = (both[name] - both[f"{name} kept"]).abs() > tolerance * scale
+        off |= both[name].isna() != both[f"{name} kept"].isna()
+        if off.any():
+            row = both[off].iloc[0]
+            sys.exit(f"{where}: {row['kind']}, seed {row['seed']}: {name} is {row[name]:.6g}, kept {row[f'{name} kept']:.6g}")
+
+
+def _on_all_cores(job: Callable[[str, int], Row], jobs: Sequence[tuple[str, int]]) -> list[dict[str, Any]]:
+    """Rows in the order of the jobs; progress on standard error where that is a terminal."""
+    rows = []
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(os.cpu_count(), mp_context=context, initializer=_one_thread) as pool:
+        for done, row in enumerate(pool.map(_row, [job] * len(jobs), jobs)):
+            rows.append(row)
+            if sys.stderr.isatty():
+                print(
+                    f"\r{done + 1} of {len(jobs)} simulated campaigns", end="" if done + 1 < len(jobs) else "\n", file=sys.stderr
+                )
+    return rows
+
+
+def _one_thread() -> None:
+    threadpool_limits(1)
+
+
+def _row(job: Callable[[str, int], Row], which: tuple[str, int]) -> dict[str, Any]:
+    kind, seed = which
+    return {"kind": kind, "seed": seed, **{name: float(value) for name, value in job(kind, seed).items()}}

@@ -1,0 +1,123 @@
+"""What holds for every study: the page is written from the numbers, by the public interface, and the numbers are reproduced."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pandas as pd
+import pytest
+
+STUDIES = Path(__file__).parents[2] / "studies"
+FOLDERS = sorted(path.parent for path in STUDIES.glob("[0-9][0-9]_*/run.py"))
+IDS = [folder.name for folder in FOLDERS]
+# Times the machinery itself, against other packages.
+BEHIND_THE_SCENES = {"90_speed"}
+PARTS = ("**Question.**", "**Method.**", "**Answer.**", "**Limits.**")
+BY_HAND = re.compile(
+    r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}|`[^`]*`|\]\([^)]*\)|^# \d\d|^    .*$"
+    r"|\b(?:Tables?|Figs?\.|Eqs?\.|Sections?|ISO|[Oo]rders?|degree|Python|schema) (?:[\d()]+(?:, | and | to |–|-)?)+"
+    r"|[A-Za-z_(]+\d[\w)]*|(?:cos|sin) ?\dθ|\b95 %|²|³|χ²",
+    re.DOTALL | re.MULTILINE,
+)
+
+
+@pytest.fixture(scope="module")
+def study() -> ModuleType:
+    sys.path.insert(0, str(STUDIES))
+    import study
+
+    return study
+
+
+def numbers_by_hand(template: str) -> list[str]:
+    """Digits of a template that do not come from results.json, and are no name."""
+    return [line.strip() for line in BY_HAND.sub(" ", template).splitlines() if re.search(r"\d", line)]
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=IDS)
+def test_the_page_is_written_from_the_numbers(folder: Path, study: ModuleType) -> None:
+    assert (folder / "README.md").read_text(encoding="utf-8") == study.page(folder)
+    assert numbers_by_hand((folder / "README.md.j2").read_text(encoding="utf-8")) == []
+
+
+def test_a_number_by_hand_is_seen() -> None:
+    (line,) = numbers_by_hand("Of {{ r.count }} campaigns 17 % fail, as in Table 4 and `f036`.")
+    assert re.findall(r"\d+", line) == ["17"]
+    assert numbers_by_hand("E_XX1 and cos 4θ in Tables 5 to 8 of ISO 230") == []
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=IDS)
+def test_the_form_of_a_page(folder: Path) -> None:
+    text = (folder / "README.md").read_text(encoding="utf-8")
+    assert text.startswith(f"# {folder.name[:2]} ")
+    assert [part for part in PARTS if part not in text] == []
+    assert f"python studies/{folder.name}/run.py" in text
+    for name in re.findall(r"\]\(([^)]+\.png)\)", text):
+        assert (folder / name).is_file(), name
+
+
+@pytest.mark.parametrize("folder", [f for f in FOLDERS if f.name not in BEHIND_THE_SCENES], ids=lambda f: f.name)
+def test_studies_use_the_public_interface_only(folder: Path) -> None:
+    for path in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                assert not (node.module or "").startswith("ldbb_bayes"), f"{path.name}: {node.module}"
+            if isinstance(node, ast.Import):
+                assert all(alias.name.split(".")[0] != "ldbb_bayes" or alias.name == "ldbb_bayes" for alias in node.names)
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "lb":
+                assert not node.attr.startswith("_"), f"{path.name}: lb.{node.attr}"
+
+
+def test_differences_are_seen(study: ModuleType) -> None:
+    made = study.Study(Path(), lambda effort: {}, tolerance=0.01, absolute={"share/*": 0.02}, once=("seconds/*",))
+    stated = {"a": 1.0, "share": {"x": 0.0}, "seconds": {"s": 1.0}, "word": "yes", "list": [1.0, 2.0]}
+
+    def wrong(**new: object) -> list[str]:
+        return study.differences(json.loads(json.dumps(stated | new)), stated, made)
+
+    assert wrong(a=1.009, share={"x": 0.019}, seconds={"s": 9.0}) == []
+    assert wrong(a=1.02) == ["a: 1.02, stated 1"]
+    assert wrong(a=float("nan")) == ["a: nan, stated 1"]
+    assert wrong(share={"x": 0.03}) == ["share/x: 0.03, stated 0"]
+    assert wrong(word="no") == ["word: 'no', stated 'yes'"]
+    assert wrong(list=[1.0, 2.1]) == ["list/1: 2.1, stated 2"]
+    assert wrong(list=[1.0]) == ["list: [1.0], stated [1.0, 2.0]"]
+    assert wrong(more=1.0) == ["more: measured, not stated"]
+    assert study.differences({"a": 1.0}, {"a": 1.0, "b": 2.0}, made) == ["b: stated, not measured"]
+
+
+def test_simulated_campaigns_that_differ_are_refused(study: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    kept = pd.DataFrame({"kind": ["a", "a"], "seed": [0, 1], "x": [1.0, 2.0]})
+    study._compare(kept.assign(x=[1.0, 2.01]), kept, "here", 0.01)
+    for other in (kept.assign(x=[1.0, 2.03]), kept.assign(x=[1.0, float("nan")]), kept.assign(y=1.0)):
+        with pytest.raises(SystemExit, match="here"):
+            study._compare(other, kept, "here", 0.01)
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "expected"),
+    [(0.0996, 2, "0.10"), (198.09, 2, "200"), (-5.46, 2, "−5.5"), (0.0, 2, "0"), (0.995, 2, "1.0")],
+)
+def test_significant_digits(study: ModuleType, value: float, digits: int, expected: str) -> None:
+    assert study._sig(value, digits) == expected
+
+
+@pytest.mark.parametrize(
+    ("mean", "sd", "expected"),
+    [(-129.7, 0.395, "−129.70 ± 0.40"), (1.056, 14.46, "1 ± 14"), (434.0, 133.6, "430 ± 130"), (0.0, 0.996, "0.0 ± 1.0")],
+)
+def test_mean_and_sd(study: ModuleType, mean: float, sd: float, expected: str) -> None:
+    assert study._plus_minus(mean, sd) == expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", [f for f in FOLDERS if f.name != "90_speed"], ids=lambda f: f.name)
+def test_reproduced(folder: Path) -> None:
+    done = subprocess.run([sys.executable, str(folder / "run.py"), "--quick"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
