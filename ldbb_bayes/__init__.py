@@ -33,6 +33,7 @@ _HOMES = {
     "trim_overshoot": "ldbb_bayes.campaign.prepare",
     "InputError": "ldbb_bayes.errors",
     "preview": "ldbb_bayes.analysis.preview",
+    "Validation": "ldbb_bayes.analysis.validation",
     "validate": "ldbb_bayes.analysis.validation",
     "log_evidence": "ldbb_bayes.inference.evidence",
     "marginals": "ldbb_bayes.inference.marginals",
@@ -93,6 +94,7 @@ __all__ = [
     "Plan",
     "Prior",
     "StoppingRule",
+    "Validation",
     "__version__",
     "belonging",
     "budgets",
@@ -152,7 +154,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.machine import describe
     from ldbb_bayes.analysis.preview import preview
     from ldbb_bayes.analysis.recorded import read_comparison, read_design
-    from ldbb_bayes.analysis.validation import validate
+    from ldbb_bayes.analysis.validation import Validation, validate
     from ldbb_bayes.campaign.campaign import Campaign, Plan
     from ldbb_bayes.campaign.circular_test import CircularTest
     from ldbb_bayes.campaign.embedded import embedded_campaign

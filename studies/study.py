@@ -34,7 +34,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
-__all__ = ["DATA", "Effort", "Study", "differences", "page", "replicated", "run"]
+__all__ = ["DATA", "Effort", "Study", "differences", "kept", "page", "pages", "replicated", "run"]
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 Effort = Literal["quick", "usual", "write"]
@@ -80,12 +80,14 @@ def run(study: Study) -> None:
     stated = study.folder / "results.json"
     if options.write:
         stated.write_text(json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-        (study.folder / "README.md").write_text(page(study.folder), encoding="utf-8")
+        for name in pages(study.folder):
+            (study.folder / name).write_text(page(study.folder, name), encoding="utf-8")
         for name, figure in study.draw(results).items():
             figure.savefig(study.folder / f"{name}.png", dpi=150)
     wrong = differences(results, json.loads(stated.read_text(encoding="utf-8")), study)
-    if (study.folder / "README.md").read_text(encoding="utf-8") != page(study.folder):
-        wrong.append("README.md is not what README.md.j2 and results.json give: run with --write")
+    for name in pages(study.folder):
+        if (study.folder / name).read_text(encoding="utf-8") != page(study.folder, name):
+            wrong.append(f"{name} is not what {name}.j2 and results.json give: run with --write")
     if wrong:
         sys.exit(f"{study.folder.name}: not reproduced\n  " + "\n  ".join(wrong))
     print(f"{study.folder.name}: reproduced in {time.perf_counter() - start:.0f} s")
@@ -115,8 +117,13 @@ def differences(new: Any, old: Any, study: Study, path: str = "") -> list[str]:
     return [] if new == old else [f"{path}: {new!r}, stated {old!r}"]
 
 
-def page(folder: Path) -> str:
-    """README.md of a study: its template filled with results.json."""
+def pages(folder: Path) -> list[str]:
+    """Pages of a study: README.md and what it links to."""
+    return sorted(path.stem for path in folder.glob("*.md.j2"))
+
+
+def page(folder: Path, name: str = "README.md") -> str:
+    """A page of a study: its template filled with results.json."""
     environment = Environment(
         loader=FileSystemLoader(folder),
         undefined=StrictUndefined,
@@ -126,7 +133,7 @@ def page(folder: Path) -> str:
     )
     environment.filters |= {"to": _to, "sig": _sig, "of": _of, "least": _least, "most": _most, "mean": _mean}
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-    return environment.get_template("README.md.j2").render(r=results, pm=_plus_minus)
+    return environment.get_template(f"{name}.j2").render(r=results, pm=_plus_minus)
 
 
 def _to(value: float, form: str = ".2f", factor: float = 1.0) -> str:
@@ -198,17 +205,21 @@ def replicated(
     tolerance : float
         Relative to each column's largest absolute value.
     """
-    kept = None if effort == "write" else pd.read_csv(path, float_precision="round_trip")
     jobs = [(kind, seed) for kind, count in kinds.items() for seed in range(min(count, again.get(effort, count)))]
-    made = pd.DataFrame(_on_all_cores(job, jobs))
-    if kept is None:
+    return kept(path, pd.DataFrame(_on_all_cores(job, jobs)), kinds, effort, tolerance=tolerance)
+
+
+def kept(path: Path, made: pd.DataFrame, kinds: Mapping[str, int], effort: Effort, *, tolerance: float = 0.01) -> pd.DataFrame:
+    """Keep the rows made (``--write``), or compare them with those kept; returns all that are kept, see `replicated`."""
+    if effort == "write":
         made.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
         return pd.read_csv(path, float_precision="round_trip")
-    counts = {str(kind): int(count) for kind, count in kept["kind"].value_counts().items()}
+    known = pd.read_csv(path, float_precision="round_trip")
+    counts = {str(kind): int(count) for kind, count in known["kind"].value_counts().items()}
     if counts != dict(kinds):
         sys.exit(f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. Run with --write.")
-    _compare(made, kept, f"{path.parent.name}/{path.name}", tolerance)
-    return kept
+    _compare(made, known, f"{path.parent.name}/{path.name}", tolerance)
+    return known
 
 
 def _compare(made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: float) -> None:

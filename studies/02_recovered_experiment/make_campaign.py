@@ -16,21 +16,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.campaign.folder import write_campaign_into
-from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.machine.jacobian import geometric_jacobian, wrench_jacobian
-from ldbb_bayes.machine.kept import kept_compliances
-from ldbb_bayes.machine.names import wrench_names
-from ldbb_bayes.model.gaussian import LinearGaussian
+import ldbb_bayes as lb
 
-HERE = Path(__file__).resolve().parent
-TABLES = HERE.parents[1] / "data" / "published_tables"
+TABLES = Path(__file__).resolve().parents[2] / "data" / "published_tables"
 FORCES_N = np.array([36.0, 238.0, 364.0, 490.0, 616.0, 742.0])
 PRESSURES_BAR = np.array([0.4, 2.0, 3.0, 4.0, 5.0, 6.0])
 READINGS = 720
 SEED = 20_24
+WEAK_UM = 0.5
 OUT_OF_BAND_RMS_UM, WHITE_UM, DISCREPANCY_UM = 0.60, 0.12, 0.27
 
 
@@ -77,20 +70,11 @@ def harmonics(angle_rad: np.ndarray) -> np.ndarray:
     return np.column_stack([*columns, np.cos(4 * angle_rad)])
 
 
-def hybrid_columns(force_N: float, angle_rad: np.ndarray) -> np.ndarray:
-    """The paper's 13 columns (Eq. 28): six compliances, seven geometric errors."""
-    machine, circle = Machine(), Circle()
-    labels = [name.label for name in wrench_names(machine)]
-    index = [labels.index(name.label) for name in kept_compliances(machine, circle).names]
-    wrench = wrench_jacobian(machine, circle, angle_rad)[:, index]
-    return np.hstack([force_N * wrench, geometric_jacobian(machine, circle, angle_rad)])
-
-
 def estimation_map(forces_N: tuple[float, ...]) -> np.ndarray:
     """Eq. 31 as a map from the 48 harmonic coefficients to the 13 parameters."""
     angle = np.arange(READINGS) * 2 * np.pi / READINGS
     basis = harmonics(angle)
-    jacobian = np.vstack([hybrid_columns(force, angle) for force in forces_N])
+    jacobian = np.vstack([lb.hybrid_jacobian(lb.Machine(), lb.Circle(), angle, force) for force in forces_N])
     scale = np.linalg.norm(jacobian, axis=0)
     pseudo_inverse = np.linalg.pinv(jacobian / scale, rcond=1e-12) / scale[:, None]
     mapping = np.zeros((13, FORCES_N.size, 8))
@@ -99,18 +83,57 @@ def estimation_map(forces_N: tuple[float, ...]) -> np.ndarray:
     return mapping.reshape(13, -1)
 
 
-def recover() -> tuple[np.ndarray, np.ndarray, list[Printed], np.ndarray]:
-    """Posterior mean and sd of the harmonics [µm], shape (6, 8), the printed numbers, and what the mean returns for them."""
+@dataclass(frozen=True)
+class Recovered:
+    """Gaussian posterior of the 48 harmonics given the printed numbers.
+
+    Attributes
+    ----------
+    mean, covariance : ndarray, shapes (48,), (48, 48) [µm, µm²]
+        Order: force, then harmonic.
+    numbers : list of Printed
+    jacobian : ndarray, shape (78, 48)
+        Printed number per µm of a harmonic.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    numbers: list[Printed]
+    jacobian: np.ndarray
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Of every harmonic, shape (48,) [µm]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def misses(self) -> np.ndarray:
+        """What the mean returns minus what is printed, in half-units of the last printed digit, shape (78,)."""
+        printed, unit = (np.array([getattr(n, name) for n in self.numbers]) for name in ("value", "half_unit"))
+        return (self.jacobian @ self.mean - printed) / unit
+
+    @property
+    def open_directions(self) -> np.ndarray:
+        """Orthonormal directions in which no printed number changes, shape (k, 48)."""
+        unit = np.array([number.half_unit for number in self.numbers])
+        singular, right = np.linalg.svd(self.jacobian / unit[:, None])[1:]
+        return right[np.concatenate([singular, np.zeros(len(right) - len(singular))]) < 1e-8 * singular[0]]
+
+
+def recover() -> Recovered:
+    """The 78 printed numbers, known to half-unit/√3 each, and the weak prior: each harmonic = a + bF + N(0, 0.5 µm)."""
     numbers = printed_numbers()
     maps = {forces: estimation_map(forces) for forces in {number.forces_N for number in numbers}}
     jacobian = np.array([maps[number.forces_N][number.parameter] for number in numbers]) * 1e-3
     lever = (FORCES_N - 389.0) / 353.0
-    across = 20.0**2 + 30.0**2 * np.outer(lever, lever) + 0.5**2 * np.eye(FORCES_N.size)
+    across = 20.0**2 + 30.0**2 * np.outer(lever, lever) + WEAK_UM**2 * np.eye(FORCES_N.size)
     unit = np.array([number.half_unit for number in numbers]) / np.sqrt(3.0)
-    model = LinearGaussian(jacobian / unit[:, None], np.ones(len(unit)), np.zeros(48), np.kron(across, np.eye(8)))
-    posterior = model.posterior(np.array([number.value for number in numbers]) / unit)
-    shape = (FORCES_N.size, 8)
-    return posterior.mean.reshape(shape), posterior.sd.reshape(shape), numbers, jacobian @ posterior.mean
+    root = np.kron(np.linalg.cholesky(across), np.eye(8))
+    left, singular, right = np.linalg.svd(jacobian @ root / unit[:, None], full_matrices=True)
+    singular = np.concatenate([singular, np.zeros(48 - len(singular))])
+    along = left.T[:48] @ (np.array([number.value for number in numbers]) / unit)
+    spread = root @ right.T / np.sqrt(1.0 + singular**2)
+    return Recovered(spread @ (along * singular / np.sqrt(1.0 + singular**2)), spread @ spread.T, numbers, jacobian)
 
 
 def synthetic_um(angle_rad: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -140,32 +163,31 @@ def synthetic_um(angle_rad: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return rest + size * form
 
 
-def make_campaign() -> Campaign:
+def make_campaign() -> lb.Campaign:
     """The recovered experiment: 720 readings per circle, clockwise."""
-    mean, _, _, _ = recover()
+    return campaign_of(recover().mean)
+
+
+def campaign_of(harmonics_um: np.ndarray) -> lb.Campaign:
+    """The campaign with these 48 harmonics, 720 readings per circle, and the same synthetic part."""
     angle_deg = 360.0 - 0.5 * np.arange(READINGS)
     angle = np.deg2rad(angle_deg)
-    readings = mean @ harmonics(angle).T + synthetic_um(angle, np.random.default_rng(SEED))
+    readings = harmonics_um.reshape(FORCES_N.size, 8) @ harmonics(angle).T + synthetic_um(angle, np.random.default_rng(SEED))
     tests = tuple(
-        CircularTest(float(force), angle_deg, reading, float(pressure), f"f{force:03.0f}", "CW")
+        lb.CircularTest(float(force), angle_deg, reading, float(pressure), f"f{force:03.0f}", "CW")
         for force, pressure, reading in zip(FORCES_N, PRESSURES_BAR, readings, strict=True)
     )
-    return Campaign(tests, name="wCAFYXZSt, recovered experiment", feed_mm_per_min=2000.0)
+    return lb.Campaign(tests, name="wCAFYXZSt, recovered experiment", feed_mm_per_min=2000.0)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder to write the campaign to")
     out = parser.parse_args().out
-    mean, sd, numbers, returned = recover()
-    worst = max(abs(value - number.value) / number.half_unit for number, value in zip(numbers, returned, strict=True))
+    found = recover()
     campaign = make_campaign()
-    out.mkdir(parents=True, exist_ok=True)
-    write_campaign_into(campaign, out)
-    print(f"{len(numbers)} printed numbers returned, worst {worst:.3f} half-units")
-    print(pd.DataFrame(mean, index=FORCES_N, columns=["1", "c1", "s1", "c2", "s2", "c3", "s3", "c4"]).round(3).to_string())
-    print("sd (um)")
-    print(pd.DataFrame(sd, index=FORCES_N).round(3).to_string())
+    lb.write_campaign(campaign, out, force=True)
+    print(f"{len(found.numbers)} printed numbers returned, worst {np.abs(found.misses).max():.3f} half-units")
     print(f"SHA-256 {campaign.sha256}")
 
 

@@ -1,4 +1,7 @@
-"""Every figure is a function of a posterior (or of another result) that returns a matplotlib Figure."""
+"""Every figure is a function of a posterior (or of another result) that returns a matplotlib Figure.
+
+PALETTE, force_colours, new_figure and styled are for figures of one's own in the same style.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +31,11 @@ from ldbb_bayes.report.figures.design import efficiency, expected_widths, inform
 from ldbb_bayes.report.figures.differences import difference_forest
 from ldbb_bayes.report.figures.identifiability import alias_map, correlation_map, nuisance_costs, prior_and_posterior
 from ldbb_bayes.report.figures.parameters import compliance_against_force, corner, forest
+from ldbb_bayes.report.figures.style import PALETTE, force_colours, new_figure, styled
 
 __all__ = [
     "FIGURES",
+    "PALETTE",
     "alias_map",
     "budget_bars",
     "chains",
@@ -45,10 +50,12 @@ __all__ = [
     "efficiency",
     "evidence",
     "expected_widths",
+    "force_colours",
     "forest",
     "geometric_atlas",
     "geometry_with_local_fits",
     "information",
+    "new_figure",
     "nuisance_costs",
     "parameter_contributions",
     "predictive",
@@ -58,6 +65,7 @@ __all__ = [
     "residuals",
     "save_figure",
     "save_figures",
+    "styled",
     "traces",
     "trade_off",
 ]
