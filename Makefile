@@ -1,5 +1,6 @@
 # make demo    what the package does, on the embedded campaign
 # make test    the fast tests
+# make studies the studies; fails when a number they state is not reproduced (half an hour; QUICK=1: minutes)
 # make lint, make test-slow, make clean
 # Everything runs in its own .venv; it needs Python 3.11 or newer with venv, and nothing else.
 
@@ -8,7 +9,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 STAMP = $(VENV)/.installed
 
-.PHONY: demo test lint test-slow clean
+.PHONY: demo test lint test-slow studies clean
 
 demo: $(STAMP)
 	$(BIN)/ldbb-bayes demo --force
@@ -18,6 +19,9 @@ test: $(STAMP)
 
 test-slow: $(STAMP)
 	$(BIN)/python -m pytest -m slow -n auto
+
+studies: $(STAMP)
+	$(BIN)/python studies $(if $(QUICK),--quick)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

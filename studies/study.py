@@ -123,7 +123,7 @@ def pages(folder: Path) -> list[str]:
 
 
 def page(folder: Path, name: str = "README.md") -> str:
-    """A page of a study: its template filled with results.json."""
+    """A page of a study: its template filled with results.json (as ``r``), and with other JSON files under their names."""
     environment = Environment(
         loader=FileSystemLoader(folder),
         undefined=StrictUndefined,
@@ -132,8 +132,8 @@ def page(folder: Path, name: str = "README.md") -> str:
         keep_trailing_newline=True,
     )
     environment.filters |= {"to": _to, "sig": _sig, "of": _of, "least": _least, "most": _most, "mean": _mean}
-    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-    return environment.get_template(f"{name}.j2").render(r=results, pm=_plus_minus)
+    numbers = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
+    return environment.get_template(f"{name}.j2").render(numbers, r=numbers["results"], pm=_plus_minus)
 
 
 def _to(value: float, form: str = ".2f", factor: float = 1.0) -> str:

@@ -49,26 +49,32 @@ def pairs() -> Mapping[Pair, lb.LeastSquares]:
     return {(low, high): lb.least_squares(campaign().select([low, high])) for low, high in pairwise(names)}
 
 
+def named_directions(found: Recovered) -> dict[str, np.ndarray]:
+    """Orthonormal open directions by name, each (48,): the unseen parts of three harmonics of the lowest force."""
+    projector = found.open_directions.T @ found.open_directions
+    exchanges = ("exchange of cos θ and cos 3θ", "exchange of sin θ and sin 3θ")
+    unseen = {name: projector[:, 1 + k] for k, name in enumerate(exchanges)}
+    unseen |= {"cos 4θ at the lowest force": projector[:, 7]}
+    return {name: own / np.linalg.norm(own) for name, own in unseen.items()}
+
+
 def open_directions(found: Recovered) -> dict[str, Any]:
     """What the tables leave open, and how far the weak prior narrows it."""
-    along = found.open_directions
+    named = named_directions(found)
+    basis = np.array(list(named.values()))
+    zero = found.mean - basis.T @ (basis @ found.mean)
+    sd = {name: float(np.sqrt(own @ found.covariance @ own)) for name, own in named.items()}
     alternate = np.array([1.0, -1.0] * 3)
-    named = {
-        name: np.outer(alternate, [0.0, *shape]).ravel()
-        for name, shape in (
-            ("cos θ and cos 3θ together", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)),
-            ("sin θ against sin 3θ", (0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0)),
-        )
+    expected = {
+        name: np.outer(alternate, [0.0, *shape]).ravel() / np.sqrt(2 * FORCES_N.size)
+        for name, shape in zip(named, ((1, 0, 0, 0, 1, 0, 0), (0, 1, 0, 0, 0, -1, 0)), strict=False)
     }
-    lowest = np.zeros((6, 8))
-    lowest[0, 7] = 1.0
-    named["cos 4θ at the lowest force"] = lowest.ravel()
-    zero = found.mean - along.T @ (along @ found.mean)
     return {
-        "count": len(along),
-        "exchange_sd_um": float(_sds(found, along)[1]),
-        "exchange_in_one_um": float(_sds(found, along)[1] / np.sqrt(2 * FORCES_N.size)),
-        "share_inside": {name: float(np.linalg.norm(along @ own) / np.linalg.norm(own)) for name, own in named.items()},
+        "count": len(found.open_directions),
+        "orthonormal": bool(np.allclose(basis @ basis.T, np.eye(len(basis)), atol=1e-6)),
+        "sd_um": sd,
+        "in_one_um": next(iter(sd.values())) / float(np.sqrt(2 * FORCES_N.size)),
+        "alternating": {name: bool(np.allclose(named[name], own, atol=1e-4)) for name, own in expected.items()},
         "cos4_at_lowest_um": {"recovered": float(found.mean[7]), "sd": float(found.sd[7]), "set to zero": float(zero[7])},
         "largest_other_change_um": float(np.abs(np.delete(zero - found.mean, 7)).max()),
     }
@@ -81,20 +87,13 @@ def _determined_to(found: Recovered) -> float:
     return float(np.sqrt(np.diag(rest @ found.covariance @ rest)).max())
 
 
-def _sds(found: Recovered, along: np.ndarray) -> np.ndarray:
-    """Sds of the open part along its own principal directions, largest first, shape (k,) [µm]."""
-    return np.sqrt(np.linalg.eigvalsh(along @ found.covariance @ along.T))[::-1]
-
-
 def completions(found: Recovered) -> dict[str, Any]:
     """Posterior of what depends most on the completion, under the default model with constant compliance."""
-    along = found.open_directions
-    size, turn = np.linalg.eigh(along @ found.covariance @ along.T)
-    made = {"as recovered": found.mean, "set to zero": found.mean - along.T @ (along @ found.mean)}
-    for k in range(len(along)):
-        step = np.sqrt(size[k]) * along.T @ turn[:, k]
-        what = ("second exchange of orders 1 and 3", "first exchange of orders 1 and 3", "cos 4θ at the lowest force")[k]
-        made |= {f"{what}, {word}": found.mean + sign * step for word, sign in (("+ 1 u", 1.0), ("− 1 u", -1.0))}
+    named = named_directions(found)
+    made = {"as recovered": found.mean, "set to zero": found.mean - sum((own @ found.mean) * own for own in named.values())}
+    for name, own in named.items():
+        step = np.sqrt(own @ found.covariance @ own) * own
+        made |= {f"{name}, {word}": found.mean + sign * step for word, sign in (("+ 1 u", 1.0), ("− 1 u", -1.0))}
     rows = {}
     for name, values in made.items():
         table = lb.marginals(CONSTANT, campaign_of(values), tolerance=1e-2)

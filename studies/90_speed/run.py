@@ -33,7 +33,10 @@ from ldbb_bayes.model.bound import BoundModel
 
 Array = NDArray[Any]
 Run = Callable[[int], tuple[Array, float]]
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+from study import page  # noqa: E402
+
 REFERENCE = "NumPyro NUTS"
 PACKAGES = ("numpy", "scipy", "emcee", "jax", "numpyro", "pymc", "nutpie")
 
@@ -184,7 +187,7 @@ def table(results: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Measure, then write results.json and table.md."""
+    """Measure, then write results.json, table.md and README.md."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="no peers, small sizes")
     parser.add_argument("--repeats", type=int, default=5)
@@ -207,6 +210,8 @@ def main() -> None:
     (options.out / "results.json").write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     (options.out / "table.md").write_text(table(results), encoding="utf-8")
     print(table(results))
+    if options.out == HERE:
+        (HERE / "README.md").write_text(page(HERE), encoding="utf-8")
 
 
 def _bulk_ess(chain: Array) -> float:

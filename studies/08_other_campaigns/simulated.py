@@ -1,0 +1,59 @@
+"""Campaigns of several radii, directions and planes, everything drawn from its prior: what the analysis says of the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from plans import MODEL, both_directions, one_radius, three_planes, two_radii
+
+import ldbb_bayes as lb
+
+CLOCKWISE_HALF = "its clockwise half"
+PLANS = {"one radius": one_radius, "two radii": two_radii, "both directions": both_directions, "three planes": three_planes}
+SHOWN = ("E_C0YX", "E_YX2", "E_XY2", "C_XYX", "C_XXX")
+FIRST_SEED = 5000
+LEVEL = 0.95
+
+
+def analysed(kind: str, seed: int) -> Mapping[str, float]:
+    """Of every parameter the posterior probability below the truth; of those shown u and error (mean − truth) as well."""
+    plan = both_directions() if kind == CLOCKWISE_HALF else PLANS[kind]()
+    made = MODEL.simulate(plan, seed=FIRST_SEED + seed)
+    campaign = made.campaign
+    if kind == CLOCKWISE_HALF:
+        campaign = campaign.select([test.name for test in campaign.tests if test.direction == "CW"])
+    draws = lb.sample(MODEL, campaign, sampler="quadrature", seed=seed)["posterior"]
+    row = {}
+    for name, truth in made.parameters.items():
+        values = draws[name].to_numpy().ravel()
+        row[f"{name} below"] = np.mean(values < truth)
+        if name in SHOWN:
+            row |= {f"{name} u": values.std(), f"{name} error": values.mean() - truth}
+    return row
+
+
+def summary(rows: pd.DataFrame) -> dict[str, Any]:
+    """Coverage of every parameter; root mean squares of u and error of those shown."""
+    found: dict[str, Any] = {}
+    for kind, own in rows.groupby("kind"):
+        own = own.dropna(axis="columns")
+        below = own.filter(regex=" below$").rename(columns=lambda name: name.removesuffix(" below"))
+        inside = ((below - 0.5).abs() < 0.5 * LEVEL).mean()
+        shown = [name for name in SHOWN if f"{name} u" in own]
+        found[str(kind)] = {
+            "campaigns": len(own),
+            "parameters": len(inside),
+            "coverage": {str(name): float(value) for name, value in inside.items()},
+            "shown": {
+                name: {
+                    "u": float(np.sqrt((own[f"{name} u"] ** 2).mean())),
+                    "error": float(np.sqrt((own[f"{name} error"] ** 2).mean())),
+                    "coverage": float(inside[name]),
+                }
+                for name in shown
+            },
+        }
+    return found
