@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -130,3 +132,39 @@ def test_published_tables_are_as_printed(root: Path) -> None:
     assert table.loc["E_YY1", "estimated"] == "-2.2195E-04"
     assert table.loc["E_YY1", "percent_difference"] == "0.8863"
     assert printed(root, "table_9_fitness").shape == (6, 4)
+
+
+@pytest.fixture(scope="module")
+def results(root: Path) -> dict[str, Any]:
+    return dict(json.loads((root / "studies" / "02_recovered_experiment" / "results.json").read_text(encoding="utf-8")))
+
+
+def test_what_the_study_states(results: dict[str, Any]) -> None:
+    """78 numbers, 45 of 48 dimensions, cos 4θ at 36 N, and that least squares sees none of the open directions."""
+    assert (results["printed_numbers"], results["dimensions"], results["determined"]) == (78, 48, 45)
+    assert sum(len(rows) for rows in results["tables"].values()) == 78
+    assert max(row["half_units"] for rows in results["tables"].values() for row in rows) <= 1.05
+    lowest = results["open"]["cos4_at_lowest_um"]
+    assert lowest["set to zero"] == pytest.approx(0.26, abs=0.005)
+    assert lowest["sd"] == pytest.approx(0.7, abs=0.05)
+    assert results["open"]["orthonormal"]
+    assert all(results["open"]["alternating"].values())
+    assert results["completions"]["least_squares_unchanged"]
+
+
+def test_table_9_follows_from_the_rmse_of_all_circles(results: dict[str, Any]) -> None:
+    """The printed columns themselves: misfits linear to constant in the ratio of the printed RMSE, 0.9 to 1.1, at every force."""
+    table = results["table_9"]
+    for row in table["rows"].values():
+        low = (100.0 - row["linear"]["printed"] - 0.05) / (100.0 - row["constant"]["printed"] + 0.05)
+        high = (100.0 - row["linear"]["printed"] + 0.05) / (100.0 - row["constant"]["printed"] - 0.05)
+        assert low < table["rmse_ratio"] + 0.01
+        assert high > 0.9 / 1.1
+    assert table["worst"]["constant"]["all"] < 0.7 < table["worst"]["constant"]["own"]
+
+
+def test_figures_8_to_14(results: dict[str, Any]) -> None:
+    """All but Fig. 12 within two units of the last printed digit."""
+    off = [row["figure"] for row in results["figure_values"] if row["units_of_last_digit"] > 2.0]
+    assert off == ["12"]
+    assert len(results["figure_values"]) == 31
