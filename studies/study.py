@@ -69,16 +69,17 @@ class Study:
 
 
 def run(study: Study) -> None:
-    """The command line of every study."""
+    """The command line of every study: measure and compare with what is stated; ``--write`` and ``--restate`` state anew."""
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer simulated campaigns are made again")
     parser.add_argument("--write", action="store_true", help="state anew: all campaigns, results.json, README.md, figures")
+    parser.add_argument("--restate", action="store_true", help="the same, but of simulated campaigns those kept are taken")
     options = parser.parse_args()
     effort: Effort = "write" if options.write else "quick" if options.quick else "usual"
     start = time.perf_counter()
     results = json.loads(json.dumps(study.measure(effort)))
     stated = study.folder / "results.json"
-    if options.write:
+    if options.write or options.restate:
         stated.write_text(json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         for name in pages(study.folder):
             (study.folder / name).write_text(page(study.folder, name), encoding="utf-8")
