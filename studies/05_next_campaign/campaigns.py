@@ -1,0 +1,167 @@
+"""The recommended designs run in simulation and analysed as any campaign: widths, coverage, and whether slopes are found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import designs
+import numpy as np
+import pandas as pd
+
+import ldbb_bayes as lb
+
+WIDTHS = {"recommended six": 200, "the paper's six": 200, "nine, two radii": 200, "nine, both balls clocked": 200}
+DECISIONS = {
+    "settling: constant": 200,
+    "settling: slopes": 200,
+    "settling: equal slopes": 200,
+    "settling: equal slopes, zero kept": 200,
+    "C_XYX_1: absent": 200,
+    "C_XYX_1: there": 200,
+    "C_XYX_1: equal slopes": 200,
+}
+DECISIVE = 5.0
+HYPERS = ("sigma", "delta", "kappa", "tau")
+EQUAL = ("C_XXX_1", "C_YYY_1")
+SOUGHT = "C_XYX_1"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Parameters [inside units] and hyper-parameters [µm]."""
+
+    parameters: dict[str, float]
+    hyper_um: dict[str, float]
+
+
+@cache
+def posterior(degree: int) -> dict[str, Any]:
+    """Independent draws from the posterior of the recovered experiment, by name, shape (draws,)."""
+    tree = lb.sample(lb.HybridModel.default(degree), designs.pilot(), sampler="quadrature", seed=1)
+    return {str(name): values.to_numpy().ravel() for name, values in tree["posterior"].data_vars.items()}
+
+
+def truth(degree: int, seed: int) -> Truth:
+    """One draw of it."""
+    drawn = {name: float(values[seed]) for name, values in posterior(degree).items()}
+    parameters = {name: value for name, value in drawn.items() if name not in HYPERS}
+    return Truth(parameters, {name: 1e3 * drawn[name] for name in HYPERS})
+
+
+def equal_slope() -> float:
+    """Posterior mean of (C_XXX_1 + C_YYY_1) / 2 after the recovered experiment [mm/N²]."""
+    return float(np.mean([posterior(1)[name].mean() for name in EQUAL]))
+
+
+@cache
+def plan_of(kind: str) -> lb.Plan:
+    """The plan of a kind of simulated campaign."""
+    plans: dict[str, Callable[[], lb.Plan]] = {
+        "recommended six": lambda: designs.recommended().plan(),
+        "the paper's six": lambda: designs.pilot().plan(),
+        "nine, two radii": lambda: designs.nine("two radii").plan(),
+        "nine, both balls clocked": lambda: designs.nine("both balls clocked").plan(),
+        "settling": lambda: designs.settling().plan(),
+        SOUGHT: lambda: designs.finding(SOUGHT).plan(),
+    }
+    return plans[kind]()
+
+
+def width_row(kind: str, seed: int) -> dict[str, float]:
+    """Error of the mean and sd [inside units], and whether the 95 % interval held the truth, of every parameter."""
+    true = truth(1, seed)
+    made = designs.LINEAR.simulate(plan_of(kind), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um)
+    found = lb.summarize(lb.sample(designs.LINEAR, made.campaign, sampler="quadrature", seed=seed))
+    row = {}
+    for name, value in true.parameters.items():
+        own = found.loc[name]
+        row[f"{name} error"], row[f"{name} sd"] = own["mean"] - value, own["sd"]
+        row[f"{name} inside"] = float(own["ci_low"] <= value <= own["ci_high"])
+    return row
+
+
+def decision_row(kind: str, seed: int) -> dict[str, float]:
+    """ln B [nat]: linear over constant, or linear over linear without the slope sought."""
+    design, _, slopes = kind.partition(": ")
+    single = slopes in ("absent", "there")
+    true = truth(1 if single else 0, seed)
+    rng = np.random.default_rng(7000 + seed)
+    linear = zero_kept(designs.LINEAR) if slopes.endswith("zero kept") else designs.LINEAR
+    parameters = dict.fromkeys(posterior(1).keys() - set(HYPERS), 0.0) | true.parameters
+    if slopes == "slopes":
+        parameters |= physical_slopes(parameters, rng)
+    elif slopes.startswith("equal slopes"):
+        parameters |= dict.fromkeys(EQUAL, equal_slope())
+    elif single:
+        size = slope_sd()[SOUGHT] * designs.SOUGHT[SOUGHT] * rng.choice([-1.0, 1.0])
+        parameters[SOUGHT] = size if slopes == "there" else 0.0
+    made = linear.simulate(plan_of(design), seed=2000 + seed, parameters=parameters, hyper_um=true.hyper_um)
+    lesser = linear.fixing(SOUGHT) if single else linear.with_degree(0)
+    with_, without = (lb.log_evidence(model, made.campaign, tolerance=1e-2) for model in (linear, lesser))
+    return {"ln B": lb.log_bayes_factor(with_, without)[0]}
+
+
+def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
+    """The model where only the centre moves between circles: the zero of the bar is checked before each."""
+    terms = (replace(term, moves="centre") if type(term).__name__ == "SetupShift" else term for term in model.nuisances)
+    return replace(model, nuisances=tuple(terms))
+
+
+@cache
+def slope_sd() -> dict[str, float]:
+    """Prior sd of the slopes at the pilot's range of force [inside units]."""
+    found = lb.identify(designs.LINEAR, designs.pilot()).parameters
+    return {name: float(entry.prior_sd) for name, entry in found.items() if name.startswith("C_") and name.endswith("_1")}
+
+
+def physical_slopes(parameters: dict[str, float], rng: np.random.Generator) -> dict[str, float]:
+    """Slopes from their prior, such that C_XXX, C_YYY and C_CCY are nowhere negative over the tested forces."""
+    half_range = 0.5 * float(np.ptp(designs.pilot().forces_N))
+    while True:
+        slopes = {name: sd * rng.standard_normal() for name, sd in slope_sd().items()}
+        if all(parameters[name] >= half_range * abs(slopes[f"{name}_1"]) for name in ("C_XXX", "C_YYY", "C_CCY")):
+            return slopes
+
+
+def widths(rows: pd.DataFrame, kind: str, predicted: dict[str, float]) -> dict[str, Any]:
+    """Of every parameter: predicted sd, rms sd and rms error over it, coverage of 95 % intervals; and over all of them."""
+    own = rows[rows["kind"] == kind]
+    table = {}
+    for name, sd in predicted.items():
+        table[name] = {
+            "predicted_sd": sd,
+            "width_over_predicted": float(np.sqrt((own[f"{name} sd"] ** 2).mean()) / sd),
+            "rms_error_over_predicted": float(np.sqrt((own[f"{name} error"] ** 2).mean()) / sd),
+            "coverage_95": float(own[f"{name} inside"].mean()),
+        }
+    covered = own[[f"{name} inside" for name in predicted]].mean(axis=1)
+    return {
+        "count": len(own),
+        "coverage_mean": float(covered.mean()),
+        "coverage_mean_se": float(covered.std(ddof=1) / np.sqrt(len(own))),
+        "parameters": table,
+    }
+
+
+def decisions(rows: pd.DataFrame) -> dict[str, Any]:
+    """Of every kind: ln B [nat], shares of either sign and of decisive evidence either way."""
+    found = {}
+    for kind in DECISIONS:
+        value = rows.loc[rows["kind"] == kind, "ln B"].to_numpy()
+        low, median, high = np.quantile(value, [0.05, 0.5, 0.95])
+        found[kind] = {"count": len(value), "q5": low, "median": median, "q95": high}
+        found[kind] |= {
+            "positive": share(value > 0.0),
+            "decisive with": share(value > DECISIVE),
+            "decisive without": share(value < -DECISIVE),
+        }
+    return found
+
+
+def share(hits: np.ndarray) -> dict[str, float]:
+    """Share of hits and its standard error (no less than for half a hit)."""
+    p, count = float(np.mean(hits)), len(hits)
+    return {"share": p, "se": float(np.sqrt(max(p * (1.0 - p), 0.25 / count) / count))}
