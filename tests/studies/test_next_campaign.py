@@ -20,8 +20,10 @@ def test_designs(results: dict[str, Any]) -> None:
     assert six["efficiency"]["recommended"] > 0.999 > 0.9 > six["efficiency"]["the paper's six"]
     assert flat["constant"]["forces_N"] == [36.0, 742.0]
     assert sum(flat["linear"]["shares"]) == pytest.approx(1.0, abs=1e-3)
+    wanted = dict(zip(("forces alone", "two radii", "both balls clocked"), (3.0, 3.0, 1.0), strict=True))
     for name, squareness in results["squareness"].items():
-        assert squareness["reached"] == (name != "forces alone")
+        assert (squareness["urad"] <= wanted[name]) == (name != "forces alone")
+    assert results["squareness"]["forces alone"]["floor_urad"] > 3.0
 
 
 def test_predicted_widths_and_coverage(results: dict[str, Any]) -> None:
