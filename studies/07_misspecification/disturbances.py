@@ -1,0 +1,224 @@
+"""Campaigns whose readings are not what the model believes: truths and nuisances as it believes, and something else on top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+import ldbb_bayes as lb
+
+Array = NDArray[np.float64]
+Way = Literal["CW", "CCW"]
+FORCES_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
+RANGE_N = FORCES_N[-1] - FORCES_N[0]
+MID_N = (FORCES_N[0] + FORCES_N[-1]) / 2.0
+READINGS = 360
+HYPER_UM = {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0}
+DIRECT = {"C_XXX": 5.5e-5, "C_YYY": 4.2e-5}  # mm/N
+PRIOR_SD = {"C_XXX": 1e-4, "C_XYX": 1e-5, "C_YYY": 1e-4, "C_CXY": 1e-7, "C_CYY": 1e-7, "C_CCY": 1e-9}  # mm, N, rad
+GEOMETRY_SD = {
+    "E_XX1": 2e-4,
+    "E_YX2": 1e-6,
+    "E_XY2": 1e-6,
+    "E_YY1": 2e-4,
+    "E_C0YX": 5e-5,
+    "E_Xt0": 0.02,
+    "E_Yt0": 0.02,
+}  # mm, rad
+SLOPE_SCALE = 0.3
+NARROWER = 0.5
+DIRECT_SPREAD = 0.3
+CIRCLE_S = 600.0
+WARM_UP_S = 3600.0
+SPIKE_DEG = 2.0
+OUTLIER_UM = 10.0
+KNEE_N = 500.0
+QUADRANTS_DEG = (0.0, 90.0, 180.0, 270.0)
+BELIEVED = lb.HybridModel.default(degree=1)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the readings have that the model does not believe, and what the user does about it.
+
+    Attributes
+    ----------
+    backlash_um, backlash_um_per_kN : tuple of float
+        Of X and Y: lag against the direction of travel, constant and in proportion to force.
+    closed_above_N : float, optional
+        The load closes the backlash of an axis outwards where its share of the force is larger.
+    spike_um : float
+        Height at every reversal, outwards, fading within `SPIKE_DEG`.
+    hysteresis_um, hysteresis_um_per_kN : float
+        Amplitude of sin 2θ with the sign of travel (servo mismatch), constant and in proportion to force.
+    centre_um, bar_um : float
+        How far warm-up with time constant `WARM_UP_S` leads centre (in a random direction) and bar length in the end.
+    random_order : bool
+        Forces run in random order, not from low to high.
+    both_ways, stated : bool
+        Every force CW and CCW, not CW alone; direction of travel given to the analysis.
+    degrees_of_freedom, outliers : float, optional
+        Noise of Student's t with the same sd; share of readings displaced by ± `OUTLIER_UM`.
+    lost_N : float
+        Of the largest force; what is lost grows with the square of the excess over `KNEE_N`.
+    slope_error, offset_N : float
+        Actual law of pressure against the one used: relative error of slope, and offset.
+    curvature_um : float
+        Deflection of the mount at the largest force that is quadratic in force.
+    drift_term, masked : bool
+        Remedies: the model with drift over time; readings near the reversals left out.
+    """
+
+    backlash_um: tuple[float, float] = (0.0, 0.0)
+    backlash_um_per_kN: tuple[float, float] = (0.0, 0.0)
+    closed_above_N: float | None = None
+    spike_um: float = 0.0
+    hysteresis_um: float = 0.0
+    hysteresis_um_per_kN: float = 0.0
+    centre_um: float = 0.0
+    bar_um: float = 0.0
+    random_order: bool = False
+    both_ways: bool = False
+    stated: bool = True
+    degrees_of_freedom: float | None = None
+    outliers: float = 0.0
+    lost_N: float = 0.0
+    slope_error: float = 0.0
+    offset_N: float = 0.0
+    curvature_um: float = 0.0
+    drift_term: bool = False
+    masked: bool = False
+
+    @property
+    def model(self) -> lb.HybridModel:
+        """For the analysis."""
+        return BELIEVED.including(lb.Drift("time")) if self.drift_term else BELIEVED
+
+
+KINDS = {
+    "baseline": Kind(),
+    "backlash small": Kind(backlash_um=(1.5, 0.5), spike_um=1.5),
+    "backlash large": Kind(backlash_um=(6.0, 2.0), spike_um=6.0),
+    "backlash large, masked": Kind(backlash_um=(6.0, 2.0), spike_um=6.0, masked=True),
+    "backlash closed by load": Kind(backlash_um=(6.0, 2.0), closed_above_N=100.0),
+    "centre, sorted": Kind(centre_um=15.0),
+    "centre, random": Kind(centre_um=15.0, random_order=True),
+    "centre, sorted, Drift": Kind(centre_um=15.0, drift_term=True),
+    "bar small, sorted": Kind(bar_um=3.0),
+    "bar large, sorted": Kind(bar_um=6.0),
+    "bar large, random": Kind(bar_um=6.0, random_order=True),
+    "bar large, sorted, Drift": Kind(bar_um=6.0, drift_term=True),
+    "bar large, random, Drift": Kind(bar_um=6.0, random_order=True, drift_term=True),
+    "hysteresis, CW": Kind(hysteresis_um=2.0, hysteresis_um_per_kN=2.0),
+    "hysteresis, both, unstated": Kind(hysteresis_um=2.0, hysteresis_um_per_kN=2.0, both_ways=True, stated=False),
+    "hysteresis, both, stated": Kind(hysteresis_um=2.0, hysteresis_um_per_kN=2.0, both_ways=True),
+    "lost motion, CW": Kind(backlash_um=(2.0, 1.0), backlash_um_per_kN=(6.0, 2.0)),
+    "lost motion, both, stated": Kind(backlash_um=(2.0, 1.0), backlash_um_per_kN=(6.0, 2.0), both_ways=True),
+    "Student-t": Kind(degrees_of_freedom=3.0),
+    "outliers": Kind(outliers=0.01),
+    "saturation small": Kind(lost_N=15.0),
+    "saturation large": Kind(lost_N=42.0),
+    "pressure law small": Kind(slope_error=0.03, offset_N=-10.0),
+    "pressure law large": Kind(slope_error=0.10, offset_N=-30.0),
+    "curvature small": Kind(curvature_um=2.0),
+    "curvature large": Kind(curvature_um=5.0),
+}
+
+
+def simulated(kind: Kind, seed: int) -> tuple[lb.Campaign, dict[str, float]]:
+    """Readings as the user has them, and the true parameters; truths, nuisances and noise of a seed are those of every kind."""
+    rng = np.random.default_rng([seed, 0])
+    plan = _plan(kind, rng)
+    loaded = replace(plan, tests=tuple(replace(t, force_N=actual_force_N(kind, t)) for t in plan.tests))
+    truth = _truth(rng)
+    quiet = replace(BELIEVED.without("hysteresis"), reference_force_N=MID_N)
+    made = quiet.simulate(loaded, seed=seed, parameters=truth, hyper_um=HYPER_UM | {"sigma": 0.0}).campaign
+    heading = rng.uniform(0.0, 2.0 * np.pi)
+    noise = np.random.default_rng([seed, 1])
+    mean_warmth = float(np.mean([warmth(test) for test in plan.tests]))
+    tests = []
+    for used, own in zip(plan.tests, made.tests, strict=True):
+        added = added_um(kind, own, heading, mean_warmth) + _noise_um(kind, len(own.angle_deg), noise)
+        test = used.with_reading_um(own.reading_um + added)
+        test = lb.mask_reversals(test) if kind.masked else test
+        tests.append(test if kind.stated else replace(test, direction=None))
+    return replace(plan, tests=tuple(tests)), truth
+
+
+def actual_force_N(kind: Kind, test: lb.CircularTest) -> float:
+    """What the bar really pulls with where the user believes ``test.force_N``."""
+    law = lb.ForceLaw()
+    believed = float(test.force_N or 0.0)
+    lost = kind.lost_N * (max(believed - KNEE_N, 0.0) / (FORCES_N[-1] - KNEE_N)) ** 2
+    return believed + kind.slope_error * (believed - law.offset_N) + kind.offset_N - lost
+
+
+def warmth(test: lb.CircularTest) -> float:
+    """How far warm-up has gone when the test begins [1]."""
+    return float(1.0 - np.exp(-float(test.time_s or 0.0) / WARM_UP_S))
+
+
+def added_um(kind: Kind, test: lb.CircularTest, heading: float, mean_warmth: float) -> Array:
+    """What the readings have on top of truth and nuisances, noise aside, shape (n,) [µm]; drift is about its mean."""
+    angle, force = test.angle_deg, float(test.force_N or 0.0)
+    x, y = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    travel = 1.0 if test.direction == "CCW" else -1.0
+    gaps = np.array(kind.backlash_um) + np.array(kind.backlash_um_per_kN) * force * 1e-3
+    lag_x = np.where(np.mod(angle, 360.0) < 180.0, travel, -travel)
+    lag_y = np.where(np.mod(angle - 90.0, 360.0) < 180.0, travel, -travel)
+    if kind.closed_above_N is not None:
+        lag_x = np.where(force * np.abs(x) > kind.closed_above_N, np.sign(x), lag_x)
+        lag_y = np.where(force * np.abs(y) > kind.closed_above_N, np.sign(y), lag_y)
+    since = np.array([np.mod(travel * (angle - quadrant), 360.0) for quadrant in QUADRANTS_DEG])
+    spikes = kind.spike_um * np.exp(-since / SPIKE_DEG).sum(axis=0)
+    smooth = travel * (kind.hysteresis_um + kind.hysteresis_um_per_kN * force * 1e-3) * 2.0 * x * y
+    moved = (warmth(test) - mean_warmth) * (kind.centre_um * (x * np.cos(heading) + y * np.sin(heading)) + kind.bar_um)
+    bent = kind.curvature_um * (force / FORCES_N[-1]) ** 2
+    return np.asarray(0.5 * (gaps[0] * lag_x * x + gaps[1] * lag_y * y) + spikes + smooth + moved + bent)
+
+
+def _plan(kind: Kind, rng: np.random.Generator) -> lb.Campaign:
+    """Seven forces, low to high or in random order, one circle every `CIRCLE_S`; CW, or CW and CCW."""
+    places = rng.permutation(len(FORCES_N))
+    places = places if kind.random_order else np.arange(len(FORCES_N))
+    ways: tuple[Way, ...] = ("CW", "CCW") if kind.both_ways else ("CW",)
+    law = lb.ForceLaw()
+    tests = [
+        lb.CircularTest(
+            force,
+            np.arange(0.0, 360.0, 360.0 / READINGS),
+            pressure_bar=law.pressure_bar(force),
+            direction=way,
+            time_s=float(place * len(ways) + i) * CIRCLE_S,
+        )
+        for force, place in zip(FORCES_N, places, strict=True)
+        for i, way in enumerate(ways)
+    ]
+    return lb.Campaign(tuple(tests))
+
+
+def _truth(rng: np.random.Generator) -> dict[str, float]:
+    """Compliances about the published ones, the rest within `NARROWER` of its prior; C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0."""
+    spread = np.array([rng.uniform(1.0 - DIRECT_SPREAD, 1.0 + DIRECT_SPREAD) for _ in DIRECT])
+    truth = {name: NARROWER * sd * rng.standard_normal() for name, sd in (PRIOR_SD | GEOMETRY_SD).items()}
+    truth |= {name: value * factor for (name, value), factor in zip(DIRECT.items(), spread, strict=True)}
+    truth["C_CCY"] = abs(truth["C_CCY"])
+    slopes = {name: NARROWER * SLOPE_SCALE * sd / RANGE_N * rng.standard_normal() for name, sd in PRIOR_SD.items()}
+    for name in (*DIRECT, "C_CCY"):
+        steepest = 2.0 * truth[name] / RANGE_N
+        slopes[name] = float(np.clip(slopes[name], -steepest, steepest))
+    return truth | {f"{name}_1": slope for name, slope in slopes.items()}
+
+
+def _noise_um(kind: Kind, count: int, rng: np.random.Generator) -> Array:
+    """White noise, shape (count,) [µm]."""
+    sigma = HYPER_UM["sigma"]
+    if kind.degrees_of_freedom is not None:
+        nu = kind.degrees_of_freedom
+        return np.asarray(sigma * np.sqrt((nu - 2.0) / nu) * rng.standard_t(nu, count))
+    noise = sigma * rng.standard_normal(count)
+    struck = rng.random(count) < kind.outliers
+    return np.asarray(noise + OUTLIER_UM * struck * rng.choice([-1.0, 1.0], count))
