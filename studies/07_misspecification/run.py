@@ -7,7 +7,7 @@ python studies/07_misspecification/run.py --write    # states anew
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +91,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "readings": made.READINGS,
         "circle_min": made.CIRCLE_S / 60.0,
         "warm_up_h": made.WARM_UP_S / 3600.0,
+        "drift_length_um_per_h": lb.Drift("time").length_um,
         "warmed_by_the_end": 1.0 - float(np.exp(-(len(made.FORCES_N) - 1) * made.CIRCLE_S / made.WARM_UP_S)),
         "spike_deg": made.SPIKE_DEG,
         "outlier_um": made.OUTLIER_UM,
@@ -99,16 +100,19 @@ def measure(effort: Effort) -> dict[str, Any]:
         "chance": CHANCE,
         "unlikely_below": unlikely_below(),
         "cells": len(NAMES) * len(made.KINDS),
-        "said": said_beforehand(),
+        "said": said_beforehand(timed=True),
+        "said_without_time": said_beforehand(timed=False),
         "forces_N": list(made.FORCES_N),
         "sizes": {label: asdict(kind) for label, kind in made.KINDS.items()},
         "kinds": {label: judged(rows[rows["kind"] == label], baseline) for label in made.KINDS},
     }
 
 
-def said_beforehand() -> dict[str, list[str]]:
+def said_beforehand(*, timed: bool) -> dict[str, list[str]]:
     """Sentences on what circles of one direction cannot tell, by what they are about: in every result, whatever the readings."""
     campaign, _ = made.simulated(made.KINDS["baseline"], 0)
+    if not timed:
+        campaign = replace(campaign, tests=tuple(replace(test, time_s=None) for test in campaign.tests))
     warnings = lb.summarize(lb.sample(made.BELIEVED, campaign, sampler="quadrature", seed=0)).attrs["fit"]["warnings"]
     return {what: [text for text in warnings if word in text.lower()] for what, word in SAID_BEFOREHAND.items()}
 
