@@ -18,7 +18,7 @@ ALLOWED = {
     "campaign": {"campaign", "machine"},
     **{room: set(ROOMS[: ROOMS.index(room) + 1]) for room in ROOMS[2:]},
 }
-LEAVES = {"ldbb_bayes.errors", "ldbb_bayes.files", "ldbb_bayes.notebook", "ldbb_bayes.units", "ldbb_bayes"}
+LEAVES = {"ldbb_bayes.errors", "ldbb_bayes.files", "ldbb_bayes.notebook", "ldbb_bayes.threads", "ldbb_bayes.units", "ldbb_bayes"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 

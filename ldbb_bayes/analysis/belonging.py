@@ -24,6 +24,7 @@ from ldbb_bayes.inference.leave_one_out import LeftOut, harmonics_of, leave_one_
 from ldbb_bayes.inference.marginals import moments
 from ldbb_bayes.model.basis import MAX_ORDER, ORDERS
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["FALSE_ALARMS", "Belonging", "Dropping", "belonging", "belonging_of", "dropping"]
 
@@ -75,6 +76,7 @@ class Dropping:
     shift: float
 
 
+@one_blas_thread
 def belonging(
     models: Mapping[str, HybridModel],
     campaign: Campaign,

@@ -23,6 +23,7 @@ from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
 from ldbb_bayes.model.terms import ForceError
 from ldbb_bayes.model.wording import inside_unit
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["Budget", "Contribution", "budgets"]
 
@@ -111,6 +112,7 @@ class Budget:
         return asdict(self)
 
 
+@one_blas_thread
 def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
     """The budget of every parameter of a posterior, at its mean hyper-parameters; the variance is the draws' own."""
     bound = bound_of(posterior)

@@ -23,6 +23,7 @@ from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.basis import SIZE, basis, harmonic_index
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.setting import geometric_errors_of
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = [
     "BIDIRECTIONAL",
@@ -122,6 +123,7 @@ def _pairs(tests: Sequence[CircularTest]) -> Iterator[tuple[CircularTest, Circul
     return ((one, two) for one, two in product(clockwise, other) if place(one) == place(two))
 
 
+@one_blas_thread
 def circularity(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95, draws: int = 2000, both_ways: bool = True
 ) -> pd.DataFrame:

@@ -42,6 +42,7 @@ from ldbb_bayes.inference.savage_dickey import savage_dickey
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.wording import joined
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["compare"]
 
@@ -50,6 +51,7 @@ _QUALITY_DRAWS = 1000
 _FINEST, _COARSEST = 1e-4, 1.0
 
 
+@one_blas_thread
 def compare(
     models: Mapping[str, HybridModel | xr.DataTree],
     campaign: Campaign | None = None,

@@ -18,6 +18,7 @@ from ldbb_bayes.inference.origin import bound_of, draws_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.basis import basis
 from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["COMPLIANCE", "GEOMETRY", "TOGETHER", "contribution_paths", "contributions"]
 
@@ -27,6 +28,7 @@ _DRAWS = 2000
 TOGETHER, COMPLIANCE, GEOMETRY = "compliance and geometry", "compliance", "geometry"
 
 
+@one_blas_thread
 def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_prob: float = 0.95) -> pd.DataFrame:
     """Largest, smallest and peak-to-peak contribution to the reading of one circle [µm].
 

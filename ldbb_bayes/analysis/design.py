@@ -28,6 +28,7 @@ from ldbb_bayes.model.degeneracies import degeneracies
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.terms import Drift, Hysteresis
 from ldbb_bayes.model.wording import joined
+from ldbb_bayes.threads import one_blas_thread
 from ldbb_bayes.units import display_name
 
 __all__ = ["design"]
@@ -41,6 +42,7 @@ _RESERVED = ("recommended", "equal steps")
 _ASSUMED = ("constant", "linear", "quadratic")
 
 
+@one_blas_thread
 def design(
     model: HybridModel,
     pilot: Campaign,

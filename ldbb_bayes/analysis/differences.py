@@ -22,6 +22,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.origin import bound_of, draws_of, record_of
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["differences"]
 
@@ -29,6 +30,7 @@ Array = NDArray[Any]
 _DRAWS = 20_000
 
 
+@one_blas_thread
 def differences(
     posterior: xr.DataTree, other: xr.DataTree, *, same_instrument: bool = False, ci_prob: float = 0.95
 ) -> pd.DataFrame:

@@ -26,6 +26,7 @@ from ldbb_bayes.model.degeneracies import Degeneracy, degeneracies, standing_deg
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.information import Information, information_of
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["identify", "overlap", "verdicts"]
 
@@ -36,6 +37,7 @@ _SHOWN = 3
 _ROUNDING = 1e-12
 
 
+@one_blas_thread
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """What the model can learn from a campaign, or could from a plan.
 
@@ -75,6 +77,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     )
 
 
+@one_blas_thread
 def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     """The same of every parameter of a posterior, at its mean hyper-parameters; mean, sd and contraction are the draws'."""
     bound = bound_of(posterior)

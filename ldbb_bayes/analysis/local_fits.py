@@ -23,6 +23,7 @@ from ldbb_bayes.inference.marginals import moments, quantiles
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["local_fits", "windows"]
 
@@ -32,6 +33,7 @@ _TOLERANCE = 1e-2
 _SPARE, _COMPONENTS = 1e-3, 2048
 
 
+@one_blas_thread
 def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_prob: float = 0.95, seed: int = 0) -> pd.DataFrame:
     """Fit constant compliance and geometry to every window of neighbouring force levels.
 

@@ -15,6 +15,7 @@ from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = [
     "Evidence",
@@ -62,6 +63,7 @@ class TruncationProbability:
     error: float
 
 
+@one_blas_thread
 def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1e-3) -> Evidence:
     """The exact log evidence by quadrature over the hyper-parameters, truncation included.
 

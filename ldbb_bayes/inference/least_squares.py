@@ -19,6 +19,7 @@ from ldbb_bayes.model.basis import basis
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.notebook import table_html
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["LeastSquares", "least_squares"]
 
@@ -58,6 +59,7 @@ class LeastSquares:
         return table_html(f"Least squares (Eq. 31), RMSE {self.quality.rmse_um:.3g} µm", rows)
 
 
+@one_blas_thread
 def least_squares(
     campaign: Campaign, degree: int = 0, *, reference_force_N: float | None = None, fixed: tuple[str, ...] = ()
 ) -> LeastSquares:

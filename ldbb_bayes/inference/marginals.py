@@ -18,6 +18,7 @@ from ldbb_bayes.inference.independent import draw_hyper
 from ldbb_bayes.inference.lattice import Lattice
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["marginals", "moments", "quantiles"]
 
@@ -28,6 +29,7 @@ _COMPONENTS = 8192
 _BISECTIONS = 50
 
 
+@one_blas_thread
 def marginals(
     model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95, tolerance: float = 1e-3, seed: int = 1
 ) -> pd.DataFrame:

@@ -20,6 +20,7 @@ from ldbb_bayes.model.basis import SIZE
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.columns import Columns
 from ldbb_bayes.model.wording import inside_unit
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["DrawnNuisances", "draw_nuisances", "nuisances"]
 
@@ -27,6 +28,7 @@ Array = NDArray[Any]
 _DRAWS = 1000
 
 
+@one_blas_thread
 def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     """Posterior of the shared nuisance coefficients.
 

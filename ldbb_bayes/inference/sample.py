@@ -36,6 +36,7 @@ from ldbb_bayes.model.linearisation import largest_linearisation_error_mm
 from ldbb_bayes.model.simulate import draw_parameters
 from ldbb_bayes.model.spec import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["sample"]
 
@@ -48,6 +49,7 @@ _IMPROBABLE = 1e-3
 _IMPOSSIBLE = 1e-6
 
 
+@one_blas_thread
 def sample(
     model: HybridModel,
     campaign: Campaign,
