@@ -1,4 +1,4 @@
-"""One BLAS thread for the work of a call: its matrices are small, and threads that wait for each other cost more than the work."""
+"""One BLAS thread for the work of a call: its matrices are small, and threads that wait for one another cost far more."""
 
 from __future__ import annotations
 
