@@ -193,6 +193,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--out", type=Path, default=HERE, help="folder for results.json and table.md")
     options = parser.parse_args()
+    if options.quick and options.out == HERE:
+        parser.error("--quick must not replace the results kept here: give --out FOLDER")
     campaign = lb.read_campaign(HERE.parents[1] / "data" / "recovered_experiment")
     model = lb.HybridModel.default(degree=1).without("truncation")
     repeats = 1 if options.quick else options.repeats
