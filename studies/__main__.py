@@ -27,14 +27,14 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="fewer simulated campaigns are made again")
     options = parser.parse_args()
     known = studies()
-    unknown = [number for number in options.which if not any(path.name.startswith(number) for path in known)]
+    wanted = {number: [path for path in known if path.name.startswith(number.zfill(2))] for number in options.which}
+    unknown = [number for number, found in wanted.items() if not found]
     if unknown:
         parser.error(f"unknown study {unknown[0]}; there are {', '.join(path.name for path in known)}")
-    chosen = [
-        path
-        for path in known
-        if (any(path.name.startswith(number) for number in options.which) if options.which else path.name not in BY_HAND)
-    ]
+    by_hand = [path for path in known if path.name in BY_HAND and any(path in found for found in wanted.values())]
+    if options.quick and by_hand:
+        parser.error(f"{by_hand[0].name} is run by hand: python studies/{by_hand[0].name}/run.py --help")
+    chosen = [path for path in known if (any(path in found for found in wanted.values()) if wanted else path.name not in BY_HAND)]
     failed, seconds = [], {}
     for path in chosen:
         start = time.perf_counter()

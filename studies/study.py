@@ -10,16 +10,25 @@ A study is a folder with
     *.csv           simulated campaigns, one row each, where there are any
 
 `run.py` measures again and fails when a stated number is not reproduced. Of simulated campaigns it makes a part again
-(`--quick`: fewer) and compares them row by row with those kept; the page is about all that are kept.
+(`--quick`: fewer) and compares them row by row with those kept; the page is about all that are kept. The smallest study:
+
+    def measure(effort: Effort) -> dict[str, Any]:
+        return {"rmse_um": lb.least_squares(lb.read_campaign(DATA / "recovered_experiment")).quality.rmse_um}
+
+    run(Study(Path(__file__).resolve().parent, measure))
+
+and in README.md.j2 `{{ r.rmse_um | to(".2f") }} µm`.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import math
 import multiprocessing
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -30,15 +39,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
+
+import ldbb_bayes as lb
 
 __all__ = ["DATA", "Effort", "Study", "differences", "kept", "page", "pages", "replicated", "run"]
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 Effort = Literal["quick", "usual", "write"]
 Row = Mapping[str, float]
+RESTORE = "Restore it with `git checkout`; if the change is meant, run with --write."
 
 
 @dataclass(frozen=True)
@@ -71,27 +83,93 @@ class Study:
 def run(study: Study) -> None:
     """The command line of every study: measure and compare with what is stated; ``--write`` and ``--restate`` state anew."""
     parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="fewer simulated campaigns are made again")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="fewer of the simulated campaigns are made again (no difference where there are none)",
+    )
     parser.add_argument("--write", action="store_true", help="state anew: all campaigns, results.json, README.md, figures")
     parser.add_argument("--restate", action="store_true", help="the same, but of simulated campaigns those kept are taken")
     options = parser.parse_args()
     effort: Effort = "write" if options.write else "quick" if options.quick else "usual"
     start = time.perf_counter()
-    results = json.loads(json.dumps(study.measure(effort)))
-    stated = study.folder / "results.json"
-    if options.write or options.restate:
-        stated.write_text(json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-        for name in pages(study.folder):
-            (study.folder / name).write_text(page(study.folder, name), encoding="utf-8")
-        for name, figure in study.draw(results).items():
-            figure.savefig(study.folder / f"{name}.png", dpi=150)
-    wrong = differences(results, json.loads(stated.read_text(encoding="utf-8")), study)
-    for name in pages(study.folder):
-        if (study.folder / name).read_text(encoding="utf-8") != page(study.folder, name):
-            wrong.append(f"{name} is not what {name}.j2 and results.json give: run with --write")
+    try:
+        wrong = _state(study, effort) if options.write or options.restate else _compare_with_stated(study, effort)
+    except (lb.InputError, OSError, UnicodeDecodeError, json.JSONDecodeError, pd.errors.ParserError, TemplateError) as error:
+        sys.exit(f"{study.folder.name}: {_said(error)}")
     if wrong:
         sys.exit(f"{study.folder.name}: not reproduced\n  " + "\n  ".join(wrong))
-    print(f"{study.folder.name}: reproduced in {time.perf_counter() - start:.0f} s")
+    done = "stated" if options.write or options.restate else "reproduced"
+    print(f"{study.folder.name}: {done} in {time.perf_counter() - start:.0f} s")
+
+
+def _said(error: Exception) -> str:
+    """What went wrong with a file, and the cure."""
+    if isinstance(error, FileNotFoundError):
+        return f"{error.filename} must exist. {RESTORE}"
+    if isinstance(error, json.JSONDecodeError | UnicodeDecodeError | pd.errors.ParserError):
+        return f"a file of the study is damaged: {error}. {RESTORE}"
+    return f"{type(error).__name__}: {error}" if isinstance(error, TemplateError) else str(error)
+
+
+def _measured(study: Study, effort: Effort) -> dict[str, Any]:
+    """The numbers as JSON holds them, and the digests of the campaigns kept."""
+    results = dict(json.loads(json.dumps(study.measure(effort), default=lambda value: value.item())))
+    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(study.folder.glob("*.csv"))}
+    return results | ({"kept": digests} if digests else {})
+
+
+def _state(study: Study, effort: Effort) -> list[str]:
+    """Write results.json, the pages and the figures, all made before the first is written."""
+    results = _measured(study, effort)
+    written = {name: page(study.folder, name, results) for name in pages(study.folder)}
+    figures = study.draw(results)
+    (study.folder / "results.json").write_text(json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    for name, text in written.items():
+        (study.folder / name).write_text(text, encoding="utf-8")
+    for name, figure in figures.items():
+        figure.savefig(study.folder / f"{name}.png", dpi=150)
+    return _pages_that_differ(study.folder)
+
+
+def _compare_with_stated(study: Study, effort: Effort) -> list[str]:
+    """What was not reproduced, and what of the pages does not follow from the numbers."""
+    path = study.folder / "results.json"
+    stated = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(stated, dict):
+        return [f"{path.name} must hold numbers by name. {RESTORE}"]
+    return [*differences(_measured(study, effort), stated, study), *_unused(stated, study), *_pages_that_differ(study.folder)]
+
+
+def _unused(stated: Any, study: Study) -> list[str]:
+    """Tolerances by name that no number has."""
+    paths = _paths(stated)
+    return [
+        f"{pattern}: the study names it, but nothing it measures is called so"
+        for pattern in (*study.absolute, *study.once)
+        if not any(fnmatch(path, pattern) for path in paths)
+    ]
+
+
+def _paths(value: Any, path: str = "") -> list[str]:
+    """Names of all numbers and of what holds them, as a/b/c."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [path, *(name for key, own in items for name in _paths(own, f"{path}/{key}".lstrip("/")))]
+
+
+def _pages_that_differ(folder: Path) -> list[str]:
+    """Pages that are not what their templates give, and figures that they show and are not there."""
+    wrong = [f"{path.name}.j2 must exist. {RESTORE}" for path in folder.glob("*.md") if path.name not in pages(folder)]
+    for name in pages(folder):
+        text = (folder / name).read_text(encoding="utf-8")
+        if text != page(folder, name):
+            wrong.append(f"{name} is not what {name}.j2 and results.json give. {RESTORE}")
+        wrong += [
+            f"{name} shows {figure}, which is not there. {RESTORE}"
+            for figure in re.findall(r"\]\(([^):]+\.png)\)", text)
+            if not (folder / figure).is_file()
+        ]
+    return wrong
 
 
 def differences(new: Any, old: Any, study: Study, path: str = "") -> list[str]:
@@ -119,12 +197,12 @@ def differences(new: Any, old: Any, study: Study, path: str = "") -> list[str]:
 
 
 def pages(folder: Path) -> list[str]:
-    """Pages of a study: README.md and what it links to."""
-    return sorted(path.stem for path in folder.glob("*.md.j2"))
+    """Pages of a study: README.md and what else has a template."""
+    return sorted({"README.md", *(path.stem for path in folder.glob("*.md.j2"))})
 
 
-def page(folder: Path, name: str = "README.md") -> str:
-    """A page of a study: its template filled with results.json (as ``r``), and with other JSON files under their names."""
+def page(folder: Path, name: str = "README.md", results: Mapping[str, Any] | None = None) -> str:
+    """A page of a study: its template filled with ``results`` as ``r`` (default: results.json), other JSON under its name."""
     environment = Environment(
         loader=FileSystemLoader(folder),
         undefined=StrictUndefined,
@@ -133,8 +211,11 @@ def page(folder: Path, name: str = "README.md") -> str:
         keep_trailing_newline=True,
     )
     environment.filters |= {"to": _to, "sig": _sig, "of": _of, "least": _least, "most": _most, "mean": _mean}
+    if not (folder / f"{name}.j2").is_file():
+        raise FileNotFoundError(2, "no template", str(folder / f"{name}.j2"))
     numbers = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
-    return environment.get_template(f"{name}.j2").render(numbers, r=numbers["results"], pm=_plus_minus)
+    own = numbers["results"] if results is None else results
+    return environment.get_template(f"{name}.j2").render(numbers, r=own, pm=_plus_minus)
 
 
 def _to(value: float, form: str = ".2f", factor: float = 1.0) -> str:
@@ -218,7 +299,7 @@ def kept(path: Path, made: pd.DataFrame, kinds: Mapping[str, int], effort: Effor
     known = pd.read_csv(path, float_precision="round_trip")
     counts = {str(kind): int(count) for kind, count in known["kind"].value_counts().items()}
     if counts != dict(kinds):
-        sys.exit(f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. Run with --write.")
+        sys.exit(f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. {RESTORE}")
     _compare(made, known, f"{path.parent.name}/{path.name}", tolerance)
     return known
 
@@ -229,7 +310,7 @@ def _compare(made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: floa
     numbers = [name for name in made.columns if name not in ("kind", "seed")]
     missing = [name for name in numbers if name not in kept.columns]
     if missing:
-        sys.exit(f"{where}: {', '.join(missing)} are not kept. Run with --write.")
+        sys.exit(f"{where}: {', '.join(missing)} are not kept. {RESTORE}")
     for name in numbers:
         scale = kept[name].abs().max()
         off = (both[name] - both[f"{name} kept"]).abs() > tolerance * scale

@@ -21,7 +21,9 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
+sys.path.append(str(HERE.parent / "02_recovered_experiment"))
 import gain  # noqa: E402
+import printed  # noqa: E402
 import simulated  # noqa: E402
 import undetermined  # noqa: E402
 from study import Effort, Study, replicated, run  # noqa: E402
@@ -45,6 +47,7 @@ def compared() -> dict[str, Any]:
     every = {a["assumption"]: a for a in (*record["nuisances"], *record["discrepancy_sensitivity"])}
     return {
         "log_bayes_factor": record["log_bayes_factor"]["linear/constant"],
+        "kappa_um": 1e3 * float(lb.marginals(lb.HybridModel.default(0), undetermined.recovered()).loc["kappa", "mean"]),
         "savage_dickey": record["savage_dickey"]["linear/constant"]["log_bayes_factor"],
         "probability": {name: model["posterior_probability"] for name, model in record["models"].items()},
         "least_squares_rmse_um": {name: model["least_squares"]["rmse_um"] for name, model in record["models"].items()},
@@ -72,6 +75,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "circles": len(campaign.tests),
         "readings": campaign.readings,
         "compared": compared(),
+        "printed": printed.measure(),
         "undetermined": undetermined.measure(drawn),
         "gain": {
             "least_squares": gain.least_squares(campaign),
@@ -85,11 +89,47 @@ def measure(effort: Effort) -> dict[str, Any]:
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
     """The comparison's own figures, the gain and the open directions, and the reliability of probabilities."""
     return {
+        "answer": answer_figure(results),
         "evidence": lb.figures.evidence(comparison()),
         "compliance": lb.figures.compliance_with_local_fits(comparison()),
         "gain": gain_figure(results),
         "reliability": reliability_figure(results["simulated"]["reliability"]),
     }
+
+
+def answer_figure(results: dict[str, Any]) -> Figure:
+    """Left: ln B of the readings against how much circles differ, and of the printed numbers; right: which slopes."""
+    found, compared = results["printed"], results["compared"]
+    figure = Figure(figsize=(9.6, 4.0), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.25, 1.0])
+    for label, colour in ((printed.ZERO_AND_CENTRE, BLUE), (printed.CENTRE, ORANGE)):
+        rows = found["scaled"].values()
+        left.plot([r["kappa_um"] for r in rows], [r[label] for r in rows], "o-", color=colour, label=f"readings; {label}")
+        kappa, value = found["kappa_um"], found["log_bayes_factor"][label]
+        left.plot(
+            [kappa["linear"], kappa["constant"]], [value, value], color=colour, linewidth=6, alpha=0.45, solid_capstyle="butt"
+        )
+    shipped = found["scaled"]["1"]
+    left.plot(shipped["kappa_um"], shipped[printed.ZERO_AND_CENTRE], "D", color=BLUE, markersize=9)
+    left.axhline(0.0, color="black", linewidth=0.8)
+    left.set_xscale("log")
+    left.set_xticks([0.05, 0.1, 0.2, 0.5], ["0.05", "0.1", "0.2", "0.5"])
+    left.minorticks_off()
+    left.set(xlabel="κ inferred: how much circles differ (µm)", ylabel="ln B(linear/constant) (nat)")
+    left.set_title("Bars: printed numbers alone; diamond: readings as shipped", fontsize=9.5)
+    left.legend(fontsize=8)
+    names = list(found["inclusion"])
+    place = np.arange(len(names))
+    for k, (label, own, colour) in enumerate(
+        (("printed numbers alone", found["inclusion"], GREEN), ("readings as shipped", compared["inclusion"], GREY))
+    ):
+        right.barh(place + 0.4 * (k - 0.5), [own[name] for name in names], height=0.38, color=colour, label=label)
+    right.set_yticks(place, names)
+    right.invert_yaxis()
+    right.set(xlabel="probability that it changes with force (1)", xlim=(0.0, 1.0))
+    right.set_title("Slopes one by one, each as likely as not beforehand", fontsize=9.5)
+    right.legend(fontsize=8, loc="lower right")
+    return figure
 
 
 def gain_figure(results: dict[str, Any]) -> Figure:
@@ -154,7 +194,7 @@ def reliability_figure(found: dict[str, Any]) -> Figure:
 
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    nats = {f"{part}/*": 0.03 for part in ("compared", "undetermined", "gain/evidence")} | {"gain/slopes/*": 0.1}
+    nats = {f"{part}/*": 0.03 for part in ("compared", "undetermined", "gain/evidence", "printed")} | {"gain/slopes/*": 0.1}
     run(Study(HERE, measure, draw, absolute=nats))
 
 

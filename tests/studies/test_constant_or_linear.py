@@ -45,6 +45,20 @@ def test_three_answers_side_by_side(results: dict[str, Any]) -> None:
     assert len(compared["slope_scale"]) >= 5
 
 
+def test_the_printed_numbers_alone(results: dict[str, Any]) -> None:
+    """The dense model returns the package's ln B where both see the same; which way the numbers lean, and what turns the sign."""
+    found, compared = results["printed"], results["compared"]
+    assert found["of_readings"]["log_bayes_factor"] == pytest.approx(compared["log_bayes_factor"], abs=0.01)
+    assert found["scaled"]["1"]["zero and centre move"] == pytest.approx(compared["log_bayes_factor"], abs=0.01)
+    assert found["numbers"] == results["undetermined"]["printed"]
+    assert found["slope_scale"]["0.3"] == pytest.approx(found["log_bayes_factor"]["zero and centre move"], abs=1e-3)
+    for label, value in found["log_bayes_factor"].items():
+        assert found["parts"][label]["all six"] == pytest.approx(value, abs=1e-3)
+    assert found["log_bayes_factor"]["zero and centre move"] > 0.0 > compared["log_bayes_factor"]
+    assert found["kappa_um"]["linear"] < found["kappa_um"]["constant"] < compared["kappa_um"]
+    assert found["scaled"]["0.25"]["zero and centre move"] > 0.0 > found["scaled"]["0.5"]["zero and centre move"]
+
+
 def test_the_three_undetermined_directions(results: dict[str, Any]) -> None:
     """The same null space as study 02 found another way; ln B of the campaign as shipped; its sign turns along cos 4θ alone."""
     found, other = (

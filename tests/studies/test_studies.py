@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -143,21 +144,84 @@ def test_one_command_runs_them() -> None:
     done = subprocess.run([sys.executable, str(STUDIES), "99"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "unknown study 99" in done.stderr
-    done = subprocess.run([sys.executable, str(STUDIES), "03", "--quick"], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, str(STUDIES), "3", "--quick"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "03_confounding: reproduced" in done.stdout
+    done = subprocess.run([sys.executable, str(STUDIES), "90", "--quick"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "90_speed is run by hand" in done.stderr
 
 
-def test_a_number_that_is_not_reproduced_fails(tmp_path: Path) -> None:
-    """A copy of a study with one stated number changed by two per cent."""
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """A copy of study 03 that may be damaged."""
     shutil.copytree(STUDIES / "03_confounding", tmp_path / "studies" / "03_confounding")
+    shutil.copytree(STUDIES / "02_recovered_experiment", tmp_path / "studies" / "02_recovered_experiment")
     shutil.copy(STUDIES / "study.py", tmp_path / "studies")
     shutil.copytree(STUDIES.parent / "data", tmp_path / "data")
-    stated = tmp_path / "studies" / "03_confounding" / "results.json"
+    return tmp_path / "studies" / "03_confounding"
+
+
+def said(folder: Path, *options: str) -> str:
+    """What a study says when it fails: never a traceback."""
+    done = subprocess.run([sys.executable, str(folder / "run.py"), *options], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    return done.stderr
+
+
+def test_a_number_that_is_not_reproduced_fails(copied: Path) -> None:
+    stated = copied / "results.json"
     results = json.loads(stated.read_text(encoding="utf-8"))
     results["plans"]["as run"]["E_C0YX"]["sd"] *= 1.02
     stated.write_text(json.dumps(results, indent=2, ensure_ascii=False), encoding="utf-8")
-    script = tmp_path / "studies" / "03_confounding" / "run.py"
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "plans/as run/E_C0YX/sd" in done.stderr
+    assert "plans/as run/E_C0YX/sd" in said(copied)
+
+
+def test_files_that_are_missing_or_damaged(copied: Path) -> None:
+    """One line that names the file and the cure."""
+    for name in ("results.json", "README.md", "README.md.j2"):
+        content = (copied / name).read_bytes()
+        (copied / name).unlink()
+        assert name in (text := said(copied))
+        assert "git checkout" in text
+        (copied / name).write_bytes(content)
+    (copied / "results.json").write_text('{"parameters": {', encoding="utf-8")
+    assert "damaged" in said(copied)
+    (copied / "results.json").write_text("[]", encoding="utf-8")
+    assert "must hold numbers by name" in said(copied)
+    (copied / "results.json").write_text("{}", encoding="utf-8")
+    shutil.rmtree(copied.parents[1] / "data" / "recovered_experiment")
+    assert "recovered_experiment" in said(copied)
+
+
+def test_a_figure_or_template_that_is_gone(copied: Path, study: ModuleType) -> None:
+    assert study._pages_that_differ(copied) == []
+    (copied / "confounding.png").unlink()
+    (wrong,) = study._pages_that_differ(copied)
+    assert "shows confounding.png" in wrong
+    (copied / "more.md").write_text("by hand", encoding="utf-8")
+    assert "more.md.j2 must exist" in study._pages_that_differ(copied)[0]
+
+
+def test_nothing_is_written_before_all_is_made(tmp_path: Path, study: ModuleType) -> None:
+    """A template that asks for what is not measured leaves the old results; NumPy's numbers are written as numbers."""
+    (tmp_path / "README.md.j2").write_text("{{ r.count }}", encoding="utf-8")
+    made = study.Study(tmp_path, lambda effort: {"count": np.int64(3), "share": np.float64(0.5)})
+    assert study._state(made, "write") == []
+    assert json.loads((tmp_path / "results.json").read_text()) == {"count": 3, "share": 0.5}
+    (tmp_path / "README.md.j2").write_text("{{ r.other }}", encoding="utf-8")
+    with pytest.raises(study.TemplateError):
+        study._state(study.Study(tmp_path, lambda effort: {"count": 4}), "write")
+    assert json.loads((tmp_path / "results.json").read_text())["count"] == 3
+
+
+def test_a_kept_campaign_that_was_changed_is_seen(tmp_path: Path, study: ModuleType) -> None:
+    """Beyond the rows that are made again, too; and a tolerance by a name that nothing has."""
+    (tmp_path / "README.md.j2").write_text("", encoding="utf-8")
+    (tmp_path / "rows.csv").write_text("kind,seed,x\na,0,1\na,1,2\n", encoding="utf-8")
+    made = study.Study(tmp_path, lambda effort: {"count": 2.0}, once=("seconds",))
+    study._state(made, "write")
+    assert study._compare_with_stated(made, "usual") == ["seconds: the study names it, but nothing it measures is called so"]
+    (tmp_path / "rows.csv").write_text("kind,seed,x\na,0,1\na,1,3\n", encoding="utf-8")
+    assert any("kept/rows.csv" in text for text in study._compare_with_stated(made, "usual"))

@@ -96,7 +96,7 @@ def _evidence_bars(axes: Axes, comparison: Comparison) -> None:
 
 def _relative(assumed: Assumed, own: float) -> str:
     value = max(assumed.log_evidence.values()) - own
-    return f"{value:+.1f}" if abs(value) < 100.0 else f"{value:+.0f}"
+    return (f"{value:+.1f}" if abs(value) < 100.0 else f"{value:+.0f}").replace("-", "−")
 
 
 @styled
