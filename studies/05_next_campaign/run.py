@@ -54,6 +54,8 @@ def measure(effort: Effort) -> dict[str, Any]:
         "nine": {choice: nine(choice) for choice in designs.NINE},
         "squareness_target_urad": [1e6 * target for target in designs.WITHIN["E_C0YX"]],
         "radii_mm": list(designs.RADII_MM),
+        "papers_forces_N": list(designs.PAPER_N),
+        "papers_step_N": designs.PAPER_N[-1] - designs.PAPER_N[-2],
         "equal_slope": 1e9 * campaigns.equal_slope(),
         "simulated": simulated(widths, decisions),
     }
@@ -66,6 +68,8 @@ def simulated(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
     lowest = min(every, key=lambda name: every[name]["coverage_95"])
     return {
         "widths": found,
+        "campaigns": len(widths) + len(decisions),
+        "mean_coverage": [table["coverage_mean"] for table in found.values()],
         "largest_miss": max(abs(own["width_over_predicted"] - 1.0) for own in every.values()),
         "lowest_coverage": {"name": lowest, "value": every[lowest]["coverage_95"]},
         "decisions": campaigns.decisions(decisions),

@@ -15,6 +15,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import ldbb_bayes as lb
+
 STUDIES = Path(__file__).parents[2] / "studies"
 FOLDERS = sorted(path.parent for path in STUDIES.glob("[0-9][0-9]_*/run.py"))
 IDS = [folder.name for folder in FOLDERS]
@@ -47,7 +49,8 @@ def test_the_page_is_written_from_the_numbers(folder: Path, study: ModuleType) -
     assert "README.md" in study.pages(folder)
     for name in study.pages(folder):
         assert (folder / name).read_text(encoding="utf-8") == study.page(folder, name)
-        assert numbers_by_hand((folder / f"{name}.j2").read_text(encoding="utf-8")) == []
+    for template in folder.glob("*.j2"):
+        assert numbers_by_hand(template.read_text(encoding="utf-8")) == []
 
 
 def test_a_number_by_hand_is_seen() -> None:
@@ -138,6 +141,34 @@ def test_the_papers_tables_and_figures_are_found_by_number() -> None:
             assert anchor in slugs, target
     for folder in STUDIES.glob("[0-9][0-9]_*/"):
         assert f"[`{folder.name}`]" in text
+
+
+def test_the_table_of_priors_is_that_of_the_default_model() -> None:
+    """Read back from the page, in the units it names."""
+    text = (STUDIES / "README.md").read_text(encoding="utf-8").split("## What is assumed beforehand")[1].split("\n## ")[0]
+    stated = {line.split(" | ")[0].strip("| "): line.split(" | ")[1] for line in text.splitlines() if line.startswith("| ")}
+    prior = lb.Prior.default()
+    sizes = {
+        "C_XXX, C_YYY": f"{prior.direct_mm_per_N:.0e} mm/N",
+        "C_XYX": f"{prior.cross_mm_per_N:.0e} mm/N",
+        "C_CXY, C_CYY": f"{prior.rotation_for_force_rad_per_N:.0e} rad/N",
+        "C_CCY": f"{prior.rotation_for_moment_rad_per_N_mm:.0e} rad/(N mm)",
+        "E_XX1, E_YY1": f"{prior.gain:.0e}",
+        "E_C(0Y)X": f"{prior.squareness_rad:.0e} rad",
+        "E_YX2, E_XY2": f"{prior.straightness_per_mm:.0e} 1/mm",
+    }
+    assert {name: stated[name] for name in sizes} == {name: text.replace("e-0", "e-") for name, text in sizes.items()}
+    assert stated["their slopes"].startswith(f"{prior.slope_scale:g} sd(C)")
+    assert stated["E_Xt0, E_Yt0"] == f"{prior.offset_mm:g} mm"
+    hypers = ("form of the balls", prior.tau_um), ("zero and centre", prior.delta_um), ("what else", prior.kappa_um)
+    for start, size in (*hypers, ("white noise", prior.sigma_um)):
+        (entry,) = [value for name, value in stated.items() if name.startswith(start)]
+        assert f"half-normal of {size:g} µm" in entry
+    terms = {type(term).__name__: term for term in lb.HybridModel.default().nuisances}
+    assert stated["length of the bar"] == f"{terms['BarLength'].sd_um:g} µm"
+    assert stated["mount of the work ball"].startswith(f"{100 * terms['Mount'].relative_sd:g} %")
+    force = terms["ForceError"]
+    assert stated["force: gain; each test"] == f"{100 * force.gain_sd:g} %; {force.random_sd_N:g} N"
 
 
 def test_one_command_runs_them() -> None:
