@@ -9,12 +9,14 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
+from scipy.stats import binom
 
 import ldbb_bayes as lb
 
@@ -64,14 +66,22 @@ def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
     kinds = dict.fromkeys([*PLANS, CLOCKWISE_HALF], CAMPAIGNS)
     rows = replicated(HERE / "campaigns.csv", analysed, kinds, effort, again=AGAIN)
+    simulated = summary(rows)
     return {
         "forces_N": list(FORCES_N),
         "campaigns": CAMPAIGNS,
         "se": float((LEVEL * (1.0 - LEVEL) / CAMPAIGNS) ** 0.5),
         "predicted": predicted(),
-        "simulated": summary(rows),
+        "simulated": simulated,
+        "chance_of_lowest": chance_of_lowest(simulated["three planes"]["coverage"]),
         "calibration": calibration(effort),
     }
+
+
+def chance_of_lowest(coverage: Mapping[str, float]) -> float:
+    """Probability that of so many calibrated parameters, taken as independent, one is covered as rarely as the rarest here."""
+    hits = round(min(coverage.values()) * CAMPAIGNS)
+    return float(1.0 - (1.0 - binom.cdf(hits, CAMPAIGNS, LEVEL)) ** len(coverage))
 
 
 @lb.figures.styled
