@@ -32,6 +32,8 @@ FORCES_N = (0.0, 36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 RESOLUTION_UM = 0.24
 SIZES = np.logspace(-1.0, 2.0, 25)
 DRAWS = 1000
+# Captions of Tables 2 and 3.
+PAPERS_UNIT_UM = 15.0
 ALIKE = {"E_YX2": "E_YX2, E_XY2", "E_Xt0": "E_Xt0, E_Yt0", "E_XX1": "E_XX1, E_YY1", "E_C0YX": "E_C(0Y)X"}
 Values = Mapping[str, float]
 
@@ -82,7 +84,7 @@ def tables_1_and_2() -> dict[str, Any]:
 
 
 def scaled_jacobian(forces_N: tuple[float, ...]) -> np.ndarray:
-    """J_H of Eq. 30, columns of length one."""
+    """J_H of Eq. 30, each column divided by its norm."""
     jacobian = np.vstack([lb.hybrid_jacobian(MACHINE, CIRCLE, ANGLE, force) for force in forces_N])
     return jacobian / np.linalg.norm(jacobian, axis=0)
 
@@ -251,9 +253,28 @@ def _unit(name: str) -> str:
     return {seen.name: seen.unit for seen in lb.describe(MACHINE).geometric_errors}[name]
 
 
+def atlas_swing() -> float:
+    """Largest distance of a drawn pattern from the nominal circle, the same in every panel of both atlases."""
+    drawn = [
+        axes.lines
+        for figure in (lb.figures.compliance_atlas(MACHINE), lb.figures.geometric_atlas(MACHINE))
+        for axes in figure.axes
+    ]
+    sizes = {round(float(np.abs(np.asarray(lines[1].get_ydata()) - 1.0).max()), 3) for lines in drawn if len(lines) > 1}
+    (size,) = sizes - {0.0}
+    return size
+
+
 def measure() -> dict[str, Any]:
     """Everything the pages state."""
-    return {"sets": tables_1_and_2(), "table_4": table_4(), "figures": figures_4_and_5(), "reach": reach()}
+    return {
+        "sets": tables_1_and_2(),
+        "paper_unit_um": PAPERS_UNIT_UM,
+        "atlas_swing": atlas_swing(),
+        "table_4": table_4(),
+        "figures": figures_4_and_5(),
+        "reach": reach(),
+    }
 
 
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
