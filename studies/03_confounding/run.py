@@ -6,11 +6,13 @@ python studies/03_confounding/run.py --write    # states anew
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -18,14 +20,17 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE))
+from figures import confounding  # noqa: E402
 from study import DATA, Study, run  # noqa: E402
 
 NAMES = ("E_XX1", "E_YY1", "E_YX2", "E_XY2", "E_C0YX", "C_CCY")
 SHOWN = {"E_XX1": (1e6, "µm/m"), "E_YY1": (1e6, "µm/m"), "E_YX2": (1e9, "µm/m²"), "E_XY2": (1e9, "µm/m²")}
 SHOWN |= {"E_C0YX": (1e6, "µrad"), "C_CCY": (1e9, "µrad/(N m)")}
+CONSTANT = lb.HybridModel.default(degree=0)
+FREE = CONSTANT.without("truncation")
 CALIBRATED_UM = 0.5
 CLOCKINGS_DEG = (0.0, 45.0, 90.0)
-FITS = {"least squares": "#000000", "without form": "#8C8C8C", "with form": "#0072B2"}
 PLANS = {
     "as run": lambda plan: plan,
     "length calibrated to 0.5 µm": lambda plan: plan,
@@ -33,6 +38,12 @@ PLANS = {
     "work ball alone": lambda plan: turned(plan, work=True, tool=False),
     "both balls, length calibrated": lambda plan: turned(plan, work=True, tool=True),
 }
+RECOVERED = HERE.parent / "02_recovered_experiment" / "results.json"
+# Synthetic form of orders 5 to 12, as a multiple of that in the recovered experiment.
+SYNTHETIC = (0.5, 1.0, 2.0)
+# Section 5: by CMM measurement, the form errors of the spheres "may contribute at most 30 µm".
+PAPERS_FORM_UM = 30
+HALF_NORMAL_MEDIAN = 0.6745
 
 
 def turned(plan: lb.Campaign, *, work: bool, tool: bool) -> lb.Campaign:
@@ -61,75 +72,154 @@ def published() -> dict[str, float]:
     return {name: float(row[name.replace("E_C0YX", "E_C(0Y)X")]) for name in NAMES}
 
 
+def basis(test: lb.CircularTest) -> np.ndarray:
+    """Orders 0 to 3 and cos 4θ, what the tables know of a circle, shape (n, 8)."""
+    angle = np.deg2rad(np.asarray(test.angle_deg))
+    waves = [f(n * angle) for n in (1, 2, 3) for f in (np.cos, np.sin)]
+    return np.column_stack([np.ones_like(angle), *waves, np.cos(4.0 * angle)])
+
+
+def harmonics_um(campaign: lb.Campaign) -> np.ndarray:
+    """Of every circle, shape (tests, 8) [µm]."""
+    return np.array([np.linalg.lstsq(basis(test), np.asarray(test.reading_um), rcond=None)[0] for test in campaign.tests])
+
+
+def with_readings(campaign: lb.Campaign, readings_um: np.ndarray) -> lb.Campaign:
+    """The same circles with other readings, shape (tests, n)."""
+    return replace(campaign, tests=tuple(replace(t, reading_um=own) for t, own in zip(campaign.tests, readings_um, strict=True)))
+
+
+def with_form_scaled(campaign: lb.Campaign, factor: float) -> lb.Campaign:
+    """The campaign with what its circles share outside orders 0 to 3 and cos 4θ made so many times as large."""
+    known = np.array([basis(t) @ own for t, own in zip(campaign.tests, harmonics_um(campaign), strict=True)])
+    rest = np.array([np.asarray(test.reading_um) for test in campaign.tests]) - known
+    return with_readings(campaign, known + rest + (factor - 1.0) * rest.mean(axis=0))
+
+
+def completed(campaign: lb.Campaign, cos_4_um: float) -> lb.Campaign:
+    """The campaign with so much more cos 4θ at the lowest force, and no other number of Tables 5 to 8.
+
+    C_CCY of two neighbours is their sum of F cos 4θ, over the sum of F²: what alternates with the force and is as 1/F is in none.
+    """
+    forces = campaign.forces_N
+    change = cos_4_um * (-1.0) ** np.arange(forces.size) * forces[0] / forces
+    return with_readings(
+        campaign, np.array([t.reading_um + own * basis(t)[:, 7] for t, own in zip(campaign.tests, change, strict=True)])
+    )
+
+
+def completions(campaign: lb.Campaign) -> dict[str, Any]:
+    """C_CCY under other values of cos 4θ at the lowest force, which nobody printed: truncation off, and on (study 02)."""
+    known = json.loads(RECOVERED.read_text(encoding="utf-8"))
+    u_um, bounded = known["open"]["cos4_at_lowest_um"]["sd"], known["completions"]
+    cos_4 = harmonics_um(campaign)[:, 7]
+    along = (-1.0) ** np.arange(cos_4.size) * campaign.forces_N[0] / campaign.forces_N
+    steps = {"as recovered": 0.0, "− 1 u": -u_um, "+ 1 u": u_um, "set to zero": -(cos_4 @ along) / (along @ along)}
+    names = {f"{sign} 1 u": f"cos 4θ at the lowest force, {sign} 1 u" for sign in "−+"}
+    rows: dict[str, Any] = {}
+    for label, step in steps.items():
+        table = lb.marginals(FREE, completed(campaign, step), tolerance=1e-2)
+        on = bounded["parameters"][names.get(label, label)]["C_CCY"]
+        rows[label] = {
+            "cos_4_um": cos_4[0] + step,
+            "off": _read(table, "C_CCY"),
+            "on": {word: SHOWN["C_CCY"][0] * value for word, value in on.items()},
+        }
+    squares = [lb.least_squares(completed(campaign, step)).estimate["C_CCY"] for step in steps.values()]
+    return {
+        "rows": rows,
+        "u_um": u_um,
+        "range_on": [SHOWN["C_CCY"][0] * value for value in bounded["range"]["C_CCY"]],
+        "least_squares_unchanged": bool(np.ptp(squares) < 1e-9 * abs(squares[0])),
+    }
+
+
+def synthetic_form(campaign: lb.Campaign) -> dict[str, Any]:
+    """What the size of the synthetic form does to τ, and through it to the geometric errors form is confused with."""
+    rows = {}
+    for factor in SYNTHETIC:
+        table = lb.marginals(FREE, with_form_scaled(campaign, factor))
+        tau = {word: 1e3 * float(table.loc["tau", word]) for word in ("mean", "sd")}
+        rows[f"{factor:g}"] = {
+            "tau_um": tau,
+            "u": {name: _read(table, name)["sd"] for name in NAMES},
+            "C_CCY": _read(table, "C_CCY"),
+        }
+    return rows
+
+
+def peak_to_peak_per_tau() -> float:
+    """Median peak to peak of form whose coefficients of order n = 2 to 12 have sd 1/n."""
+    rng, orders, angle = np.random.default_rng(1), np.arange(2, 13), np.deg2rad(np.arange(360.0))
+    drawn = rng.standard_normal((2, 4000, orders.size)) / orders
+    form = drawn[0] @ np.cos(np.outer(orders, angle)) + drawn[1] @ np.sin(np.outer(orders, angle))
+    return float(np.median(np.ptp(form, axis=1)))
+
+
+def gain_difference(campaign: lb.Campaign) -> dict[str, float]:
+    """E_XX1 − E_YY1 of the joint posterior, with form [µm/m]."""
+    drawn = lb.sample(FREE, campaign, sampler="quadrature", seed=1)["posterior"]
+    difference = 1e6 * (drawn["E_XX1"] - drawn["E_YY1"])
+    return {"mean": float(difference.mean()), "sd": float(difference.std())}
+
+
+def _read(table: pd.DataFrame, name: str) -> dict[str, float]:
+    factor = SHOWN[name][0]
+    return {word: factor * float(table.loc[name, word]) for word in ("mean", "sd")}
+
+
 def measure() -> dict[str, Any]:
     """Everything the page states, in units for reading."""
     campaign = lb.read_campaign(DATA / "recovered_experiment")
-    constant = lb.HybridModel.default(degree=0)
-    free = constant.without("truncation")
     fits = {
         "least squares": lb.marginals(lb.HybridModel.paper(degree=0), campaign),
-        "without form": lb.marginals(free.without("ball-form"), campaign),
-        "with form": lb.marginals(free, campaign),
+        "without form": lb.marginals(FREE.without("ball-form"), campaign),
+        "with form": lb.marginals(FREE, campaign),
     }
     printed = published()
-    results: dict[str, Any] = {"parameters": {}, "plans": {}}
+    fitted: dict[str, Any] = {}
     for name in NAMES:
         factor, unit = SHOWN[name]
-        entry: dict[str, Any] = {"unit": unit, "published": printed[name] * factor}
-        for label, table in fits.items():
-            row = table.loc[name]
-            entry[label] = {"mean": row["mean"] * factor, "sd": row["sd"] * factor}
-        results["parameters"][name] = entry
+        fitted[name] = {"unit": unit, "published": printed[name] * factor} | {k: _read(t, name) for k, t in fits.items()}
+    plans = {}
     for label, change in PLANS.items():
-        model = calibrated(constant) if "calibrated" in label else constant
+        model = calibrated(CONSTANT) if "calibrated" in label else CONSTANT
         found = lb.identify(model, change(campaign.plan()))
-        results["plans"][label] = {
+        plans[label] = {
             name: {"sd": found.parameters[name].sd * SHOWN[name][0], "verdict": found.parameters[name].verdict.word}
             for name in NAMES
         }
-    now = lb.identify(constant, campaign)
-    fitted = results["parameters"]
-    results["too_narrow"] = {n: fitted[n]["with form"]["sd"] / fitted[n]["least squares"]["sd"] for n in NAMES}
-    results["gain_difference"] = fitted["E_XX1"]["with form"]["mean"] - fitted["E_YY1"]["with form"]["mean"]
-    results |= {"clockings_deg": [int(angle) for angle in CLOCKINGS_DEG], "calibrated_um": CALIBRATED_UM}
-    results["lowest_force_N"] = float(campaign.forces_N.min())
-    results["statements"] = [d.statement for d in now.degeneracies]
-    return results
+    form = synthetic_form(campaign)
+    per_tau = peak_to_peak_per_tau()
+    return {
+        "parameters": fitted,
+        "plans": plans,
+        "too_narrow": {n: fitted[n]["with form"]["sd"] / fitted[n]["least squares"]["sd"] for n in NAMES},
+        "gain_difference": gain_difference(campaign),
+        "completions": completions(campaign),
+        "synthetic_form": form,
+        "form_um": {
+            "per_tau": per_tau,
+            "expected": per_tau * form["1"]["tau_um"]["mean"],
+            "paper": PAPERS_FORM_UM,
+            "prior_median": per_tau * HALF_NORMAL_MEDIAN * CONSTANT.prior.tau_um,
+            "tau_of_paper": PAPERS_FORM_UM / per_tau,
+        },
+        "clockings_deg": [int(angle) for angle in CLOCKINGS_DEG],
+        "calibrated_um": CALIBRATED_UM,
+        "lowest_force_N": float(campaign.forces_N.min()),
+        "statements": [d.statement for d in lb.identify(CONSTANT, campaign).degeneracies],
+    }
 
 
-def draw(results: dict[str, Any]) -> Figure:
-    """Left: published, without and with form; right: predicted sd by plan."""
-    figure = Figure(figsize=(10.0, 5.6), layout="constrained")
-    panels = figure.subplots(2, 6)
-    for axes, (name, entry) in zip(panels[0], results["parameters"].items(), strict=True):
-        for x, (label, colour) in enumerate(FITS.items()):
-            fit = entry[label]
-            axes.errorbar(x, fit["mean"], 1.96 * fit["sd"], fmt="o", color=colour, capsize=3, markersize=4)
-        axes.axhline(entry["published"], color="#D55E00", linewidth=1.0)
-        axes.set_xticks([0, 1, 2], ["white\nnoise", "no\nform", "with\nform"])
-        axes.set_xlim(-0.6, 2.6)
-        shown = name.replace("E_C0YX", "E_C(0Y)X")
-        axes.set_title(f"{shown}\n({entry['unit']})", fontsize=9)
-        axes.tick_params(labelsize=7)
-    for axes, name in zip(panels[1], NAMES, strict=True):
-        sds = [plan[name]["sd"] for plan in results["plans"].values()]
-        words = [plan[name]["verdict"] for plan in results["plans"].values()]
-        colours = ["#D55E00" if word == "aliased" else "#E69F00" if word == "prior-limited" else "#009E73" for word in words]
-        axes.barh(range(len(sds))[::-1], sds, color=colours)
-        axes.set_yticks(range(len(sds))[::-1], list(results["plans"]) if name == NAMES[0] else [""] * len(sds), fontsize=7)
-        axes.set_xlabel(f"sd ({SHOWN[name][1]})", fontsize=8)
-        axes.tick_params(labelsize=7)
-    figure.suptitle(
-        "Top: 95 % intervals by model; orange line: published. Bottom: predicted sd of the same six circles by plan; "
-        "orange: aliased, green: identified",
-        fontsize=9,
-    )
-    return figure
+def draw(results: dict[str, Any]) -> dict[str, Figure]:
+    """Top: intervals by model and completion; bottom: predicted standard uncertainties by plan."""
+    return {"confounding": confounding(results["parameters"], results["plans"], results["completions"]["rows"])}
 
 
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    run(Study(HERE, lambda effort: measure(), lambda results: {"confounding": draw(results)}))
+    run(Study(HERE, lambda effort: measure(), draw, absolute={"*C_CCY*/mean": 0.001, "completions/rows/*/mean": 0.001}))
 
 
 if __name__ == "__main__":
