@@ -95,7 +95,15 @@ def run(study: Study) -> None:
     start = time.perf_counter()
     try:
         wrong = _state(study, effort) if options.write or options.restate else _compare_with_stated(study, effort)
-    except (lb.InputError, OSError, UnicodeDecodeError, json.JSONDecodeError, pd.errors.ParserError, TemplateError) as error:
+    except (
+        lb.InputError,
+        OSError,
+        UnicodeDecodeError,
+        json.JSONDecodeError,
+        pd.errors.ParserError,
+        pd.errors.EmptyDataError,
+        TemplateError,
+    ) as error:
         sys.exit(f"{study.folder.name}: {_said(error)}")
     if wrong:
         sys.exit(f"{study.folder.name}: not reproduced\n  " + "\n  ".join(wrong))
@@ -107,9 +115,13 @@ def _said(error: Exception) -> str:
     """What went wrong with a file, and the cure."""
     if isinstance(error, FileNotFoundError):
         return f"{error.filename} must exist. {RESTORE}"
-    if isinstance(error, json.JSONDecodeError | UnicodeDecodeError | pd.errors.ParserError):
+    if isinstance(error, json.JSONDecodeError | UnicodeDecodeError | pd.errors.ParserError | pd.errors.EmptyDataError):
         return f"a file of the study is damaged: {error}. {RESTORE}"
-    return f"{type(error).__name__}: {error}" if isinstance(error, TemplateError) else str(error)
+    return (
+        f"a template asks for what is not measured or is damaged: {error}. {RESTORE}"
+        if isinstance(error, TemplateError)
+        else str(error)
+    )
 
 
 def _measured(study: Study, effort: Effort) -> dict[str, Any]:
@@ -295,8 +307,10 @@ def kept(path: Path, made: pd.DataFrame, kinds: Mapping[str, int], effort: Effor
     """Keep the rows made (``--write``), or compare them with those kept; returns all that are kept, see `replicated`."""
     if effort == "write":
         made.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
-        return pd.read_csv(path, float_precision="round_trip")
-    known = pd.read_csv(path, float_precision="round_trip")
+        return pd.read_csv(path)
+    known = pd.read_csv(path)
+    if not {"kind", "seed"} <= set(known.columns):
+        sys.exit(f"{path.parent.name}/{path.name}: must have columns kind and seed, has {', '.join(known.columns)}. {RESTORE}")
     counts = {str(kind): int(count) for kind, count in known["kind"].value_counts().items()}
     if counts != dict(kinds):
         sys.exit(f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. {RESTORE}")

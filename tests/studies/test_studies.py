@@ -222,8 +222,28 @@ def test_files_that_are_missing_or_damaged(copied: Path) -> None:
     (copied / "results.json").write_text("[]", encoding="utf-8")
     assert "must hold numbers by name" in said(copied)
     (copied / "results.json").write_text("{}", encoding="utf-8")
+    shutil.copy(STUDIES / "03_confounding" / "results.json", copied)
+    template = copied / "README.md.j2"
+    template.write_text(template.read_text(encoding="utf-8") + "{{ r.nothing }}", encoding="utf-8")
+    assert "'nothing'" in (text := said(copied))
+    assert "a template asks for" in text
     shutil.rmtree(copied.parents[1] / "data" / "recovered_experiment")
     assert "recovered_experiment" in said(copied)
+
+
+def test_kept_campaigns_that_are_damaged(tmp_path: Path, study: ModuleType) -> None:
+    kept = tmp_path / "rows.csv"
+    made = pd.DataFrame({"kind": ["a"], "seed": [0], "x": [1.0]})
+    kept.write_text("", encoding="utf-8")
+    with pytest.raises(pd.errors.EmptyDataError) as caught:
+        study.kept(kept, made, {"a": 1}, "usual")
+    assert "damaged" in study._said(caught.value)
+    kept.write_text("a,b\n1,2\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match="must have columns kind and seed"):
+        study.kept(kept, made, {"a": 1}, "usual")
+    kept.write_text("kind,seed,x\nb,0,1\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match="git checkout"):
+        study.kept(kept, made, {"a": 1}, "usual")
 
 
 def test_a_figure_or_template_that_is_gone(copied: Path, study: ModuleType) -> None:
