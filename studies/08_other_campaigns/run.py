@@ -29,6 +29,8 @@ from study import Effort, Study, kept, replicated, run  # noqa: E402
 
 CAMPAIGNS, CALIBRATED, DRAWS, BAND = 200, 200, 99, 0.99
 AGAIN: dict[Effort, int] = {"quick": 2, "usual": 12}
+# A draw equal to the truth within rounding falls on either side of it, by version of the libraries.
+ONE_RANK = 1.5 / DRAWS
 RANKS_AGAIN: dict[Effort, int] = {"quick": 10, "usual": 40, "write": CALIBRATED}
 
 
@@ -56,7 +58,7 @@ def calibration(effort: Effort) -> dict[str, Any]:
     if result.failures:
         sys.exit(f"08_other_campaigns: {result.failures[0]}")
     made = pd.DataFrame(result.ranks.astype(float), columns=list(result.names)).assign(kind="everything")
-    rows = kept(HERE / "ranks.csv", made.assign(seed=range(len(made))), {"everything": CALIBRATED}, effort)
+    rows = kept(HERE / "ranks.csv", made.assign(seed=range(len(made))), {"everything": CALIBRATED}, effort, tolerance=ONE_RANK)
     ranks = rows.drop(columns=["kind", "seed"])
     full = lb.Validation(tuple(ranks.columns), ranks.to_numpy(dtype=int), DRAWS, "quadrature", BAND, ())
     return {"replicates": full.replicates, "quantities": len(full.names), "outside": list(full.outside), "percent": 100.0 * BAND}
