@@ -38,6 +38,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 from matplotlib.figure import Figure
@@ -303,8 +304,23 @@ def replicated(
     return kept(path, pd.DataFrame(_on_all_cores(job, jobs)), kinds, effort, tolerance=tolerance)
 
 
-def kept(path: Path, made: pd.DataFrame, kinds: Mapping[str, int], effort: Effort, *, tolerance: float = 0.01) -> pd.DataFrame:
-    """Keep the rows made (``--write``), or compare them with those kept; returns all that are kept, see `replicated`."""
+def kept(
+    path: Path,
+    made: pd.DataFrame,
+    kinds: Mapping[str, int],
+    effort: Effort,
+    *,
+    tolerance: float = 0.01,
+    astray: float = 0.0,
+) -> pd.DataFrame:
+    """Keep the rows made (``--write``), or compare them with those kept; returns all that are kept, see `replicated`.
+
+    Parameters
+    ----------
+    astray : float
+        Share of the rows made again that may differ by more: those of random draws part for good where a choice hangs on the
+        last digit, which versions of the libraries round differently.
+    """
     if effort == "write":
         made.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
         return pd.read_csv(path)
@@ -314,24 +330,33 @@ def kept(path: Path, made: pd.DataFrame, kinds: Mapping[str, int], effort: Effor
     counts = {str(kind): int(count) for kind, count in known["kind"].value_counts().items()}
     if counts != dict(kinds):
         sys.exit(f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}. {RESTORE}")
-    _compare(made, known, f"{path.parent.name}/{path.name}", tolerance)
+    _compare(made, known, f"{path.parent.name}/{path.name}", tolerance, astray)
     return known
 
 
-def _compare(made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: float) -> None:
+def _compare(made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: float, astray: float = 0.0) -> None:
     """Refuse rows that are not those kept."""
     both = made.merge(kept, on=["kind", "seed"], suffixes=("", " kept"), how="left", validate="one_to_one")
     numbers = [name for name in made.columns if name not in ("kind", "seed")]
     missing = [name for name in numbers if name not in kept.columns]
     if missing:
         sys.exit(f"{where}: {', '.join(missing)} are not kept. {RESTORE}")
-    for name in numbers:
-        scale = kept[name].abs().max()
-        off = (both[name] - both[f"{name} kept"]).abs() > tolerance * scale
-        off |= both[name].isna() != both[f"{name} kept"].isna()
-        if off.any():
-            row = both[off].iloc[0]
-            sys.exit(f"{where}: {row['kind']}, seed {row['seed']}: {name} is {row[name]:.6g}, kept {row[f'{name} kept']:.6g}")
+    off = pd.DataFrame(
+        {
+            name: ((both[name] - both[f"{name} kept"]).abs() > tolerance * kept[name].abs().max())
+            | (both[name].isna() != both[f"{name} kept"].isna())
+            for name in numbers
+        }
+    )
+    rows = np.flatnonzero(off.any(axis=1))
+    if len(rows) > astray * len(both):
+        row, name = both.iloc[rows[0]], off.columns[off.iloc[rows[0]]][0]
+        sys.exit(
+            f"{where}: {row['kind']}, seed {row['seed']}: {name} is {row[name]:.6g}, kept {row[f'{name} kept']:.6g}; "
+            f"{len(rows)} of {len(both)} rows differ"
+        )
+    if len(rows):
+        print(f"{where}: {len(rows)} of {len(both)} rows of random draws came out differently")
 
 
 def _on_all_cores(job: Callable[[str, int], Row], jobs: Sequence[tuple[str, int]]) -> list[dict[str, Any]]:

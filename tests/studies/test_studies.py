@@ -105,6 +105,10 @@ def test_simulated_campaigns_that_differ_are_refused(study: ModuleType, capsys: 
     for other in (kept.assign(x=[1.0, 2.03]), kept.assign(x=[1.0, float("nan")]), kept.assign(y=1.0)):
         with pytest.raises(SystemExit, match="here"):
             study._compare(other, kept, "here", 0.01)
+    study._compare(kept.assign(x=[1.0, 2.5]), kept, "here", 0.01, astray=0.5)
+    assert "1 of 2 rows of random draws" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="2 of 2 rows differ"):
+        study._compare(kept.assign(x=[1.5, 2.5]), kept, "here", 0.01, astray=0.5)
 
 
 @pytest.mark.parametrize(
