@@ -44,6 +44,7 @@ def compared() -> dict[str, Any]:
     """What `lb.compare` found; evidence of an assumption less that of the model."""
     record = comparison().as_dict()
     own = max(record["nuisances"][0]["log_evidence"].values())
+    none = next(s["probability"] for s in record["slope_subsets"] if not any(s["powers"].values()))
     every = {a["assumption"]: a for a in (*record["nuisances"], *record["discrepancy_sensitivity"])}
     return {
         "log_bayes_factor": record["log_bayes_factor"]["linear/constant"],
@@ -59,7 +60,8 @@ def compared() -> dict[str, Any]:
         },
         "elpd_difference": record["elpd_difference"]["linear/constant"],
         "inclusion": {name: slope["inclusion_probability"] for name, slope in record["slopes"].items()},
-        "no_slope": next(s["probability"] for s in record["slope_subsets"] if not any(s["powers"].values())),
+        "no_slope": none,
+        "some_slope": float(np.log((1.0 - none) / none / (len(record["slope_subsets"]) - 1))),
         "flagged": [name for name, test in record["tests"].items() if test["flag"]],
     }
 

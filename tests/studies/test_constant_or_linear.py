@@ -20,17 +20,26 @@ def results() -> dict[str, Any]:
     return dict(json.loads((STUDY / "results.json").read_text(encoding="utf-8")))
 
 
-@pytest.fixture(scope="module")
-def simulated() -> ModuleType:
-    for folder in (STUDY.parent, STUDY):
+def module_of(path: Path, name: str) -> ModuleType:
+    for folder in (STUDY.parent, STUDY.parent / "02_recovered_experiment", STUDY):
         sys.path.insert(0, str(folder))
-    spec = importlib.util.spec_from_file_location("simulated_comparison", STUDY / "simulated.py")
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["simulated_comparison"] = module
+    sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def simulated() -> ModuleType:
+    return module_of(STUDY / "simulated.py", "simulated_comparison")
+
+
+@pytest.fixture(scope="module")
+def harmonics() -> ModuleType:
+    return module_of(STUDY / "harmonics.py", "harmonics_of_circles")
 
 
 def test_three_answers_side_by_side(results: dict[str, Any]) -> None:
@@ -52,11 +61,27 @@ def test_the_printed_numbers_alone(results: dict[str, Any]) -> None:
     assert found["scaled"]["1"]["zero and centre move"] == pytest.approx(compared["log_bayes_factor"], abs=0.01)
     assert found["numbers"] == results["undetermined"]["printed"]
     assert found["slope_scale"]["0.3"] == pytest.approx(found["log_bayes_factor"]["zero and centre move"], abs=1e-3)
+    assert [row["numbers"] for row in found["without"].values()] == [found["numbers"] - 8] * 6
+    lightest, *others = (row["log_bayes_factor"] for row in found["without"].values())
+    assert lightest < -5.0 < min(others)
     for label, value in found["log_bayes_factor"].items():
         assert found["parts"][label]["all six"] == pytest.approx(value, abs=1e-3)
     assert found["log_bayes_factor"]["zero and centre move"] > 0.0 > compared["log_bayes_factor"]
     assert found["kappa_um"]["linear"] < found["kappa_um"]["constant"] < compared["kappa_um"]
     assert found["scaled"]["0.25"]["zero and centre move"] > 0.0 > found["scaled"]["0.5"]["zero and centre move"]
+
+
+def test_one_circle_ignored(harmonics: ModuleType) -> None:
+    """The same as saying of every harmonic of that circle that it is known to a millimetre."""
+    grid = {"delta": np.array([7e-4]), "kappa": np.array([1e-4]), "tau": np.array([5e-3])}
+    data = harmonics.printed_numbers()
+    for circle in (0, 3):
+        own = slice(8 * circle, 8 * circle + 8)
+        vague = harmonics.Model(data, grid=grid)
+        vague.fixed[:] += data.jacobian[:, own] @ data.jacobian[:, own].T
+        ignored = harmonics.Model(data.without(circle), grid=grid)
+        assert ignored.log_bayes_factor() == pytest.approx(vague.log_bayes_factor(), abs=0.01)
+        assert ignored.log_bayes_factor() != pytest.approx(harmonics.Model(data, grid=grid).log_bayes_factor(), abs=0.5)
 
 
 def test_the_three_undetermined_directions(results: dict[str, Any]) -> None:

@@ -38,8 +38,9 @@ def test_six_lines(root: Path) -> None:
             f"C_CCY is {ccy[0] * 1e9:.2f} or {ccy[1] * 1e9:.1f} µrad/(N m)",
         ),
         (
-            minus(f"{gain['least squares']['mean']:.2f} ± {gain['least squares']['sd']:.2f} µm/m"),
+            minus(f"{gain['least squares']['mean']:.2f} ± {gain['least squares']['sd']:.2f}"),
             minus(f"{gain['with form']['mean']:.0f} ± {gain['with form']['sd']:.0f}"),
+            minus(f"prints E_XX1 = {gain['published']:.0f} µm/m"),
         ),
         (
             f"falls by {100 * (1 - rmse['linear'] / rmse['constant']):.0f} %",
@@ -48,11 +49,14 @@ def test_six_lines(root: Path) -> None:
             f"{alone['the centre alone moves']:+.0f} if the bar's zero stays",
             minus(f"recovered readings {scale['log_bayes_factor']:.1f}"),
             f"probability {fourth['printed']['inclusion']['C_XYX']:.4f}",
+            f"but {fourth['printed']['without']['36']['inclusion']['C_XYX']:.2f} without the circle at 36 N",
+            minus(f"ln B is then {fourth['printed']['without']['36']['log_bayes_factor']:.1f}"),
         ),
         (f"{fifth['settling']['tests']['number']} circles at three forces",),
         (
             f"cover {100 * min(right):.0f} to {100 * max(right):.0f} %",
             f"as little as {100 * sixth['cases']['no discrepancy']['worst_coverage']:.0f}",
+            f"({100 * sixth['cases']['no discrepancy, more readings']['worst_coverage']:.0f} with four times the readings)",
         ),
     ]
     for line, own in zip(lines, claims, strict=True):
