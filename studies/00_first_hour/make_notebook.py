@@ -6,10 +6,14 @@ python studies/00_first_hour/make_notebook.py
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
-import nbformat
-from nbclient import NotebookClient
+try:
+    import nbformat
+    from nbclient import NotebookClient
+except ImportError as error:
+    sys.exit(f"make_notebook: {error.name} must be installed. pip install nbformat nbclient ipykernel")
 
 HERE = Path(__file__).resolve().parent
 CELLS = (

@@ -109,8 +109,9 @@ def on_page(name: str) -> str:
 
 
 def named(figure: Figure, fit: str) -> Figure:
-    """Fig. 7 with the name of the fit above its legend."""
+    """Fig. 7 with the name of the fit above its legend; its band is of readings of these circles, not of a new one."""
     (axes,) = figure.axes
+    axes.title.set_text(axes.get_title().replace("95 % band for a new circle", "95 % band of readings by white noise"))
     axes.get_legend().set_title(fit, prop={"size": 8.0})
     return figure
 

@@ -10,6 +10,7 @@ a weak prior supplies the rest. What lies outside these harmonics is synthetic a
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -186,7 +187,10 @@ def main() -> None:
     out = parser.parse_args().out
     found = recover()
     campaign = make_campaign()
-    lb.write_campaign(campaign, out, force=True)
+    try:
+        lb.write_campaign(campaign, out, force=True)
+    except lb.InputError as error:
+        sys.exit(f"make_campaign: {error}")
     print(f"{len(found.numbers)} printed numbers returned, worst {np.abs(found.misses).max():.3f} half-units")
     print(f"SHA-256 {campaign.sha256}")
 

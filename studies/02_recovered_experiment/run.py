@@ -115,7 +115,7 @@ def completions(found: Recovered) -> dict[str, Any]:
     base = rows["as recovered"]
     moved = {p: max(abs(row[p]["mean"] - base[p]["mean"]) / base[p]["sd"] for row in rows.values()) for p in base}
     largest = max(moved, key=lambda name: moved[name])
-    kept = ("C_CCY", "E_C0YX", "delta", "kappa")
+    kept = ("C_CXY", "C_CYY", "C_CCY", "delta", "kappa")
     return {
         "parameters": {name: {p: row[p] for p in kept} for name, row in rows.items()},
         "largest_move_in_u": moved[largest],

@@ -27,6 +27,13 @@ from study import DATA, Study, run  # noqa: E402
 NAMES = ("E_XX1", "E_YY1", "E_YX2", "E_XY2", "E_C0YX", "C_CCY")
 SHOWN = {"E_XX1": (1e6, "µm/m"), "E_YY1": (1e6, "µm/m"), "E_YX2": (1e9, "µm/m²"), "E_XY2": (1e9, "µm/m²")}
 SHOWN |= {"E_C0YX": (1e6, "µrad"), "C_CCY": (1e9, "µrad/(N m)")}
+COMPLIANCES = {
+    "C_XXX": (1e6, "nm/N"),
+    "C_XYX": (1e6, "nm/N"),
+    "C_YYY": (1e6, "nm/N"),
+    "C_CXY": (1e9, "nrad/N"),
+    "C_CYY": (1e9, "nrad/N"),
+}
 CONSTANT = lb.HybridModel.default(degree=0)
 FREE = CONSTANT.without("truncation")
 CALIBRATED_UM = 0.5
@@ -39,8 +46,9 @@ PLANS = {
     "both balls, length calibrated": lambda plan: turned(plan, work=True, tool=True),
 }
 RECOVERED = HERE.parent / "02_recovered_experiment" / "results.json"
+FROM_DIGITS = HERE.parent / "04_constant_or_linear" / "results.json"
 # Synthetic form of orders 5 to 12, as a multiple of that in the recovered experiment.
-SYNTHETIC = (0.5, 1.0, 2.0)
+SYNTHETIC = (0.5, 1.0, 2.0, 4.0)
 # Section 5: by CMM measurement, the form errors of the spheres "may contribute at most 30 µm".
 PAPERS_FORM_UM = 30
 HALF_NORMAL_MEDIAN = 0.6745
@@ -69,7 +77,7 @@ def published() -> dict[str, float]:
         **pd.read_csv(tables / "table_5_global_compliances.csv").iloc[0],
         **pd.read_csv(tables / "table_6_global_geometric_errors.csv").iloc[0],
     }
-    return {name: float(row[name.replace("E_C0YX", "E_C(0Y)X")]) for name in NAMES}
+    return {name: float(row[name.replace("E_C0YX", "E_C(0Y)X")]) for name in (*NAMES, *COMPLIANCES)}
 
 
 def basis(test: lb.CircularTest) -> np.ndarray:
@@ -164,7 +172,7 @@ def gain_difference(campaign: lb.Campaign) -> dict[str, float]:
 
 
 def _read(table: pd.DataFrame, name: str) -> dict[str, float]:
-    factor = SHOWN[name][0]
+    factor = (SHOWN | COMPLIANCES)[name][0]
     return {word: factor * float(table.loc[name, word]) for word in ("mean", "sd")}
 
 
@@ -181,6 +189,12 @@ def measure() -> dict[str, Any]:
     for name in NAMES:
         factor, unit = SHOWN[name]
         fitted[name] = {"unit": unit, "published": printed[name] * factor} | {k: _read(t, name) for k, t in fits.items()}
+    unshifted = lb.marginals(FREE.without("setup-shift"), campaign)
+    others = {
+        name: {"unit": unit, "published": printed[name] * factor}
+        | {k: _read(t, name) for k, t in ({**fits, "without set-up shift": unshifted}).items()}
+        for name, (factor, unit) in COMPLIANCES.items()
+    }
     plans = {}
     for label, change in PLANS.items():
         model = calibrated(CONSTANT) if "calibrated" in label else CONSTANT
@@ -193,6 +207,8 @@ def measure() -> dict[str, Any]:
     per_tau = peak_to_peak_per_tau()
     return {
         "parameters": fitted,
+        "compliances": others,
+        "tau_of_digits_um": json.loads(FROM_DIGITS.read_text(encoding="utf-8"))["printed"]["tau_um"]["constant"],
         "plans": plans,
         "too_narrow": {n: fitted[n]["with form"]["sd"] / fitted[n]["least squares"]["sd"] for n in NAMES},
         "gain_difference": gain_difference(campaign),

@@ -40,13 +40,14 @@ class Answer:
     ----------
     log_evidence : dict of tuple of str to float
         Of every subset of slopes [nat].
-    kappa_um, sd_of_kappa_um : dict of str to float
-        Posterior of κ under constant and linear compliance.
+    kappa_um, sd_of_kappa_um, tau_um : dict of str to float
+        Posterior of κ and τ under constant and linear compliance.
     """
 
     log_evidence: dict[tuple[str, ...], float]
     kappa_um: dict[str, float]
     sd_of_kappa_um: dict[str, float]
+    tau_um: dict[str, float]
 
     @property
     def log_bayes_factor(self) -> float:
@@ -64,6 +65,7 @@ class Answer:
             "no_slope": float(probability[0]),
             "kappa_um": self.kappa_um,
             "sd_of_kappa_um": self.sd_of_kappa_um,
+            "tau_um": self.tau_um,
         }
 
 
@@ -75,6 +77,7 @@ def answer(model: Model) -> Answer:
         {own: value["log_evidence"] for own, value in found.items()},
         {name: 1e3 * value["kappa"] for name, value in ends.items()},
         {name: 1e3 * value["sd_of_kappa"] for name, value in ends.items()},
+        {name: 1e3 * value["tau"] for name, value in ends.items()},
     )
 
 
@@ -98,6 +101,9 @@ def measure() -> dict[str, Any]:
         "slope_scale": {f"{scale:g}": Model(data, slope_scale=scale).log_bayes_factor() for scale in SLOPE_SCALES},
         "without": {f"{force:.0f}": without(data, circle) for circle, force in enumerate(FORCES_N)},
         "laws": {law: under(Model(data, **options), found) for law, options in LAWS.items()},
+        "laws if the zero stays": {
+            law: Model(data, zero_moves=False, **options).log_bayes_factor() for law, options in LAWS.items()
+        },
         "parts": {ZERO_AND_CENTRE: parts(moves), CENTRE: parts(stays)},
         "curve_um": curve_um(),
         "of_readings": of_readings(),

@@ -34,6 +34,11 @@ def both_directions() -> lb.Plan:
     return lb.Plan((*circles(direction="CW"), *circles(direction="CCW")), name="both directions")
 
 
+def mostly_clockwise() -> lb.Plan:
+    """Ten circles clockwise, five counterclockwise."""
+    return lb.Plan((*both_directions().tests, *circles(direction="CW")), name="mostly clockwise")
+
+
 def three_planes() -> lb.Plan:
     """XY, YZ and ZX, each with a set-up of its own."""
     tests = [test for k, plane in enumerate(("XY", "YZ", "ZX")) for test in circles(plane=plane, setup=k + 1)]

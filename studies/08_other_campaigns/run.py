@@ -24,7 +24,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
 from plans import FORCES_N, MODEL, both_directions, everything, one_radius, three_planes, two_radii  # noqa: E402
-from simulated import CLOCKWISE_HALF, LEVEL, PLANS, analysed, summary  # noqa: E402
+from simulated import CLOCKWISE, LEVEL, PLANS, analysed, summary  # noqa: E402
 from study import Effort, Study, kept, replicated, run  # noqa: E402
 
 CAMPAIGNS, CALIBRATED, DRAWS, BAND = 200, 200, 99, 0.99
@@ -75,7 +75,7 @@ def calibration(effort: Effort) -> dict[str, Any]:
 
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
-    kinds = dict.fromkeys([*PLANS, CLOCKWISE_HALF], CAMPAIGNS)
+    kinds = dict.fromkeys([*PLANS, *CLOCKWISE], CAMPAIGNS)
     rows = replicated(HERE / "campaigns.csv", analysed, kinds, effort, again=AGAIN)
     simulated = summary(rows)
     return {

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from plans import MODEL, both_directions, one_radius, three_planes, two_radii
+from plans import MODEL, both_directions, mostly_clockwise, one_radius, three_planes, two_radii
 
 import ldbb_bayes as lb
 
-CLOCKWISE_HALF = "its clockwise half"
+# Machines with friction, of which the circles clockwise alone are analysed.
+CLOCKWISE = {"five clockwise": both_directions, "ten clockwise": mostly_clockwise}
 PLANS = {"one radius": one_radius, "two radii": two_radii, "both directions": both_directions, "three planes": three_planes}
 SHOWN = ("E_C0YX", "E_YX2", "E_XY2", "C_XYX", "C_XXX")
 FIRST_SEED = 5000
@@ -20,10 +21,9 @@ LEVEL = 0.95
 
 def analysed(kind: str, seed: int) -> Mapping[str, float]:
     """Of every parameter the posterior probability below the truth; of those shown u and error (mean − truth) as well."""
-    plan = both_directions() if kind == CLOCKWISE_HALF else PLANS[kind]()
-    made = MODEL.simulate(plan, seed=FIRST_SEED + seed)
+    made = MODEL.simulate((PLANS | CLOCKWISE)[kind](), seed=FIRST_SEED + seed)
     campaign = made.campaign
-    if kind == CLOCKWISE_HALF:
+    if kind in CLOCKWISE:
         campaign = campaign.select([test.name for test in campaign.tests if test.direction == "CW"])
     draws = lb.sample(MODEL, campaign, sampler="quadrature", seed=seed)["posterior"]
     row = {}

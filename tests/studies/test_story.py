@@ -25,13 +25,17 @@ def test_six_lines(root: Path) -> None:
     assert len(first["table_4"]["misprinted"]) == 1
     ccy = second["completions"]["range"]["C_CCY"]
     gain, scale = third["parameters"]["E_XX1"], fourth["compared"]
-    alone = fourth["printed"]["log_bayes_factor"]
+    alone, lightest = fourth["printed"]["log_bayes_factor"], fourth["printed"]["without"]["36"]
     assumed = {name: entry["log_bayes_factor"] for name, entry in scale["assumptions"].items()}
     rmse = scale["least_squares_rmse_um"]
     fifth, sixth = results("05_next_campaign"), results("06_validation")
     right = [share for kind in sixth["calibrated"] for share in sixth["cases"][kind]["coverage"].values()]
     claims = [
-        (f"a {first['table_4']['step_deg']:.0f}° step", f"up to {first['reach']['limit_in_prior_sd']:.1f} times"),
+        (
+            f"in {first['table_4']['same']} of 13 estimates",
+            f"a {first['table_4']['step_deg']:.0f}° step",
+            f"up to {first['reach']['limit_in_prior_sd']:.1f} times",
+        ),
         (
             f"{second['printed_numbers']} printed numbers",
             f"but for {second['open']['count']} of {second['dimensions']} directions",
@@ -46,11 +50,11 @@ def test_six_lines(root: Path) -> None:
             f"falls by {100 * (1 - rmse['linear'] / rmse['constant']):.0f} %",
             f"ln B = {assumed['white noise only, no truncation']:+.0f}",
             f"printed numbers themselves say {alone['zero and centre move']:+.1f}",
-            f"{alone['the centre alone moves']:+.0f} if the bar's zero stays",
+            f"({alone['the centre alone moves']:+.0f} if the bar's zero stays)",
             minus(f"recovered readings {scale['log_bayes_factor']:.1f}"),
             f"probability {fourth['printed']['inclusion']['C_XYX']:.4f}",
-            f"but {fourth['printed']['without']['36']['inclusion']['C_XYX']:.2f} without the circle at 36 N",
-            minus(f"ln B is then {fourth['printed']['without']['36']['log_bayes_factor']:.1f}"),
+            f"but {lightest['inclusion']['C_XYX']:.2f} without the circle at 36 N",
+            minus(f"ln B is then {lightest['log_bayes_factor']:.1f} ({lightest['the centre alone moves']:.1f})"),
         ),
         (f"{fifth['settling']['tests']['number']} circles at three forces",),
         (

@@ -191,7 +191,8 @@ def test_one_command_runs_them() -> None:
 def copied(tmp_path: Path) -> Path:
     """A copy of study 03 that may be damaged."""
     shutil.copytree(STUDIES / "03_confounding", tmp_path / "studies" / "03_confounding")
-    shutil.copytree(STUDIES / "02_recovered_experiment", tmp_path / "studies" / "02_recovered_experiment")
+    for name in ("02_recovered_experiment", "04_constant_or_linear"):
+        shutil.copytree(STUDIES / name, tmp_path / "studies" / name)
     shutil.copy(STUDIES / "study.py", tmp_path / "studies")
     shutil.copytree(STUDIES.parent / "data", tmp_path / "data")
     return tmp_path / "studies" / "03_confounding"
