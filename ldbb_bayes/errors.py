@@ -8,8 +8,20 @@ from collections.abc import Iterable
 __all__ = ["InputError", "check_known", "nearest"]
 
 
+LONGEST_MESSAGE = 1200
+
+
 class InputError(ValueError):
-    """Input that cannot be used. The message says what must hold, what was found, and how to mend it."""
+    """Input that cannot be used. The message says in one line what must hold, what was found, and how to mend it.
+
+    Of what is longer than `LONGEST_MESSAGE`, a file's own text, the middle is left out.
+    """
+
+    def __init__(self, message: str) -> None:
+        line = " ".join(message.split("\n"))
+        if len(line) > LONGEST_MESSAGE:
+            line = f"{line[: 2 * LONGEST_MESSAGE // 3]} … {line[-LONGEST_MESSAGE // 3 :]}"
+        super().__init__(line)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

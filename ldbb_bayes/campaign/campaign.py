@@ -68,6 +68,8 @@ class Campaign:
         tests = tuple(self.tests)
         if not tests:
             raise InputError("campaign must have at least one test, got none. Add a circular test.")
+        if not self.name.isprintable():
+            raise InputError(f"campaign must have a name that can be printed, got {self.name[:80]!r}. Correct it.")
         if not (np.isfinite(self.resolution_um) and self.resolution_um > 0):
             raise InputError(f"resolution_um must be a positive number, got {self.resolution_um}. Give the readout's step in µm.")
         check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)

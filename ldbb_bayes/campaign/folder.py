@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
@@ -19,12 +18,15 @@ from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.campaign.table import READING_COLUMNS, read_columns, read_tidy, readings_of
 from ldbb_bayes.errors import InputError, check_known, nearest
 from ldbb_bayes.files import staged_folder
+from ldbb_bayes.toml import read_toml
 
-__all__ = ["TRUTH_NAME", "files_of", "read_campaign", "write_campaign", "write_campaign_into"]
+__all__ = ["IMPORT_NAME", "LARGEST_PLAN", "TRUTH_NAME", "files_of", "read_campaign", "write_campaign", "write_campaign_into"]
 
 SCHEMA = 1
 TOML_NAME = "campaign.toml"
 TRUTH_NAME = "truth.json"
+IMPORT_NAME = "import.toml"
+PLANNED_READINGS, LARGEST_PLAN = 720, 2_000_000
 
 
 class _Strict(BaseModel):
@@ -57,7 +59,7 @@ class _TestFile(_Strict):
     setup: int | None = None
     temperature_C: float | None = None
     time_s: float | None = None
-    readings: int | None = Field(default=None, ge=9)
+    readings: int | None = Field(default=None, ge=9, le=1_000_000)
     start_deg: float | None = None
     arc_deg: float | None = Field(default=None, ge=-360.0, le=360.0)
 
@@ -73,7 +75,7 @@ class _CampaignFile(_Strict):
     mount: _MountFile = _MountFile()
     force: _ForceFile = _ForceFile()
     frames_mm: dict[str, list[float]] = Field(default_factory=dict)
-    test: list[_TestFile] = Field(min_length=1)
+    test: list[_TestFile] = Field(min_length=1, max_length=1000)
 
 
 def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
@@ -97,7 +99,7 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
     if not path.is_file():
         raise InputError(
             f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path}, "
-            "which does not exist. Check the path."
+            f"which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path."
         )
     check_known("option", options, [field.name for field in fields(Campaign) if field.name != "tests"])
     if path.suffix.lower() != ".toml":
@@ -105,6 +107,11 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
     if options:
         raise InputError(f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them into {path.name}.")
     described = _parse(path)
+    planned = sum(entry.readings or PLANNED_READINGS for entry in described.test if entry.file is None)
+    if planned > LARGEST_PLAN:
+        raise InputError(
+            f"{path}: a plan must have at most {LARGEST_PLAN} readings, got {planned}. Plan fewer readings a circle."
+        )
     tests = tuple(_test(path, i, entry) for i, entry in enumerate(described.test, start=1))
     try:
         return Campaign(
@@ -147,11 +154,11 @@ def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force:
 def files_of(folder: Path) -> set[str]:
     """Names in a folder that belong to the campaign in it: what may go when the campaign is replaced."""
     try:
-        content = tomllib.loads((folder / TOML_NAME).read_text(encoding="utf-8-sig"))
+        content = read_toml(folder / TOML_NAME)
         listed = {str(entry.get("file", "")) for entry in content.get("test", [])}
-    except (OSError, ValueError, AttributeError, TypeError):
+    except (InputError, AttributeError, TypeError):
         return set()
-    return {TOML_NAME, TRUTH_NAME, *listed}
+    return {TOML_NAME, TRUTH_NAME, IMPORT_NAME, *listed}
 
 
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
@@ -222,12 +229,7 @@ def _given(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _parse(path: Path) -> _CampaignFile:
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} must be valid TOML, got: {error}. Correct that place.") from None
-    except OSError as error:
-        raise InputError(f"{path} must be a readable file, got: {error.strerror}. Check the permissions.") from None
+    content = read_toml(path)
     schema = content.get("schema")
     if isinstance(schema, int) and schema > SCHEMA:
         raise InputError(f"{path}: schema must be {SCHEMA}, got {schema}, written by a newer version. Upgrade ldbb-bayes.")
@@ -272,7 +274,7 @@ def _test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
 
 
 def _planned_angles(entry: _TestFile) -> Any:
-    n = entry.readings or 720
+    n = entry.readings or PLANNED_READINGS
     arc = entry.arc_deg or 360.0
     steps = np.arange(n) / (n if abs(arc) == 360.0 else n - 1)
     return (entry.start_deg or 0.0) + arc * steps
@@ -288,11 +290,17 @@ def _guarded(place: str, name: str, readings: dict[str, Any], fields: dict[str, 
 def _inside(toml: Path, number: int, file: str) -> Path:
     """The referenced file, which must lie inside the campaign's folder, links followed."""
     root = toml.parent.resolve()
-    path = (root / file).resolve()
+    try:
+        path = (root / file).resolve()
+    except (OSError, RuntimeError, ValueError):
+        raise InputError(
+            f"{toml}, test {number}: file must be the name of one, got {file[:80]!r}, which leads nowhere. Check the name."
+        ) from None
     if Path(file).is_absolute() or not path.is_relative_to(root):
         raise InputError(
             f"{toml}, test {number}: file must lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name."
         )
     if not path.is_file():
-        raise InputError(f"{toml}, test {number}: file must exist, got {file!r}, which is not in {toml.parent}. Check the name.")
+        got = "is no ordinary file" if path.exists() else f"is not in {toml.parent}"
+        raise InputError(f"{toml}, test {number}: file must exist, got {file!r}, which {got}. Check the name.")
     return toml.parent / file

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.errors import InputError, nearest
+from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
 
-__all__ = ["TIDY_COLUMNS", "read_columns", "read_tidy", "readings_of"]
+__all__ = ["PER_TEST", "TIDY_COLUMNS", "read_columns", "read_tidy", "readings_of"]
 
 Array = NDArray[np.float64]
 
+LARGEST_LINE, LARGEST_COLUMNS, LARGEST_CELLS = 100_000, 1000, 4_000_000
 READING_COLUMNS = ("angle_deg", "angle_rad", "reading_um", "reading_mm")
-PER_TEST_COLUMNS = (
-    "force_N",
-    "pressure_bar",
-    "direction",
+# Columns that hold one value for each test, by their exact names.
+PER_TEST = (
     "work_ball_deg",
     "tool_ball_deg",
     "radius_mm",
@@ -36,6 +36,7 @@ PER_TEST_COLUMNS = (
     "temperature_C",
     "time_s",
 )
+PER_TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 TIDY_COLUMNS = ("test", *READING_COLUMNS, *PER_TEST_COLUMNS)
 _TEXT_COLUMNS = ("test", "direction", "plane")
 
@@ -66,13 +67,15 @@ def read_columns(path: Path, known: Sequence[str], mapping: Mapping[str, str] | 
     header = text.split("\n", 1)[0]
     separator = max(",;\t", key=header.count)
     frame = _frame(path, text, separator)
-    names = [str(name).strip() for name in frame.columns]
+    named = text.split("\n", 1)[0].split(separator)
+    names = [str(name).strip() if not str(name).startswith("Unnamed: ") or str(name) in named else "" for name in frame.columns]
     names = [(mapping or {}).get(name, name) for name in names]
     for name in names:
         if name not in known:
             raise InputError(
-                f"{path}, line 1: columns must be among {', '.join(known)}, got {name!r}. "
-                f"Did you mean {nearest(name, known)!r}? Rename or remove the column."
+                f"{path}, line 1: columns must be among {', '.join(known)}, got {name[:60]!r}. "
+                f"Did you mean {nearest(name[:60], known)!r}? Rename or remove the column, "
+                "or let ldbb-bayes import read the file."
             )
     repeated = next((name for name in names if names.count(name) > 1), None)
     if repeated:
@@ -150,10 +153,7 @@ def read_tidy(path: Path, *, mapping: Mapping[str, str] | None = None, **campaig
 
 
 def _text(path: Path) -> str:
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} must be a readable file, got: {error.strerror}. Check the name and the permissions.") from None
+    raw = bytes_of(path, LARGEST_TABLE_BYTES, what="a file")
     if not raw.strip():
         raise InputError(f"{path} must hold a table, got an empty file. Fill it or remove the test.")
     try:
@@ -161,10 +161,27 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError:
         text = "" if b"\0" not in raw else "\0"
     if not text:
-        raise InputError(f"{path} must be UTF-8 text, got another encoding. In the spreadsheet save it as 'CSV UTF-8'.")
+        raise InputError(
+            f"{path} must be UTF-8 text, got another encoding. Save it as 'CSV UTF-8', or let ldbb-bayes import read it."
+        )
     if "\0" in text:
-        raise InputError(f"{path} must be UTF-8 text, got binary data. In the spreadsheet save it as 'CSV UTF-8'.")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+        raise InputError(f"{path} must be UTF-8 text, got binary data. Save it as 'CSV UTF-8', or let ldbb-bayes import read it.")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    _check_shape(path, text)
+    return text
+
+
+def _check_shape(path: Path, text: str) -> None:
+    """Neither a line nor a table beyond what readings can be."""
+    separators = max(map(text.count, ",;\t"))
+    if text.count("\n") + separators > LARGEST_CELLS:
+        raise InputError(f"{path} must hold at most {LARGEST_CELLS} cells, got more. Split it.")
+    long = next((k for k, line in enumerate(text.split("\n"), start=1) if len(line) > LARGEST_LINE), None)
+    if long is not None:
+        raise InputError(f"{path}, line {long}: a line must hold at most {LARGEST_LINE} signs, got more. Export it again.")
+    columns = 1 + max(map(text.partition("\n")[0].count, ",;\t"))
+    if columns > LARGEST_COLUMNS:
+        raise InputError(f"{path}, line 1: a table must have at most {LARGEST_COLUMNS} columns, got {columns}. Export it again.")
 
 
 def _frame(path: Path, text: str, separator: str) -> pd.DataFrame:
@@ -197,7 +214,7 @@ def _column(path: Path, cells: pd.Series[str], name: str, decimal_comma: bool) -
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         line, cell = int(cells.index[bad[0]]) + 2, cells.iloc[bad[0]]
-        raise InputError(f"{path}, line {line}: {name} must be a finite number, got {cell!r}. Correct or remove the line.")
+        raise InputError(f"{path}, line {line}: {name} must be a finite number, got {cell[:60]!r}. Correct or remove the line.")
     return values
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
+import sys
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,6 +25,7 @@ __all__ = ["assess", "build_tree", "diagnose", "load", "power_sensitivity", "psi
 
 Array = NDArray[Any]
 _TAILS = (0.05, 0.95)
+_MOST_PER_BYTE, _REASON = 20, 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 
 
@@ -121,11 +124,14 @@ def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     staging = target.with_name(f".{target.name}.part")
     tree = tree.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
+    content = tree.to_netcdf(engine="h5netcdf")  # in memory: HDF5 does not survive a disk that is full
     try:
-        tree.to_netcdf(staging, engine="h5netcdf")
+        staging.write_bytes(content)
         os.replace(staging, target)
     except OSError as error:
-        raise InputError(f"{target} must be writable, got: {error.strerror or error}. Choose another place.") from None
+        raise InputError(
+            f"{target} must be writable, got: {error.strerror or error}. Free some space or choose another place."
+        ) from None
     finally:
         staging.unlink(missing_ok=True)
     return target
@@ -143,30 +149,43 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     source = source / "posterior.nc" if source.is_dir() else source
     if not source.is_file():
         raise InputError(f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out folder of a fit.")
-    try:
-        with xr.open_datatree(source, engine="h5netcdf") as opened:
-            tree = opened.load()
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise InputError(
-            f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({error}). Fit again."
-        ) from None
+    tree, said = _opened(source)
+    if tree is None:
+        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({said}). Fit again.")
     missing = [group for group in _GROUPS if group not in tree.children]
     if missing or "json" not in tree["provenance"].attrs:
         raise InputError(
             f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again."
         )
-    digest = _digest(tree)
-    if tree["provenance"].attrs.pop("sha256", digest) != digest:
+    if tree["provenance"].attrs.pop("sha256", "") != _digest(tree):
         raise InputError(f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its digest. Fit again.")
     return tree
 
 
+def _opened(source: Path) -> tuple[xr.DataTree | None, str]:
+    """The tree in a file; or None and why not, whatever a damaged file makes of the libraries."""
+    loud, said = sys.unraisablehook, ""
+    sys.unraisablehook = lambda _: None  # a file half opened complains once more when it is dropped
+    try:
+        with warnings.catch_warnings(action="ignore"), xr.open_datatree(source, engine="h5netcdf") as opened:
+            size, promised = source.stat().st_size, sum(node.nbytes for node in opened.subtree)
+            if promised > _MOST_PER_BYTE * size + 2**20:
+                return None, f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB"
+            return opened.load(), ""
+    except Exception as error:  # noqa: BLE001
+        said = " ".join(str(error).split())[:_REASON]
+    finally:
+        gc.collect()
+        sys.unraisablehook = loud
+    return None, said
+
+
 def _digest(tree: xr.DataTree) -> str:
-    """SHA-256 of every number, name and record in a tree."""
+    """SHA-256 of every number, name, unit and record in a tree."""
     found = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
     for node in sorted(tree.subtree, key=lambda own: own.path):
         for name in sorted(map(str, node.variables)):
             values = np.asarray(node[name].to_numpy())
-            found.update(f"{node.path}/{name} {values.shape}".encode())
+            found.update(f"{node.path}/{name} {values.shape} {node[name].attrs.get('unit', '')}".encode())
             found.update(np.ascontiguousarray(values).tobytes() if values.dtype.kind in "fiub" else str(values.tolist()).encode())
     return found.hexdigest()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tomllib
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -13,8 +12,10 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.files import bytes_of
 from ldbb_bayes.model.hybrid import NUISANCES, HybridModel
 from ldbb_bayes.model.prior import Prior
+from ldbb_bayes.toml import LARGEST_TOML_BYTES, parse_toml
 
 __all__ = ["model_from_toml", "model_sha256", "model_to_toml", "read_model"]
 
@@ -60,10 +61,7 @@ def model_from_toml(text: str, *, degree: int | None = None) -> HybridModel:
     InputError
         For invalid TOML, unknown keys, or values that cannot be.
     """
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"model must be valid TOML, got: {error}. Correct that place.") from None
+    content = parse_toml(text, "model")
     check_known("model key", content, ("schema", "preset", "degree", "reference_force_N", "fixed", "prior", "terms"))
     try:
         spec = _SpecFile.model_validate(content)
@@ -91,12 +89,11 @@ def model_from_toml(text: str, *, degree: int | None = None) -> HybridModel:
 
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
     """A model from a TOML file; see `model_from_toml`."""
+    raw = bytes_of(Path(path), LARGEST_TOML_BYTES, what="a readable TOML file")
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"{path} must be a readable TOML file, got: {getattr(error, 'strerror', None) or error}. Check the path."
-        ) from None
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} must be UTF-8, got: {error}. Save it as UTF-8.") from None
     try:
         return model_from_toml(text, degree=degree)
     except InputError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,8 +11,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.campaign.folder import LARGEST_PLAN
 from ldbb_bayes.campaign.loading import MountCompensation
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.toml import read_toml
 
 __all__ = ["Truths", "is_truths", "read_truths"]
 
@@ -21,8 +22,8 @@ __all__ = ["Truths", "is_truths", "read_truths"]
 class _TruthsFile(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
     schema_: Literal[1] = Field(alias="schema")
-    forces_N: list[float] | None = None
-    readings: int = Field(default=720, ge=9)
+    forces_N: list[float] | None = Field(default=None, max_length=1000)
+    readings: int = Field(default=720, ge=9, le=1_000_000)
     topology: str = "wCAFYXZSt"
     plane: Literal["XY", "YZ", "ZX"] = "XY"
     radius_mm: float = 150.0
@@ -60,8 +61,8 @@ def is_truths(path: Path) -> bool:
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        content = read_toml(path)
+    except InputError:
         return False
     return "test" not in content
 
@@ -74,10 +75,7 @@ def read_truths(path: Path) -> Truths:
     InputError
         Naming the file and the place.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path} must be a readable TOML file, got: {error}. Check it.") from None
+    content = read_toml(path)
     try:
         known = [field.alias or name for name, field in _TruthsFile.model_fields.items()]
         check_known("key", content, known)
@@ -93,6 +91,9 @@ def read_truths(path: Path) -> Truths:
 
 
 def _plan(file: _TruthsFile, name: str) -> Campaign:
+    total = file.readings * len(file.forces_N or ())
+    if total > LARGEST_PLAN:
+        raise InputError(f"a plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or readings.")
     angle = 360.0 * np.arange(file.readings) / file.readings
     return Campaign(
         tuple(CircularTest(force, angle) for force in file.forces_N or ()),

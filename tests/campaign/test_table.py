@@ -63,3 +63,20 @@ def test_empty_direction_is_none(tmp_path: Path) -> None:
     path.write_text(tidy(simulated(plan()), "direction"))
     assert all(test.direction is None for test in lb.read_campaign(path).tests)
     assert np.isfinite(lb.read_campaign(path).forces_N).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (",".join(["a"] * 1_000_000) + "\n", "line 1: a line must hold at most 100000 signs"),
+        (",".join(["a"] * 2000) + "\n1\n", "at most 1000 columns, got 2000"),
+        ("angle_deg,reading_um\n1,2\n" + ",".join([""] * 4_000_001), "at most 4000000 cells"),
+        ("angle_deg,reading_um\n1," + "1" * 99_000 + "x\n", "reading_um must be a finite number, got '1111"),
+    ],
+)
+def test_tables_of_no_sensible_shape_are_refused_at_once(content: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(content)
+    with pytest.raises(InputError, match=said) as refused:
+        lb.read_campaign(path)
+    assert len(str(refused.value)) < 400

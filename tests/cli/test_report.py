@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -201,3 +203,18 @@ def test_a_failure_leaves_the_old_page(
         "report.html": "old",
         "budget.csv": "old",
     }
+
+
+@pytest.mark.parametrize("change", ["no digest", "unit"])
+def test_a_posterior_of_which_the_digest_says_nothing_is_refused(result: Path, tmp_path: Path, change: str) -> None:
+    """Without its digest, or with another unit."""
+    folder = tmp_path / "changed"
+    shutil.copytree(result, folder)
+    with h5py.File(folder / "posterior.nc", "r+") as file:
+        if change == "no digest":
+            del file["provenance"].attrs["sha256"]
+        else:
+            (name,) = [own for own in file["posterior"] if own == "C_XXX"]
+            file["posterior"][name].attrs["unit"] = "um"
+    with pytest.raises(lb.InputError, match="not those of its digest"):
+        lb.load(folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -123,3 +124,29 @@ def test_a_block_holds_nothing_but_numbers(campaign: lb.Campaign, tmp_path: Path
     run(MODEL, campaign, seed=4, rule=RULE, checkpoint=tmp_path / "run")
     with np.load(tmp_path / "run" / "block-00000.npz", allow_pickle=False) as block:
         assert all(block[name].dtype.kind in "iufU" for name in block.files)
+
+
+def rewritten(path: Path, **arrays: object) -> None:
+    """A block with other arrays, its header as it was."""
+    with np.load(path, allow_pickle=False) as file:
+        content = {name: file[name] for name in file.files}
+    with path.open("wb") as out:
+        np.savez(out, **(content | arrays))
+
+
+@pytest.mark.parametrize("change", ["shape", "nan", "random", "fifo"])
+def test_a_block_of_other_numbers_is_refused(campaign: lb.Campaign, tmp_path: Path, change: str) -> None:
+    folder = tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt):
+        run(MODEL, campaign, sampler="joint", seed=4, rule=RULE, progress=stop_after(1), checkpoint=folder, resume=True)
+    (block,) = folder.iterdir()
+    with np.load(block, allow_pickle=False) as file:
+        chain, coords, random = file["chain"], file["coords"], file["random"]
+    if change == "fifo":
+        block.unlink()
+        os.mkfifo(block)
+    else:
+        new = {"shape": {"chain": chain[0]}, "nan": {"coords": coords * np.nan}, "random": {"random": 0 * random}}[change]
+        rewritten(block, **new)
+    with pytest.raises(InputError, match=f"{block.name} must be a block of a run, got a damaged file"):
+        run(MODEL, campaign, sampler="joint", seed=4, rule=RULE, checkpoint=folder, resume=True)
