@@ -25,6 +25,10 @@ _HOMES = {
     "patterns": "ldbb_bayes.machine.hybrid",
     "least_squares": "ldbb_bayes.inference.least_squares",
     "LeastSquares": "ldbb_bayes.inference.least_squares",
+    "Imported": "ldbb_bayes.tables.importing",
+    "Layout": "ldbb_bayes.tables.layout",
+    "import_campaign": "ldbb_bayes.tables.importing",
+    "read_layout": "ldbb_bayes.tables.layout",
     "read_campaign": "ldbb_bayes.campaign.folder",
     "write_campaign": "ldbb_bayes.campaign.folder",
     "compensate_mount": "ldbb_bayes.campaign.prepare",
@@ -86,7 +90,9 @@ __all__ = [
     "HybridModel",
     "Hysteresis",
     "Identifiability",
+    "Imported",
     "InputError",
+    "Layout",
     "LeastSquares",
     "Machine",
     "MountCompensation",
@@ -110,6 +116,7 @@ __all__ = [
     "figures",
     "hybrid_jacobian",
     "identify",
+    "import_campaign",
     "least_squares",
     "load",
     "local_fits",
@@ -125,6 +132,7 @@ __all__ = [
     "read_campaign",
     "read_comparison",
     "read_design",
+    "read_layout",
     "read_model",
     "sample",
     "save",
@@ -180,6 +188,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.report import figures
     from ldbb_bayes.report.figures import save_figures
     from ldbb_bayes.report.writing import write_report
+    from ldbb_bayes.tables.importing import Imported, import_campaign
+    from ldbb_bayes.tables.layout import Layout, read_layout
 
 
 def __getattr__(name: str) -> Any:

@@ -1,0 +1,1 @@
+"""Tables as they are found: files of instruments and spreadsheets into a campaign."""
