@@ -16,6 +16,7 @@ from ldbb_bayes.cli.demo import demo
 from ldbb_bayes.cli.design import design
 from ldbb_bayes.cli.fit import fit
 from ldbb_bayes.cli.identify import identify
+from ldbb_bayes.cli.import_ import import_
 from ldbb_bayes.cli.machine import machine
 from ldbb_bayes.cli.report import report
 from ldbb_bayes.cli.simulate import simulate
@@ -36,6 +37,7 @@ app = typer.Typer(
 )
 for command in (demo, machine, check, fit, identify, compare, design, report, simulate, summarize, validate):
     app.command()(command)
+app.command("import")(import_)
 
 
 def _print_version(wanted: bool) -> None:

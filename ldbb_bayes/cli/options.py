@@ -42,6 +42,7 @@ __all__ = [
     "SeedOption",
     "TopologyOption",
     "WithoutOption",
+    "campaign_fields",
     "campaign_from",
     "fail",
     "guarded",
@@ -148,16 +149,52 @@ def campaign_from(
 ) -> Campaign:
     """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say."""
     from ldbb_bayes.campaign.folder import read_campaign
+
+    given = campaign_fields(
+        raw=raw, mount_um_per_bar=mount_um_per_bar, force_slope=force_slope, force_offset=force_offset, **fields
+    )
+    if given and (path.is_dir() or path.suffix.lower() == ".toml"):
+        options = ", ".join(_OF_FIELDS.get(name, "--" + name.replace("_", "-")) for name in given)
+        raise InputError(f"{options} must come with a tidy CSV, got {path}. Write what it says into its campaign.toml.")
+    return read_campaign(path, **given)
+
+
+# Options of fields that bear another name.
+_OF_FIELDS = {"mount": "--raw or --mount-um-per-bar", "force_law": "--force-slope or --force-offset"}
+
+
+def campaign_fields(
+    *,
+    raw: bool = False,
+    mount_um_per_bar: float | None = None,
+    force_slope: float | None = None,
+    force_offset: float | None = None,
+    **fields: Any,
+) -> dict[str, Any]:
+    """What the options say of a campaign that no table says: those given, as fields of `Campaign`."""
     from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 
     given = {name: value for name, value in fields.items() if value is not None}
+    if given.get("name") == "":
+        raise InputError("--name must not be empty. Leave it out, or give one.")
+    for name in ("radius_mm", "resolution_um"):
+        if name in given and not (math.isfinite(given[name]) and given[name] > 0.0):
+            raise InputError(f"--{name.replace('_', '-')} must be above zero, got {given[name]:g}. Correct it.")
+    for option, number in (
+        ("--mount-um-per-bar", mount_um_per_bar),
+        ("--force-slope", force_slope),
+        ("--force-offset", force_offset),
+    ):
+        if number is not None and (not math.isfinite(number) or (option == "--force-slope" and not number > 0.0)):
+            kind = "above zero" if option == "--force-slope" else "a finite number"
+            raise InputError(f"{option} must be {kind}, got {number:g}. Correct it.")
     if raw or mount_um_per_bar is not None:
         given["mount"] = MountCompensation(2.33 if mount_um_per_bar is None else mount_um_per_bar, compensated=not raw)
     if force_slope is not None or force_offset is not None:
         default = ForceLaw()
         slope = default.slope_N_per_bar if force_slope is None else force_slope
         given["force_law"] = ForceLaw(slope, default.offset_N if force_offset is None else force_offset)
-    return read_campaign(path, **given)
+    return given
 
 
 def of_campaign(command: Callable[..., None]) -> Callable[..., None]:

@@ -86,7 +86,7 @@ def test_a_missed_target_is_exit_code_1(folder: Path, tmp_path: Path) -> None:
         (["fit", "CAMPAIGN", "--sampler", "nuts"], "sampler must be one of"),
         (["fit", "CAMPAIGN", "--model", "none.toml"], "readable TOML file"),
         (["fit", "CAMPAIGN", "--ci", "95"], "ci_prob must lie between 0 and 1"),
-        (["fit", "CAMPAIGN", "--radius-mm", "100"], "options must come with a tidy CSV"),
+        (["fit", "CAMPAIGN", "--radius-mm", "100"], "--radius-mm must come with a tidy CSV"),
         (["fit", "CAMPAIGN", "--nonsense"], "No such option"),
         (["fit", "CAMPAIGN", "--out", "EXISTING"], "must not exist"),
         (["fit", "CAMPAIGN", "--out", "/proc/nothing/r"], "must be writable"),

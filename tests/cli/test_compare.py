@@ -69,7 +69,7 @@ def test_a_table_and_what_it_does_not_say(folder: Path, tmp_path: Path, capsys: 
         found.append(json.loads(capsys.readouterr().out)["log_bayes_factor"]["linear/constant"])
     assert abs(found[0] - found[1]) > 0.05
     assert invoke("compare", folder, "--radius-mm", 100) == 2
-    assert "options must come with a tidy CSV" in capsys.readouterr().err
+    assert "--radius-mm must come with a tidy CSV" in capsys.readouterr().err
 
 
 def test_what_it_says(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
