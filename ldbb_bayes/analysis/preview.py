@@ -7,6 +7,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
@@ -14,11 +15,14 @@ from ldbb_bayes.model.basis import SIZE, basis
 from ldbb_bayes.model.reduction import reduce_readings
 from ldbb_bayes.notebook import table_html
 
-__all__ = ["CampaignPreview", "TestPreview", "preview"]
+__all__ = ["CampaignPreview", "TestPreview", "preview", "resolution_of"]
 
+Array = NDArray[np.float64]
 _FULL = 359.0
 _MOST_READINGS = 200_000
 _LEAST_FORCE_N = 5.0
+# Steps that few readings repeat: not below this size, nor in fewer values.
+_FINEST_UM, _ENOUGH = 0.005, 50
 
 
 @dataclass(frozen=True)
@@ -29,8 +33,14 @@ class TestPreview:
     ----------
     arc_deg, largest_gap_deg : float
         Covered arc; widest distance between neighbouring angles.
+    gaps : int
+        Distances of neighbouring angles above ten times the usual one.
     direction, travel : str or None
         As stated; as the order of the angles shows it.
+    resolution_um : float or None
+        Step by which all readings differ, where enough of them repeat to see one [µm].
+    spikes : int
+        Readings more than eight times the scatter off a Fourier fit to order 12.
     noise_um : float or None
         Scatter left by a Fourier fit to order 12 [µm], where there are at least 35 readings.
     start_end_um : float or None
@@ -47,6 +57,7 @@ class TestPreview:
     readings: int
     arc_deg: float
     largest_gap_deg: float
+    gaps: int
     direction: str | None
     travel: str | None
     plane: str
@@ -55,6 +66,8 @@ class TestPreview:
     centre_mm: tuple[float, float, float]
     work_ball_deg: float
     tool_ball_deg: float
+    resolution_um: float | None
+    spikes: int
     noise_um: float | None
     start_end_um: float | None
     peak_to_peak_um: float | None
@@ -101,11 +114,14 @@ def preview(campaign: Campaign) -> CampaignPreview:
 def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
     angle = np.asarray(test.angle_deg)
     wrapped = np.sort(np.mod(angle, 360.0))
-    gap = float(np.diff(np.append(wrapped, wrapped[0] + 360.0)).max())
+    between = np.diff(np.append(wrapped, wrapped[0] + 360.0))
     steps = np.diff(angle)
+    gap, usual = float(between.max()), max(float(np.median(between)), float(np.median(np.abs(steps))))
     travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
     reading = None if test.reading_um is None else np.asarray(test.reading_um)
     noise = _noise_um(test) if reading is not None else None
+    step = None if reading is None else resolution_of(reading)
+    spikes = _spikes(test)
     closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * float(np.median(np.abs(steps)))
     start_end = float(reading[-1] - reading[0]) if reading is not None and closes else None
     return TestPreview(
@@ -115,6 +131,7 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
         readings=len(angle),
         arc_deg=test.arc_deg,
         largest_gap_deg=gap,
+        gaps=int(np.count_nonzero(between > 10.0 * usual)),
         direction=test.direction,
         travel=travel,
         plane=str(test.plane),
@@ -123,22 +140,34 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
         centre_mm=test.circle.centre_mm,
         work_ball_deg=test.work_ball_deg,
         tool_ball_deg=test.tool_ball_deg,
+        resolution_um=step,
+        spikes=len(spikes),
         noise_um=noise,
         start_end_um=start_end,
         peak_to_peak_um=None if reading is None else float(np.ptp(reading)),
-        remarks=tuple(_test_remarks(test, campaign, travel, gap, noise, start_end)),
+        remarks=(
+            *_test_remarks(test, campaign, travel, gap, usual, noise, start_end),
+            *_spike_remark(test, spikes),
+            *_step_remark(step, campaign),
+        ),
     )
 
 
 def _test_remarks(
-    test: CircularTest, campaign: Campaign, travel: str | None, gap: float, noise: float | None, start_end: float | None
+    test: CircularTest,
+    campaign: Campaign,
+    travel: str | None,
+    gap: float,
+    usual: float,
+    noise: float | None,
+    start_end: float | None,
 ) -> list[str]:
     found = []
     if not campaign.is_plan and test.direction and travel and test.direction != travel and not _sorted(campaign):
         found.append(f"stated {test.direction}, but the angles run {travel}")
     if test.arc_deg < _FULL:
         found.append(f"arc of {test.arc_deg:.0f}° only: harmonics mix")
-    elif gap > 10.0 * float(np.median(np.abs(np.diff(np.sort(np.mod(test.angle_deg, 360.0)))))):
+    elif gap > 10.0 * usual:
         found.append(f"gap of {gap:.1f}°")
     if noise is not None and start_end is not None and abs(start_end) > 10.0 * max(noise, campaign.resolution_um):
         found.append(f"start and end differ by {start_end:+.1f} µm: drift, or a trace that does not close")
@@ -148,7 +177,6 @@ def _test_remarks(
         found.append("readings hardly exceed the resolution: check their unit")
     if test.reading_um is not None and float(np.ptp(test.reading_um)) > 1000.0:
         found.append("readings span more than 1 mm: check their unit")
-    found += _spikes(test)
     law = campaign.force_law.force_N(float(test.pressure_bar or 0.0))
     if abs(law - float(test.force_N or 0.0)) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
         found.append(f"force {test.force_N:g} N, but the force law gives {law:.0f} N at {test.pressure_bar:g} bar")
@@ -161,17 +189,47 @@ def _sorted(campaign: Campaign) -> bool:
     return rising and {"CW", "CCW"} <= {test.direction for test in campaign.tests}
 
 
-def _spikes(test: CircularTest) -> list[str]:
-    """Readings far outside their neighbours' scatter, by the median absolute deviation from a Fourier fit to order 12."""
+def _spikes(test: CircularTest) -> dict[int, float]:
+    """Readings far outside their neighbours' scatter, by the median absolute deviation from a Fourier fit to order 12 [µm]."""
     if test.reading_um is None or not SIZE + 10 <= len(test.angle_deg) <= _MOST_READINGS:
-        return []
+        return {}
     columns = basis(test.angles_rad())
     rest = test.reading_um - columns @ np.linalg.lstsq(columns, test.reading_um, rcond=1e-9)[0]
     scatter = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
-    worst = int(np.argmax(np.abs(rest)))
-    if abs(rest[worst]) <= 8.0 * max(scatter, 1e-9):
+    return {int(k): float(rest[k]) for k in np.flatnonzero(np.abs(rest) > 8.0 * max(scatter, 1e-9))}
+
+
+def _spike_remark(test: CircularTest, spikes: dict[int, float]) -> list[str]:
+    if not spikes:
         return []
-    return [f"reading {worst + 1} at {test.angle_deg[worst]:g}° stands {rest[worst]:+.1f} µm off its neighbours"]
+    worst = max(spikes, key=lambda k: abs(spikes[k]))
+    many = "" if len(spikes) == 1 else f"; {len(spikes)} readings do so"
+    return [f"reading {worst + 1} at {test.angle_deg[worst]:g}° stands {spikes[worst]:+.1f} µm off its neighbours{many}"]
+
+
+def resolution_of(reading_um: Array) -> float | None:
+    """Step by which readings differ [µm]: the smallest difference, if all differences are whole multiples of it within 5 %.
+
+    None where fewer than a tenth of the readings repeat another and the step is below 0.005 µm: a number of digits then.
+    """
+    values = np.unique(np.round(reading_um, 6))
+    if len(values) < 3:
+        return None
+    differences = np.diff(values)
+    step = float(np.median(differences[differences < 1.5 * differences.min()]))
+    if len(values) > 0.9 * len(reading_um) and (step < _FINEST_UM or len(values) < _ENOUGH):
+        return None
+    off = np.abs(differences / step - np.rint(differences / step))
+    return step if float(off.max()) < 0.05 else None
+
+
+def _step_remark(step: float | None, campaign: Campaign) -> list[str]:
+    if step is None or 0.5 * campaign.resolution_um < step < 1.5 * campaign.resolution_um:
+        return []
+    return [
+        f"readings go in steps of {step:.3g} µm, the campaign states a resolution of {campaign.resolution_um:g} µm, below whose "
+        "√12th part no noise is looked for: state the step (--resolution-um, or resolution_um in campaign.toml)"
+    ]
 
 
 def _noise_um(test: CircularTest) -> float | None:

@@ -237,6 +237,8 @@ def preview_table(seen: CampaignPreview) -> Table:
         "direction",
         *(["circle"] if different else []),
         "balls °",
+        "step µm",
+        "spikes",
         "noise µm",
         "end − start µm",
         "p-p µm",
@@ -254,6 +256,8 @@ def preview_table(seen: CampaignPreview) -> Table:
             travel,
             *([" ".join(_PLACES[field].format(getattr(test, field)) for field in different)] if different else []),
             f"{test.work_ball_deg:g}/{test.tool_ball_deg:g}",
+            "–" if test.resolution_um is None else f"{test.resolution_um:.2g}",
+            str(test.spikes),
             *("–" if value is None else f"{value:.3g}" for value in (test.noise_um, test.start_end_um, test.peak_to_peak_um)),
         )
     return table
@@ -264,12 +268,16 @@ _PLACES = {"plane": "{}", "setup": "set-up {}", "radius_mm": "R {:g}", "centre_m
 
 def preview_lines(seen: CampaignPreview) -> list[str]:
     """Remarks on the tests, and what a fit will assume."""
+    unstated = ["Directions in brackets are not stated: the angles run so."] * any(
+        test.direction is None and test.travel is not None for test in seen.tests
+    )
     lines = [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
     lines += [f"Note: {remark}" for remark in seen.remarks]
     kind = "Plan" if seen.is_plan else "Campaign"
     return [
         "",
         f"{kind} {seen.name}, SHA-256 {seen.sha256[:16]}…",
+        *unstated,
         *lines,
         "",
         "A fit will assume:",

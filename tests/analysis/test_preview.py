@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.preview import resolution_of
 from ldbb_bayes.report.text import preview_lines, preview_table
 
 ANGLE = np.arange(36) * 10.0
@@ -52,3 +54,40 @@ def test_planes_of_one_set_up_are_remarked() -> None:
     said = preview_lines(lb.preview(lb.Campaign(tests)))
     assert any("Several planes in one set-up: the tool ball's offsets are shared" in line for line in said)
     assert any("in plane ZX: friction in the bar cannot be told from C_XZX" in line for line in said)
+
+
+@pytest.mark.parametrize("step", [0.24, 0.1, 1.0])
+def test_the_step_of_the_readout_is_found(step: float, rng: np.random.Generator) -> None:
+    """Rounded readings give their step, with an offset too; those of a fine readout none."""
+    reading = 8.0 * np.cos(np.deg2rad(2.0 * np.arange(720.0))) + 0.3 * rng.standard_normal(720)
+    assert resolution_of(step * np.rint(reading / step) + 0.077) == pytest.approx(step, rel=1e-6)
+    assert resolution_of(reading) is None
+
+
+def test_steps_spikes_and_gaps_are_counted(rng: np.random.Generator) -> None:
+    angle = np.concatenate([np.arange(0.0, 100.0, 0.5), np.arange(110.0, 200.0, 0.5), np.arange(215.0, 360.0, 0.5)])
+    reading = np.round(5.0 * np.cos(np.deg2rad(2.0 * angle)) + 0.2 * rng.standard_normal(angle.size), 1)
+    reading[[40, 300]] += (30.0, -25.0)
+    (seen,) = lb.preview(lb.Campaign((lb.CircularTest(100.0, angle, reading),))).tests
+    assert (seen.gaps, seen.spikes) == (2, 2)
+    assert seen.resolution_um == pytest.approx(0.1)
+    assert seen.largest_gap_deg == pytest.approx(15.5)
+    said = " ".join(seen.remarks)
+    assert "reading 41 at 20° stands" in said
+    assert "2 readings do so" in said
+    assert "steps of 0.1 µm, the campaign states a resolution of 0.24 µm" in said
+
+
+def test_steps_that_few_readings_repeat_are_found(rng: np.random.Generator) -> None:
+    """A wide circle read to 0.01 µm; written to 0.0001 µm the digits are no steps."""
+    reading = 40.0 * np.cos(np.deg2rad(2.0 * np.arange(360.0))) + 0.3 * rng.standard_normal(360)
+    assert resolution_of(np.round(reading, 2)) == pytest.approx(0.01)
+    assert resolution_of(np.round(reading, 4)) is None
+
+
+def test_laps_at_the_same_angles_leave_no_gap() -> None:
+    angle = np.arange(3 * 360.0)
+    (seen,) = lb.preview(lb.Campaign((lb.CircularTest(100.0, angle, 5.0 * np.cos(np.deg2rad(2.0 * angle))),))).tests
+    assert seen.gaps == 0
+    assert seen.largest_gap_deg == pytest.approx(1.0)
+    assert not any("gap" in remark for remark in seen.remarks)
