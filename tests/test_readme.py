@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import ldbb_bayes
+from ldbb_bayes.tables.layout import Layout, TestLayout
 
 
 def text(root: Path) -> str:
@@ -60,8 +61,19 @@ def test_the_tidy_example_is_understood(root: Path, tmp_path: Path) -> None:
     assert campaign.tests[0].reading_um[:2].tolist() == [-12.31, -12.30]
 
 
+def test_the_layout_reads_a_file(root: Path, tmp_path: Path) -> None:
+    (block,) = [own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[columns]" in own]
+    (tmp_path / "layout.toml").write_text(block, encoding="utf-8")
+    rows = [f"{5 * k};{0.001 * (k % 7):.3f}" for k in range(144)]
+    (tmp_path / "Versuch 1.csv").write_text("\n".join(["Winkel [°];Messwert", *rows]), encoding="utf-8")
+    found = ldbb_bayes.import_campaign(tmp_path / "Versuch 1.csv", layout=ldbb_bayes.read_layout(tmp_path / "layout.toml"))
+    assert (found.campaign.tests[0].force_N, found.campaign.readings) == (36.0, 72)
+    for name in ({*Layout.model_fields} | {*TestLayout.model_fields}) - {"schema_", "columns", "test"}:
+        assert name in block, name
+
+
 def test_a_campaign_of_another_machine_reads(root: Path, tmp_path: Path) -> None:
-    (block,) = [own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[[test]]" in own]
+    (block,) = [own for own in re.findall(r"```toml\n(.*?)```", text(root), re.S) if "[[test]]" in own and "[columns]" not in own]
     (tmp_path / "campaign.toml").write_text(block)
     (tmp_path / "yz_400.csv").write_text("angle_deg,reading_um\n" + "\n".join(f"{3 * i},{0.1 * i}" for i in range(120)))
     campaign = ldbb_bayes.read_campaign(tmp_path)
