@@ -160,7 +160,7 @@ def numbers(text: str) -> dict:
 @pytest.mark.slow
 def test_killed_interrupted_and_resumed_is_uninterrupted(folder: Path, tmp_path: Path) -> None:
     """kill -9, then Ctrl-C, then to the end: the result of a run that nothing stopped."""
-    target = ("--degree", "0", "--ess", "30000", "--seed", "3")
+    target = ("--degree", "0", "--ess", "80000", "--seed", "3")
     whole = run("fit", folder, *target, "--json", "--out", tmp_path / "whole")
     out, kept = tmp_path / "r", tmp_path / "r.checkpoint"
     with fitting(folder, out, *target) as process:
