@@ -152,10 +152,12 @@ def sample(
     )
     if not run.converged:
         target = f"ESS ≥ {rule.ess:g} and R-hat ≤ {rule.rhat:g}"
+        cure = "allow more steps (--max-steps; with --resume --force a run kept by --out goes on)."
+        if sampler == "quadrature":
+            cure = "ask for more independent draws (--ess 1000)."
         record["fit"]["warnings"].insert(
             0,
-            f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers; "
-            "allow more steps (--max-steps; with --resume --force a run kept by --out goes on).",
+            f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers; {cure}",
         )
     return build_tree(
         groups,
