@@ -163,7 +163,13 @@ def test_a_run_that_misses_its_target_says_so(campaign: lb.Campaign) -> None:
     rule = StoppingRule(ess=1e6, max_steps=60)
     result = result_json(lb.sample(lb.HybridModel.default(0), campaign, seed=1, rule=rule))
     assert not result["sampler"]["converged"]
-    assert result["fit"]["warnings"][0].startswith("Not converged: ESS ≥ 1e+06 and R-hat ≤ 1.01 was not reached in 60 steps")
+    told = result["fit"]["warnings"][0]
+    assert told.startswith("Not converged: ESS ≥ 1e+06 and R-hat ≤ 1.01 was not reached in 60 steps")
+    assert "allow more steps" in told
+    few = StoppingRule(ess=10.0, rhat=1.0)
+    result = result_json(lb.sample(lb.HybridModel.default(0), campaign, sampler="quadrature", seed=1, rule=few))
+    assert not result["sampler"]["converged"]
+    assert "ask for more independent draws" in result["fit"]["warnings"][0]
 
 
 def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
