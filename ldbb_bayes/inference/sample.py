@@ -154,7 +154,7 @@ def sample(
         target = f"ESS ≥ {rule.ess:g} and R-hat ≤ {rule.rhat:g}"
         cure = "allow more steps (--max-steps; with --resume --force a run kept by --out goes on)."
         if sampler == "quadrature":
-            cure = "ask for more independent draws (--ess 1000)."
+            cure = "ask for more independent draws (a larger --ess)."
         record["fit"]["warnings"].insert(
             0,
             f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers; {cure}",
