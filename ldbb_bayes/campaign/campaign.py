@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from functools import cached_property
 from typing import Any
 
@@ -42,6 +43,10 @@ class Campaign:
         Default circle centre (X, Y, Z) in machine coordinates.
     frames_mm : mapping of axis letter to (x, y, z), optional
         Where the joints' frames stand; see `Machine`.
+    machine_id : str, optional
+        Which machine was measured (a serial or inventory number): what tells the machines of a fleet apart.
+    date : str, optional
+        When, as ISO 8601 (2026-11-20, 2026-11-20T14:30).
     foreseen : sequence of CircularTest, optional
         Tests that may follow: what only they can show is modelled already. Their readings, if any, are dropped.
 
@@ -63,6 +68,8 @@ class Campaign:
     centre_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
     frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     foreseen: tuple[CircularTest, ...] = ()
+    machine_id: str | None = None
+    date: str | None = None
 
     def __post_init__(self) -> None:
         tests = tuple(self.tests)
@@ -70,6 +77,7 @@ class Campaign:
             raise InputError("campaign must have at least one test, got none. Add a circular test.")
         if not self.name.isprintable():
             raise InputError(f"campaign must have a name that can be printed, got {self.name[:80]!r}. Correct it.")
+        _check_origin(self.machine_id, self.date)
         if not (np.isfinite(self.resolution_um) and self.resolution_um > 0):
             raise InputError(f"resolution_um must be a positive number, got {self.resolution_um}. Give the readout's step in µm.")
         check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
@@ -210,6 +218,15 @@ def check_campaign(campaign: object) -> None:
             f"campaign must be a Campaign, got {type(campaign).__name__}. "
             "Read one with lb.read_campaign(path), or make it from arrays."
         )
+
+
+def _check_origin(machine_id: str | None, date: str | None) -> None:
+    if machine_id is not None and not (machine_id.strip() and machine_id.isprintable()):
+        raise InputError(f"machine_id must be a name that can be printed, got {machine_id[:80]!r}. Correct it or leave it out.")
+    try:
+        datetime.fromisoformat(date or "2026-11-20")
+    except ValueError:
+        raise InputError(f"date must be a date as ISO 8601, got {str(date)[:80]!r}. For example 2026-11-20.") from None
 
 
 def _digested(test: CircularTest) -> list[Any]:

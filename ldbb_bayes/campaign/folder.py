@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import os
 from dataclasses import fields
 from pathlib import Path
@@ -70,6 +71,8 @@ class _CampaignFile(_Strict):
     plane: Literal["XY", "YZ", "ZX"]
     radius_mm: float
     name: str | None = None
+    machine_id: str | None = None
+    date: dt.datetime | dt.date | str | None = None
     feed_mm_per_min: float | None = None
     resolution_um: float = 0.24
     mount: _MountFile = _MountFile()
@@ -121,6 +124,8 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
             radius_mm=described.radius_mm,
             name=described.name or path.resolve().parent.name,
             feed_mm_per_min=described.feed_mm_per_min,
+            machine_id=described.machine_id,
+            date=_iso(described.date),
             resolution_um=described.resolution_um,
             mount=MountCompensation(described.mount.deflection_um_per_bar, described.mount.compensated),
             force_law=ForceLaw(described.force.slope_N_per_bar, described.force.offset_N),
@@ -169,6 +174,8 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
         "plane": campaign.plane,
         "radius_mm": campaign.radius_mm,
         "name": campaign.name,
+        "machine_id": campaign.machine_id,
+        "date": campaign.date,
         "feed_mm_per_min": campaign.feed_mm_per_min,
         "resolution_um": campaign.resolution_um,
         "mount": {
@@ -222,6 +229,10 @@ def _uniform(test: CircularTest) -> dict[str, Any]:
             f"a plan's angles must span one turn to be written, got {arc:g}° in test {test.name!r}. Plan one turn a test."
         )
     return {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": float(arc)}
+
+
+def _iso(date: dt.date | str | None) -> str | None:
+    return date.isoformat() if isinstance(date, dt.date) else date
 
 
 def _given(entry: dict[str, Any]) -> dict[str, Any]:

@@ -54,6 +54,8 @@ def campaign_record(campaign: Campaign) -> dict[str, Any]:
             "radius_mm": campaign.radius_mm,
             "resolution_um": campaign.resolution_um,
             "feed_mm_per_min": campaign.feed_mm_per_min,
+            "machine_id": campaign.machine_id,
+            "date": campaign.date,
             "mount": [campaign.mount.deflection_um_per_bar, campaign.mount.compensated],
             "force_law": [campaign.force_law.slope_N_per_bar, campaign.force_law.offset_N],
             "frames_mm": {axis: list(frame) for axis, frame in campaign.frames_mm.items()},

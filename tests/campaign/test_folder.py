@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -202,3 +203,18 @@ def test_a_failed_write_leaves_the_old_folder(tmp_path: Path, monkeypatch: pytes
         lb.write_campaign(campaign.without("f036"), folder, force=True)
     assert lb.read_campaign(folder).sha256 == campaign.sha256
     assert [p.name for p in tmp_path.iterdir()] == ["c"]
+
+
+def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
+    """Kept in the folder and in a fit, not part of the digest: they change no number."""
+    plain = lb.read_campaign(lb.embedded_campaign())
+    named = replace(plain, machine_id="VMC 07", date="2026-11-20T14:30")
+    back = lb.read_campaign(lb.write_campaign(named, tmp_path / "c"))
+    assert (back.machine_id, back.date, back.sha256) == ("VMC 07", "2026-11-20T14:30", plain.sha256)
+    toml = tmp_path / "c" / "campaign.toml"
+    toml.write_text(toml.read_text().replace('"2026-11-20T14:30"', "2026-11-21"))
+    assert lb.read_campaign(toml).date == "2026-11-21"
+    with pytest.raises(lb.InputError, match=r"date must be a date as ISO 8601, got '20\.11\.26'\. For example"):
+        replace(plain, date="20.11.26")
+    with pytest.raises(lb.InputError, match="machine_id must be a name"):
+        replace(plain, machine_id=" ")

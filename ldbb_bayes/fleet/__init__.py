@@ -1,0 +1,1 @@
+"""Many campaigns: a shop floor, a year, a builder's whole series."""
