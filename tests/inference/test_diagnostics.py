@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import arviz_base
+import arviz_stats
 import numpy as np
 import pytest
 from campaigns import HYPER_UM, TRUTH, plan, simulated
@@ -88,6 +90,19 @@ def test_sensitivity_of_a_conjugate_normal() -> None:
     assert found[50.0]["prior"] < 0.02
     assert found[50.0]["likelihood"] > 0.05
     assert sensitive({"a": {"prior": 0.06}, "b": {"prior": 0.2}, "c": {"prior": 0.01}}) == ("b", "a")
+
+
+def test_sensitivity_is_that_of_arviz() -> None:
+    """Of arrays here, of labelled data there; a part that is constant counts as none."""
+    rng = np.random.default_rng(3)
+    draws = {"a": rng.normal(size=(4, 300)), "b": rng.gamma(2.0, size=(4, 300))}
+    parts = {"one": -0.5 * draws["a"] ** 2, "two": draws["a"] - draws["b"], "none": np.ones((4, 300))}
+    found = power_sensitivity(draws, parts)
+    for name in ("one", "two"):
+        tree = arviz_base.from_dict({"posterior": draws, "log_prior": {"part": parts[name]}})
+        expected = arviz_stats.psense(tree, group="prior")
+        assert [found[own][name] for own in draws] == pytest.approx([float(expected[own]) for own in draws], rel=1e-12)
+    assert [found[own]["none"] for own in draws] == [0.0, 0.0]
 
 
 def test_every_result_says_in_one_line_whether_it_can_be_used() -> None:
