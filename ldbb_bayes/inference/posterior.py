@@ -25,6 +25,7 @@ __all__ = ["assess", "build_tree", "diagnose", "load", "power_sensitivity", "psi
 
 Array = NDArray[Any]
 _TAILS = (0.05, 0.95)
+_POWERS = (0.99, 1.01)
 _MOST_PER_BYTE, _REASON = 20, 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 
@@ -58,16 +59,25 @@ def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -
     dict of parameter to dict of part to float
         Above 0.05 counts as sensitive; 0 where the part is constant.
     """
+    stats = arviz_stats.base.array_stats
     found: dict[str, dict[str, float]] = {name: {} for name in draws}
     for part, log_density in scaled.items():
         if np.ptp(log_density) == 0.0:
             for parts in found.values():
                 parts[part] = 0.0
             continue
-        tree = arviz_base.from_dict({"posterior": dict(draws), "log_prior": {"part": log_density}})
-        for name, value in arviz_stats.psense(tree, group="prior").data_vars.items():
-            found[str(name)][part] = float(value)
+        lower, upper = (_power_weights(log_density, alpha) for alpha in _POWERS)
+        for name, values in draws.items():
+            sense = stats.power_scale_sense(values, lower, upper, *_POWERS, chain_axis=0, draw_axis=1)
+            found[name][part] = float(sense)
     return found
+
+
+def _power_weights(log_density: Array, alpha: float) -> Array:
+    """Pareto-smoothed weights, summing to one, of draws whose density is raised to a power, shape (chains, draws)."""
+    log_weights = arviz_stats.base.array_stats.power_scale_lw(log_density, alpha=alpha, axis=(0, 1))
+    weights = np.exp(log_weights)
+    return weights / weights.sum()
 
 
 def psis_loo(log_likelihood: Array) -> tuple[Array, Array, float]:
