@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-__all__ = ["InputError", "check_known", "nearest"]
+__all__ = ["InputError", "check_known", "nearest", "plain_reason"]
 
 
 LONGEST_MESSAGE = 1200
@@ -48,3 +48,19 @@ def check_known(what: str, names: Iterable[str], known: Iterable[str]) -> None:
             raise InputError(
                 f"{what} must be one of {', '.join(candidates)}, got {name!r}. Did you mean {nearest(str(name), candidates)!r}?"
             )
+
+
+def plain_reason(error: BaseException) -> str | None:
+    """What a user is told, in one line, of an error that input, files or a breakdown of the numbers can cause; None of others."""
+    if isinstance(error, InputError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename or 'the output'} must be usable, got: {error.strerror}. Check it."
+    if isinstance(error, ArithmeticError):
+        return f"the numbers must be within reach of double precision, got: {error}. Check units and magnitudes."
+    if type(error).__name__ == "LinAlgError":
+        return (
+            f"the campaign must determine the model, got a numerical breakdown ({error}). "
+            "Look for forces or angles that hardly differ, readings or priors of an impossible size (ldbb-bayes check)."
+        )
+    return None

@@ -1,4 +1,4 @@
-"""Writing a folder whole or not at all, whatever happens meanwhile."""
+"""Writing a file or a folder whole or not at all, whatever happens meanwhile."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ctypes
 import errno
 import os
 import re
+import secrets
 import shutil
 import sys
 import tempfile
@@ -16,7 +17,7 @@ from pathlib import Path
 
 from ldbb_bayes.errors import InputError
 
-__all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "check_target", "staged_folder"]
+__all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "check_target", "staged_folder", "write_whole"]
 
 LARGEST_TABLE_BYTES = 64 * 2**20
 _RETIRED = "-old"
@@ -45,6 +46,30 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
         size = f"{largest / 2**20:.0f} MB" if largest >= 2**20 else f"{largest / 2**10:.0f} kB"
         raise InputError(f"{path} must be at most {size}, got more. Remove what does not belong there, or split it.")
     return raw
+
+
+def write_whole(target: Path, content: bytes) -> None:
+    """Write a file in one step; of two that write the same one the later wins whole.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written; what was there before then stands.
+    """
+    staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
+    try:
+        try:
+            with staging.open("xb") as file:
+                file.write(content)
+                file.flush()
+                _to_disk(file.fileno())
+            os.replace(staging, target)
+        finally:
+            staging.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{target} must be writable, got: {error.strerror or error}. Free some space or choose another place."
+        ) from None
 
 
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
@@ -201,9 +226,15 @@ def _sync(folder: Path) -> None:
         except OSError:
             continue
         try:
-            os.fsync(handle)
-        except OSError as error:
-            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
-                raise
+            _to_disk(handle)
         finally:
             os.close(handle)
+
+
+def _to_disk(handle: int) -> None:
+    """Where the system can; some mounts cannot, and say so by EINVAL and the like."""
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+            raise

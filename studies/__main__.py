@@ -13,6 +13,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 BY_HAND = ("90_speed",)
+PASSED_ON = {"--executor": "process|dask", "--scheduler": "ADDRESS", "--workers": "N"}
 
 
 def studies() -> list[Path]:
@@ -25,7 +26,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("which", nargs="*", metavar="NUMBER", help="numbers of studies, for example 01 04")
     parser.add_argument("--quick", action="store_true", help="fewer simulated campaigns are made again")
+    for option, metavar in PASSED_ON.items():
+        parser.add_argument(option, metavar=metavar, help="see run.py --help of a study")
     options = parser.parse_args()
+    given = {option: getattr(options, option.strip("-")) for option in PASSED_ON}
+    passed_on = [text for option, value in given.items() if value is not None for text in (option, value)]
     known = studies()
     wanted = {number: [path for path in known if path.name.startswith(number.zfill(2))] for number in options.which}
     unknown = [number for number, found in wanted.items() if not found]
@@ -39,9 +44,8 @@ def main() -> None:
     for path in chosen:
         start = time.perf_counter()
         print(f"== {path.name}", flush=True)
-        if subprocess.run(
-            [sys.executable, str(path / "run.py"), *(["--quick"] if options.quick else [])], check=False
-        ).returncode:
+        own = [] if path.name in BY_HAND else [*(["--quick"] if options.quick else []), *passed_on]
+        if subprocess.run([sys.executable, str(path / "run.py"), *own], check=False).returncode:
             failed.append(path.name)
         seconds[path.name] = time.perf_counter() - start
     print("\n".join(f"{'FAILED ' if name in failed else 'ok     '}{name} {value:6.0f} s" for name, value in seconds.items()))

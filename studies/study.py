@@ -26,15 +26,15 @@ import argparse
 import hashlib
 import json
 import math
-import multiprocessing
-import os
 import re
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,15 +42,29 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
 import ldbb_bayes as lb
+from ldbb_bayes.fleet.executors import EXECUTORS, executor_named
+from ldbb_bayes.work import Lost, done
 
-__all__ = ["DATA", "Effort", "Study", "differences", "kept", "page", "pages", "replicated", "run"]
+__all__ = [
+    "DATA",
+    "Effort",
+    "Study",
+    "differences",
+    "executor",
+    "kept",
+    "page",
+    "pages",
+    "replicated",
+    "run",
+]
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 Effort = Literal["quick", "usual", "write"]
 Row = Mapping[str, float]
+# What the command line asks for, for all that a study runs.
+_ASKED = argparse.Namespace(executor="process", scheduler=None, workers=0)
 RESTORE = "Restore it with `git checkout`; if the change is meant, run with --write."
 
 
@@ -91,7 +105,10 @@ def run(study: Study) -> None:
     )
     parser.add_argument("--write", action="store_true", help="state anew: all campaigns, results.json, README.md, figures")
     parser.add_argument("--restate", action="store_true", help="the same, but of simulated campaigns those kept are taken")
+    _add_executor_options(parser)
     options = parser.parse_args()
+    for name in ("executor", "scheduler", "workers"):
+        setattr(_ASKED, name, getattr(options, name))
     effort: Effort = "write" if options.write else "quick" if options.quick else "usual"
     start = time.perf_counter()
     try:
@@ -108,8 +125,15 @@ def run(study: Study) -> None:
         sys.exit(f"{study.folder.name}: {_said(error)}")
     if wrong:
         sys.exit(f"{study.folder.name}: not reproduced\n  " + "\n  ".join(wrong))
-    done = "stated" if options.write or options.restate else "reproduced"
-    print(f"{study.folder.name}: {done} in {time.perf_counter() - start:.0f} s")
+    outcome = "stated" if options.write or options.restate else "reproduced"
+    print(f"{study.folder.name}: {outcome} in {time.perf_counter() - start:.0f} s")
+
+
+def _add_executor_options(parser: argparse.ArgumentParser) -> None:
+    """``--executor``, ``--scheduler`` and ``--workers``, as the package's commands have them."""
+    parser.add_argument("--executor", default="process", choices=EXECUTORS, help="what simulated campaigns run on")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to use; default: workers on this machine")
+    parser.add_argument("--workers", type=int, default=0, metavar="N", help="processes; 0: one per core")
 
 
 def _said(error: Exception) -> str:
@@ -359,22 +383,38 @@ def _compare(made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: floa
         print(f"{where}: {len(rows)} of {len(both)} rows of random draws came out differently")
 
 
+@contextmanager
+def executor() -> Iterator[Executor | None]:
+    """What the jobs run on, as ``--executor``, ``--scheduler`` and ``--workers`` ask; default: all cores; None: this process."""
+    with executor_named(_ASKED.executor, _ASKED.workers, _ASKED.scheduler) as found:
+        if _ASKED.scheduler is not None:
+            _send_along()
+        yield found
+
+
+def _send_along() -> None:
+    """Modules of the studies go to the workers with the jobs: other machines have the package alone."""
+    import cloudpickle
+
+    for module in list(sys.modules.values()):
+        path = getattr(module, "__file__", None)
+        if path is not None and module.__name__ != "__main__" and Path(path).is_relative_to(Path(__file__).resolve().parent):
+            cloudpickle.register_pickle_by_value(module)
+
+
 def _on_all_cores(job: Callable[[str, int], Row], jobs: Sequence[tuple[str, int]]) -> list[dict[str, Any]]:
     """Rows in the order of the jobs; progress on standard error where that is a terminal."""
-    rows = []
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=context, initializer=_one_thread) as pool:
-        for done, row in enumerate(pool.map(_row, [job] * len(jobs), jobs)):
-            rows.append(row)
+    rows: dict[int, dict[str, Any]] = {}
+    with executor() as pool:
+        for index, row in done(partial(_row, job), jobs, pool):
+            if isinstance(row, Lost):
+                kind, seed = jobs[index]
+                raise lb.InputError(f"every simulated campaign must give a row, {kind}, seed {seed} gave none: {row.reason}.")
+            rows[index] = row
             if sys.stderr.isatty():
-                print(
-                    f"\r{done + 1} of {len(jobs)} simulated campaigns", end="" if done + 1 < len(jobs) else "\n", file=sys.stderr
-                )
-    return rows
-
-
-def _one_thread() -> None:
-    threadpool_limits(1)
+                end = "" if len(rows) < len(jobs) else "\n"
+                print(f"\r{len(rows)} of {len(jobs)} simulated campaigns", end=end, file=sys.stderr)
+    return [rows[index] for index in range(len(jobs))]
 
 
 def _row(job: Callable[[str, int], Row], which: tuple[str, int]) -> dict[str, Any]:

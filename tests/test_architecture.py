@@ -27,6 +27,7 @@ LEAVES = {
     "ldbb_bayes.notebook",
     "ldbb_bayes.threads",
     "ldbb_bayes.units",
+    "ldbb_bayes.work",
     "ldbb_bayes",
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -8,15 +8,14 @@ as in Modrák et al. 2023).
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from ldbb_bayes.analysis.ranks import ecdf, simultaneous_band
 from ldbb_bayes.campaign.campaign import Campaign
@@ -25,6 +24,7 @@ from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.inference.samplers import SAMPLERS, draw
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.notebook import table_html
+from ldbb_bayes.work import Lost, done
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "validate"]
 
@@ -181,22 +181,11 @@ def validate(
     made = generator or model
     seeds = np.random.SeedSequence(seed).spawn(replicates)
     rows: list[_Replicate | None] = [None] * replicates
-    if executor is None:
-        for i, own in enumerate(seeds):
-            rows[i] = _replicate(model, made, plan, sampler, draws, own)
-            if progress is not None:
-                progress(i + 1, replicates)
-    else:
-        futures = {executor.submit(_replicate, model, made, plan, sampler, draws, own): i for i, own in enumerate(seeds)}
-        try:
-            for done, future in enumerate(as_completed(futures)):
-                rows[futures[future]] = future.result()
-                if progress is not None:
-                    progress(done + 1, replicates)
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise
+    job = partial(_replicate, model, made, plan, sampler, draws)
+    for count, (i, row) in enumerate(done(job, seeds, executor)):
+        rows[i] = _Replicate((), np.zeros(0), row.reason) if isinstance(row, Lost) else row
+        if progress is not None:
+            progress(count + 1, replicates)
     finished = [row for row in rows if row is not None]
     ranks = [row.ranks for row in finished if row.failure is None]
     failures = tuple(row.failure for row in finished if row.failure is not None)
@@ -217,22 +206,21 @@ def _replicate(
     model: HybridModel, generator: HybridModel, plan: Campaign, sampler: str, draws: int, seed: np.random.SeedSequence
 ) -> _Replicate:
     """One simulated campaign: ranks of the truth among the draws of its posterior."""
-    with threadpool_limits(1):
-        simulating, sampling = seed.spawn(2)
-        simulation = generator.simulate(plan, seed=int(simulating.generate_state(1)[0]))
-        bound = model.bind(simulation.campaign)
-        start = HyperPosterior(bound, truncated=bound.truncation.active)
-        try:
-            beta, phi = draw(sampler, start, draws, seed=sampling)
-        except InputError as error:
-            return _Replicate((), np.zeros(0), str(error))
-        names = (*bound.names, *bound.hyper_prior.names)
-        truth = np.array([(simulation.parameters | _in_mm(simulation.hyper_um)).get(name, 0.0) for name in names])
-        ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
-        p = len(bound.names)
-        true_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
-        likelihood = bound.log_likelihood(phi, beta)
-        return _Replicate((*names, LOG_LIKELIHOOD), np.append(ranks, (likelihood < true_likelihood).sum()))
+    simulating, sampling = seed.spawn(2)
+    simulation = generator.simulate(plan, seed=int(simulating.generate_state(1)[0]))
+    bound = model.bind(simulation.campaign)
+    start = HyperPosterior(bound, truncated=bound.truncation.active)
+    try:
+        beta, phi = draw(sampler, start, draws, seed=sampling)
+    except InputError as error:
+        return _Replicate((), np.zeros(0), str(error))
+    names = (*bound.names, *bound.hyper_prior.names)
+    truth = np.array([(simulation.parameters | _in_mm(simulation.hyper_um)).get(name, 0.0) for name in names])
+    ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
+    p = len(bound.names)
+    true_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
+    likelihood = bound.log_likelihood(phi, beta)
+    return _Replicate((*names, LOG_LIKELIHOOD), np.append(ranks, (likelihood < true_likelihood).sum()))
 
 
 def _in_mm(hyper_um: dict[str, float]) -> dict[str, float]:

@@ -31,8 +31,9 @@ def demo(
     from ldbb_bayes.analysis.identifiability import verdicts
     from ldbb_bayes.campaign.embedded import embedded_campaign
     from ldbb_bayes.campaign.folder import read_campaign
-    from ldbb_bayes.cli.show import print_json, reading_console, sampling_progress, worker_pool, write_result
+    from ldbb_bayes.cli.show import print_json, reading_console, sampling_progress, write_result
     from ldbb_bayes.files import check_target, staged_folder
+    from ldbb_bayes.fleet.executors import process_executor
     from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.model.hybrid import HybridModel
     from ldbb_bayes.report.figures import save_figures
@@ -49,11 +50,11 @@ def demo(
         with sampling_progress(quiet, name) as progress:
             fits[name] = sample(HybridModel.default(degree), campaign, seed=seed, progress=progress)
     results = {name: full_result(posterior, 0.95) for name, posterior in fits.items()}
-    with worker_pool(2) as executor, staged_folder(out, force=force, ours=DEMO_FILES) as staging:
+    with process_executor(1) as executor, staged_folder(out, force=force, ours=DEMO_FILES) as staging:
         shutil.copytree(source, staging / "campaign")
         for name, posterior in fits.items():
             write_result(posterior, results[name], staging / name)
-        running = None if executor is None else executor.submit(compare_for_report, staging / "linear")
+        running = executor.submit(compare_for_report, staging / "linear")
         save_figures(fits["linear"], staging / "figures")
         write_report(fits["linear"], staging / "linear", comparison=running)
     if as_json:

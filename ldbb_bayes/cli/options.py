@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, plain_reason
 
 if TYPE_CHECKING:
     from ldbb_bayes.campaign.campaign import Campaign
@@ -26,6 +26,7 @@ __all__ = [
     "CiOption",
     "DegreeOption",
     "DriftOption",
+    "ExecutorOption",
     "ForceOffsetOption",
     "ForceOption",
     "ForceSlopeOption",
@@ -35,13 +36,16 @@ __all__ = [
     "OutOption",
     "PlaneOption",
     "PresetOption",
+    "PriorFromOption",
     "QuietOption",
     "RadiusOption",
     "RawOption",
     "ResolutionOption",
+    "SchedulerOption",
     "SeedOption",
     "TopologyOption",
     "WithoutOption",
+    "WorkersOption",
     "campaign_fields",
     "campaign_from",
     "fail",
@@ -49,6 +53,7 @@ __all__ = [
     "model_from",
     "of_campaign",
     "three_numbers",
+    "with_population",
 ]
 
 EXIT_BAD_INPUT = 2
@@ -73,12 +78,36 @@ DriftOption = Annotated[
     ),
 ]
 ModelOption = Annotated[Path | None, typer.Option("--model", help="Model as TOML (priors, terms, degree).", metavar="FILE.toml")]
+PriorFromOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--prior-from",
+        help="Result of a population of such machines (folder or population.json), the prior of the compliances. This campaign "
+        "must not be one of the population's.",
+        metavar="POPULATION",
+    ),
+]
 OutOption = Annotated[Path | None, typer.Option(help="Folder to write results to. Without it nothing is written.", metavar="DIR")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing results.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
-SeedOption = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)]
+SeedOption = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0, max=2**63 - 1)]
 CiOption = Annotated[float, typer.Option(help="Probability of the credible intervals.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress.")]
+ExecutorOption = Annotated[
+    str,
+    typer.Option("--executor", help="What the jobs run on: process (the cores here) or dask.", metavar="process|dask"),
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        help="Dask scheduler to use, for example tcp://10.0.0.1:8786. Default: workers on this machine.",
+        metavar="ADDRESS",
+    ),
+]
+WorkersOption = Annotated[
+    int, typer.Option("--workers", help="Processes, one BLAS thread each; 0: one per core. None is started for 1.", min=0)
+]
 _TABLE = "For a tidy CSV"
 RadiusOption = Annotated[float | None, typer.Option(help="Nominal radius (mm). Default 150.", rich_help_panel=_TABLE)]
 TopologyOption = Annotated[str | None, typer.Option(help="Joints from workpiece to tool.", rich_help_panel=_TABLE)]
@@ -130,6 +159,25 @@ def model_from(degree: int | None, preset: str | None, without: str, file: Path 
         model = model if degree is None else model.with_degree(degree)
     names = [name.strip() for name in without.split(",") if name.strip()]
     return _drifting(model.without(*names), drift)
+
+
+def with_population(model: HybridModel, population: Path | None, campaign: Campaign) -> tuple[HybridModel, dict[str, Any] | None]:
+    """The model with the prior that --prior-from names, and what a result says of it; its doubts go to stderr.
+
+    Raises
+    ------
+    InputError
+        Where the population does not go with the model or the campaign.
+    """
+    if population is None:
+        return model, None
+    from ldbb_bayes.model.population_prior import prior_from
+
+    prior = prior_from(population)
+    doubts = prior.doubts(campaign)
+    for doubt in doubts:
+        typer.echo(f"--prior-from: {doubt}", err=True)
+    return prior.model(model), {"sha256": prior.sha256, "doubts": list(doubts)}
 
 
 def _drifting(model: HybridModel, drift: str | None) -> HybridModel:
@@ -247,24 +295,13 @@ def guarded(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
             sys.stdout.flush()
-        except InputError as error:
-            fail(str(error), EXIT_BAD_INPUT)
         except BrokenPipeError:
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115
-        except OSError as error:
-            fail(f"{error.filename or 'the output'} must be usable, got: {error.strerror}. Check it.", EXIT_BAD_INPUT)
-        except ArithmeticError as error:
-            fail(
-                f"the numbers must be within reach of double precision, got: {error}. Check units and magnitudes.", EXIT_BAD_INPUT
-            )
-        except ValueError as error:
-            if type(error).__name__ != "LinAlgError":
+        except (OSError, ArithmeticError, ValueError) as error:
+            said = plain_reason(error)
+            if said is None:
                 raise
-            fail(
-                f"the campaign must determine the model, got a numerical breakdown ({error}). "
-                "Look for forces or angles that hardly differ, readings or priors of an impossible size (ldbb-bayes check).",
-                EXIT_BAD_INPUT,
-            )
+            fail(said, EXIT_BAD_INPUT)
         except KeyboardInterrupt:
             fail("interrupted; nothing was written.", EXIT_INTERRUPTED)
 

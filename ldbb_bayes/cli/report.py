@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,8 +50,9 @@ def report(
     when the fit had missed its target; the page then says so at its top.
     """
     from ldbb_bayes.analysis.recorded import read_comparison, read_design
-    from ldbb_bayes.cli.show import counting_progress, worker_pool
+    from ldbb_bayes.cli.show import counting_progress
     from ldbb_bayes.files import check_target, staged_folder
+    from ldbb_bayes.fleet.executors import process_executor
     from ldbb_bayes.inference.origin import record_of
     from ldbb_bayes.inference.posterior import load
     from ldbb_bayes.inference.summary import check_probability
@@ -71,7 +73,9 @@ def report(
         raise InputError("--tests must not go with --design, got both. The design says how many.")
     if same_instrument and len(result) == 1:
         raise InputError("--same-instrument must go with a second RESULT, got one alone. Name the campaign to set beside it.")
-    with worker_pool(1 if comparison is not None else 2) as executor, counting_progress(quiet, "sections") as progress:
+    # The comparison is the longest part and waits for nothing.
+    beside = process_executor(1) if comparison is None else nullcontext()
+    with beside as executor, counting_progress(quiet, "sections") as progress:
         running = None if executor is None else executor.submit(compare_for_report, result[0])
         first, *others = (load(path) for path in result)
         document = write_report(

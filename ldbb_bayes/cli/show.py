@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
     from pathlib import Path
 
     import xarray as xr
@@ -25,13 +24,13 @@ if TYPE_CHECKING:
 __all__ = [
     "RESULT_FILES",
     "counting_progress",
+    "failing_progress",
     "print_comparison",
     "print_design",
     "print_fit",
     "print_json",
     "reading_console",
     "sampling_progress",
-    "worker_pool",
     "write_atlases",
     "write_comparison",
     "write_design",
@@ -192,32 +191,6 @@ def write_design(design: Design, record: Mapping[str, Any], folder: Path, seed: 
     save_figure(expected_widths(design), folder, "expected_widths")
 
 
-@contextmanager
-def worker_pool(workers: int) -> Iterator[Executor | None]:
-    """Processes for independent jobs, one per core for 0; none for one. Those at work are stopped by an interruption."""
-    import multiprocessing
-    import os
-    from concurrent.futures import ProcessPoolExecutor
-
-    count = workers or os.cpu_count() or 1
-    if count == 1:
-        yield None
-        return
-    with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts) as pool:
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _leave_interrupts() -> None:
-    """Ctrl-C reaches every process of the terminal; the first one answers."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 def print_fit(result: Mapping[str, Any]) -> None:
     """The table of a fit and its notes."""
     from ldbb_bayes.report.text import TOLD, nuisance_table, parameter_table, verdict_lines
@@ -235,6 +208,13 @@ def print_fit(result: Mapping[str, Any]) -> None:
 @contextmanager
 def counting_progress(quiet: bool, what: str) -> Iterator[Callable[[int, int], None] | None]:
     """A bar on stderr for jobs that are counted, with the time left; none when quiet or stderr is no terminal."""
+    with failing_progress(quiet, what) as progress:
+        yield None if progress is None else lambda done, total: progress(done, total, 0)
+
+
+@contextmanager
+def failing_progress(quiet: bool, what: str) -> Iterator[Callable[[int, int, int], None] | None]:
+    """The same for jobs of which some may fail: done with, all, failed."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -242,10 +222,14 @@ def counting_progress(quiet: bool, what: str) -> Iterator[Callable[[int, int], N
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
 
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+        def show(done: int, total: int, failed: int) -> None:
+            bar.update(task, completed=done, total=total, description=f"{failed} failed" if failed else "")
+
+        yield show
 
 
 @contextmanager

@@ -11,14 +11,17 @@ from ldbb_bayes.cli.options import (
     CampaignArgument,
     DegreeOption,
     DriftOption,
+    ExecutorOption,
     ForceOption,
     JsonOption,
     ModelOption,
     OutOption,
     PresetOption,
     QuietOption,
+    SchedulerOption,
     SeedOption,
     WithoutOption,
+    WorkersOption,
     campaign_from,
     guarded,
     model_from,
@@ -44,7 +47,9 @@ def validate(
     sampler: str = typer.Option("quadrature", help="quadrature, joint or collapsed."),
     replicates: int = typer.Option(100, help="Simulated campaigns."),
     draws: int = typer.Option(99, help="Posterior draws of each."),
-    workers: int = typer.Option(0, help="Processes, one BLAS thread each; 0: one per core.", min=0),
+    executor: ExecutorOption = "process",
+    scheduler: SchedulerOption = None,
+    workers: WorkersOption = 0,
     out: OutOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
@@ -56,8 +61,9 @@ def validate(
     Exit code 1 when ranks are not uniform.
     """
     from ldbb_bayes.analysis.validation import validate as run
-    from ldbb_bayes.cli.show import counting_progress, print_json, reading_console, worker_pool, write_validation
+    from ldbb_bayes.cli.show import counting_progress, print_json, reading_console, write_validation
     from ldbb_bayes.files import check_target, staged_folder
+    from ldbb_bayes.fleet.executors import executor_named
     from ldbb_bayes.model.spec import read_model
     from ldbb_bayes.report.text import coverage_table
 
@@ -66,7 +72,7 @@ def validate(
     campaign = campaign_from(plan)
     if out is not None:
         check_target(out, force=force, ours=VALIDATION_FILES)
-    with worker_pool(workers) as executor, counting_progress(quiet, "simulated campaigns") as progress:
+    with executor_named(executor, workers, scheduler) as pool, counting_progress(quiet, "simulated campaigns") as progress:
         result = run(
             chosen,
             campaign,
@@ -75,7 +81,7 @@ def validate(
             sampler=sampler,
             generator=generator,
             seed=seed,
-            executor=executor,
+            executor=pool,
             progress=progress,
         )
     record = {"schema": 1, "campaign": campaign.name, "seed": seed, **result.as_dict()}

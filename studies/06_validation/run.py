@@ -6,11 +6,9 @@ python studies/06_validation/run.py --write    # states anew
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import re
 import sys
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -24,7 +22,7 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
-from study import Effort, Study, kept, run  # noqa: E402
+from study import Effort, Study, executor, kept, run  # noqa: E402
 
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 ARC_DEG, STEP_DEG, MORE = 220.0, 2.0, 4
@@ -88,7 +86,7 @@ def cases() -> dict[str, Case]:
     }
 
 
-def ranked(case: Case, replicates: int, pool: Executor) -> lb.Validation:
+def ranked(case: Case, replicates: int, pool: Executor | None) -> lb.Validation:
     """Simulated, inferred and ranked; the first replicates are the same however many follow."""
     return lb.validate(
         case.model,
@@ -105,7 +103,7 @@ def ranked(case: Case, replicates: int, pool: Executor) -> lb.Validation:
 def all_ranks(effort: Effort) -> pd.DataFrame:
     """Ranks of every case, one row per replicate; made again as far as the effort goes, and all that are kept."""
     made = []
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=multiprocessing.get_context("spawn")) as pool:
+    with executor() as pool:
         for kind, case in cases().items():
             count = AGAIN if effort == "quick" else case.replicates
             found = ranked(case, count, pool)

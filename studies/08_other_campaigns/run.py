@@ -6,11 +6,8 @@ python studies/08_other_campaigns/run.py --write    # states anew
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import sys
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +22,7 @@ sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
 from plans import FORCES_N, MODEL, both_directions, everything, one_radius, three_planes, two_radii  # noqa: E402
 from simulated import CLOCKWISE, LEVEL, PLANS, analysed, summary  # noqa: E402
-from study import Effort, Study, kept, replicated, run  # noqa: E402
+from study import Effort, Study, executor, kept, replicated, run  # noqa: E402
 
 CAMPAIGNS, CALIBRATED, DRAWS, BAND = 200, 200, 99, 0.99
 AGAIN: dict[Effort, int] = {"quick": 2, "usual": 12}
@@ -53,7 +50,7 @@ def predicted() -> dict[str, Any]:
 def calibration(effort: Effort) -> dict[str, Any]:
     """Ranks with radii, directions and drift on."""
     model, plan = everything()
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=multiprocessing.get_context("spawn")) as pool:
+    with executor() as pool:
         result = lb.validate(
             model, plan, replicates=RANKS_AGAIN[effort], draws=DRAWS, prob=BAND, sampler="quadrature", seed=8, executor=pool
         )

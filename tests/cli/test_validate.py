@@ -61,10 +61,16 @@ def test_a_wrong_model_is_exit_code_1(folder: Path, tmp_path: Path, capsys: pyte
         (["--replicates", 2], "replicates must be at least 10, got 2"),
         (["--sampler", "nuts"], "sampler must be one of joint, collapsed, quadrature"),
         (["--data-model", "nowhere.toml"], "nowhere.toml"),
+        (["--executor", "dusk"], "--executor must be one of process, dask, got 'dusk'. Did you mean 'dask'?"),
+        (["--scheduler", "tcp://a:1"], "--scheduler must go with --executor dask"),
+        (
+            ["--executor", "dask", "--scheduler", "nonsense", "--workers", 0],
+            "--scheduler must be the address of a Dask scheduler",
+        ),
     ],
 )
 def test_bad_input(folder: Path, arguments: list[object], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert invoke("validate", folder, *arguments, "--workers", 1) == 2
+    assert invoke("validate", folder, *(["--workers", 1] if "--workers" not in arguments else []), *arguments) == 2
     shown = capsys.readouterr()
     assert message in shown.err
     assert shown.out == ""
