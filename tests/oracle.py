@@ -50,6 +50,7 @@ class Oracle:
     compensated: bool = True
     resolution: float = 0.24e-3
     truncated: bool = True
+    given_priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # parameter -> prior mean and sd
     names: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -68,6 +69,9 @@ class Oracle:
         sds.append(SD_E)
         self.names += GEOMETRIC
         self.J, self.sd = np.hstack(blocks), np.concatenate(sds)
+        self.mean = np.zeros(self.sd.size)
+        for name, (mean, sd) in self.given_priors.items():
+            self.mean[self.names.index(name)], self.sd[self.names.index(name)] = mean, sd
         self.unique = np.unique(forces)
         self.hypers = ["sigma"]
         self.hypers += [h for h, term in (("delta", "setup"), ("kappa", "discrepancy"), ("tau", "form")) if term in self.terms]
@@ -132,14 +136,14 @@ class Oracle:
         """ln p(y | φ), mean and covariance of β given y, φ; truncation aside."""
         root = np.linalg.cholesky(self.covariance(phi))
         white_j = np.linalg.solve(root, self.J * self.sd)
-        white_y = np.linalg.solve(root, self.y)
+        white_y = np.linalg.solve(root, self.y - self.J @ self.mean)
         precision = white_j.T @ white_j + np.eye(self.sd.size)
         covariance = np.linalg.inv(precision)
         mean = covariance @ (white_j.T @ white_y)
         quadratic = white_y @ white_y - mean @ precision @ mean
         log_det = 2 * np.log(np.diag(root)).sum() + np.linalg.slogdet(precision)[1]
         log_evidence = -0.5 * (quadratic + log_det + self.y.size * np.log(2 * np.pi))
-        return float(log_evidence), mean * self.sd, covariance * np.outer(self.sd, self.sd)
+        return float(log_evidence), self.mean + mean * self.sd, covariance * np.outer(self.sd, self.sd)
 
     def inside(self, beta: np.ndarray) -> np.ndarray:
         """Whether C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at every tested force."""
@@ -252,6 +256,12 @@ class Oracle:
         """ln P(T): for three compliances, ½ at degree 0; at degree 1 two half-planes of known correlation."""
         if not self.truncated:
             return 0.0
+        if self.mean.any():
+            rows, per = self._rows(), 2 if self.degree else 1
+            pairs = [rows[k : k + per] for k in range(0, len(rows), per)]
+            return sum(
+                stats.multivariate_normal(-row @ self.mean, (row * self.sd**2) @ row.T).logcdf(np.zeros(per)) for row in pairs
+            )
         if self.degree == 0:
             return 3.0 * np.log(0.5)
         correlation = (1.0 - 0.15**2) / (1.0 + 0.15**2)

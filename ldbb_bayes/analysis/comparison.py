@@ -290,13 +290,14 @@ def _tests(
 
 def _prior_notes(weighed: Mapping[str, Weighed]) -> Iterator[str]:
     """Shared parameters with different priors: their Bayes factor compares these too."""
-    seen: dict[str, float] = {}
+    seen: dict[str, tuple[float, float]] = {}
     differing: dict[str, None] = {}
     for one in weighed.values():
         bound = one.posterior.bound
         hyper = zip(bound.hyper_prior.names, bound.hyper_prior.scale_mm, strict=True)
-        for name, sd in [*zip(bound.names, bound.prior_sd, strict=True), *((str(n), s) for n, s in hyper)]:
-            if not np.isclose(seen.setdefault(name, float(sd)), sd, rtol=1e-9, atol=0.0):
+        own = [(p.name, p.prior_mean, p.prior_sd) for p in bound.parameters]
+        for name, mean, sd in [*own, *((str(n), 0.0, float(s)) for n, s in hyper)]:
+            if not np.allclose(seen.setdefault(name, (mean, sd)), (mean, sd), rtol=1e-9, atol=0.0):
                 differing[name] = None
     if differing:
         yield f"The models give {joined(list(differing))} different priors: the Bayes factor compares these too."

@@ -94,7 +94,7 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
 def _hyper_and_mean(bound: BoundModel) -> tuple[Array, Array]:
     """φ [mm] and the mean of β there."""
     if bound.campaign.is_plan:
-        return bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), _HALF)), np.zeros(len(bound.names))
+        return bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), _HALF)), bound.prior_mean
     lattice = HyperPosterior(bound, truncated=False).coarse
     phi = lattice.weight @ bound.hyper_prior.phi(lattice.free)
     _, given = bound.given(phi[None])
@@ -136,7 +136,7 @@ def _parameters(
             sd,
             1.0 - ratio,
             float(-0.5 * np.log(ratio)) if proper else np.inf,
-            overlap(float(mean[i]) / prior_sd, np.sqrt(ratio)) if proper else 0.0,
+            overlap((float(mean[i]) - parameter.prior_mean) / prior_sd, np.sqrt(ratio)) if proper else 0.0,
             fraction,
             {source: float(values[i]) for source, values in confounding.shares.items()},
             {source: float(values[i]) for source, values in confounding.sensitivity.items()},
@@ -144,6 +144,7 @@ def _parameters(
             {str(name): float(value) for name, value in largest.items()},
             float(unseen[0, i]),
             verdict,
+            parameter.prior_mean,
         )
     return entries
 

@@ -51,6 +51,8 @@ class ParameterIdentifiability:
     unseen_share : float
         Share of the variance along directions in which the priors outweigh the readings.
     verdict : Verdict
+    prior_mean : float
+        Zero when flat.
     """
 
     name: str
@@ -68,6 +70,7 @@ class ParameterIdentifiability:
     correlations: Mapping[str, float]
     unseen_share: float
     verdict: Verdict
+    prior_mean: float = 0.0
 
     def __repr__(self) -> str:
         factor, unit = display_unit(self.unit)
@@ -85,6 +88,7 @@ class ParameterIdentifiability:
             "verdict": self.verdict.word,
             "with": list(self.verdict.partners),
             "unit": self.unit,
+            "prior_mean": self.prior_mean if proper else None,
             "prior_sd": self.prior_sd if proper else None,
             "mean": self.mean,
             "sd": self.sd,

@@ -78,7 +78,7 @@ def known_before(model: HybridModel, pilot: Campaign, size: int, seed: int, *, a
         spread = given.spread()
         return Known(phi, beta, given.mean, spread @ np.swapaxes(spread, 1, 2))
     prior = np.broadcast_to(np.diag(bound.prior_sd**2), (count, p, p))
-    return Known(phi, beta, np.zeros((count, p)), prior)
+    return Known(phi, beta, np.broadcast_to(bound.prior_mean, (count, p)), prior)
 
 
 def narrowed(bound: BoundModel, known: Known, covariance: Array, seed: int) -> Array:

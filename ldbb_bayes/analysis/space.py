@@ -274,7 +274,7 @@ class DesignSpace:
     def model_of(self, tests: Sequence[CircularTest]) -> HybridModel:
         """The model as it should analyse these tests alone: F0 and the slopes' prior sd those of the pilot."""
         bound = self._bound_alone
-        plain = replace(self.model, fixed=(), prior=replace(self.model.prior, overrides={}))
+        plain = replace(self.model, fixed=(), prior=replace(self.model.prior, overrides={}, means={}))
         there = BoundModel(plain, replace(self.pilot, tests=tuple(tests), foreseen=()), pilot=self.pilot).names
         overrides = dict(self.model.prior.overrides)
         forces = [float(test.force_N or 0.0) for test in tests]
@@ -284,7 +284,11 @@ class DesignSpace:
             self.model,
             reference_force_N=bound.setting.reference_force_N,
             fixed=tuple(name for name in self.model.fixed if name in there),
-            prior=replace(self.model.prior, overrides={name: sd for name, sd in overrides.items() if name in there}),
+            prior=replace(
+                self.model.prior,
+                overrides={name: sd for name, sd in overrides.items() if name in there},
+                means={name: mean for name, mean in self.model.prior.means.items() if name in there},
+            ),
         )
 
     @property

@@ -16,12 +16,14 @@ from ldbb_bayes.cli.options import (
     ModelOption,
     OutOption,
     PresetOption,
+    PriorFromOption,
     QuietOption,
     SeedOption,
     WithoutOption,
     fail,
     model_from,
     of_campaign,
+    with_population,
 )
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ def fit(
     without: WithoutOption = "",
     drift: DriftOption = None,
     model: ModelOption = None,
+    prior_from: PriorFromOption = None,
     sampler: str = typer.Option(
         "joint", help="joint (emcee over everything), collapsed (emcee over the hyper-parameters) or quadrature."
     ),
@@ -68,7 +71,7 @@ def fit(
     check_probability(ci)
     if resume and out is None:
         raise InputError("--resume must come with --out, got none. Give the folder the run was started with.")
-    chosen = model_from(degree, preset, without, model, drift)
+    chosen, population = with_population(model_from(degree, preset, without, model, drift), prior_from, readings)
     if out is not None:
         check_target(out, force=force, ours=RESULT_FILES)
     checkpoint = None if out is None else out.with_name(out.name + ".checkpoint")
@@ -94,6 +97,8 @@ def fit(
             raise
         fail(f"interrupted; {checkpoint} keeps the run. The same command with --resume goes on with it.", EXIT_INTERRUPTED)
     result = full_result(posterior, ci)
+    if population is not None:
+        result["prior_from"] = population
     if out is not None:
         with staged_folder(out, force=force, ours=RESULT_FILES) as staging:
             write_result(posterior, result, staging)

@@ -20,7 +20,7 @@ from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.threads import one_blas_thread
 
-__all__ = ["marginals", "moments", "quantiles"]
+__all__ = ["marginals", "moments", "nodes_that_matter", "quantiles"]
 
 Array = NDArray[Any]
 _CHUNK = 256
@@ -77,7 +77,7 @@ def marginals(
 def moments(posterior: HyperPosterior, lattice: Lattice, *, spare: float = _SPARE) -> tuple[Array, Array]:
     """Mean and sd of β, each (p,): those given φ, exact, averaged over the nodes but for a share ``spare`` of the integral."""
     bound = posterior.bound
-    free, weight = _that_matter(lattice, spare)
+    free, weight = nodes_that_matter(lattice, spare)
     means, variances = [], []
     for start in range(0, len(free), _CHUNK):
         _, given = bound.given(bound.hyper_prior.phi(free[start : start + _CHUNK]))
@@ -129,7 +129,7 @@ def _hyper_moments(posterior: HyperPosterior, lattice: Lattice) -> tuple[Array, 
     return mean, np.sqrt(weight @ (phi - mean) ** 2)
 
 
-def _that_matter(lattice: Lattice, spare: float) -> tuple[Array, Array]:
+def nodes_that_matter(lattice: Lattice, spare: float) -> tuple[Array, Array]:
     """Nodes and normalised weights, but for a share ``spare`` of the integral."""
     weight = lattice.weight
     order = np.argsort(weight)

@@ -7,7 +7,8 @@ import hashlib
 import os
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.stopping import Assessment
 
-__all__ = ["assess", "build_tree", "diagnose", "load", "power_sensitivity", "psis_loo", "save"]
+__all__ = ["assess", "build_tree", "diagnose", "load", "pareto_smooth", "power_sensitivity", "psis_loo", "save", "saved_bytes"]
 
 Array = NDArray[Any]
 _TAILS = (0.05, 0.95)
 _POWERS = (0.99, 1.01)
+_COUNT = 10.0
 _MOST_PER_BYTE, _REASON = 20, 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 
@@ -102,6 +105,39 @@ def psis_loo(log_likelihood: Array) -> tuple[Array, Array, float]:
     return found.elpd_i.to_numpy(), found.pareto_k.to_numpy(), float(found.good_k)
 
 
+def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
+    """Weights of importance sampling, their largest smoothed by a Pareto tail (Vehtari et al. 2024).
+
+    Parameters
+    ----------
+    log_ratio : ndarray, shape (n,)
+        ln of target over proposal at independent draws, up to a constant.
+
+    Returns
+    -------
+    weight : ndarray, shape (n,)
+        They sum to one.
+    pareto_k : float
+        Infinite when hardly a draw counts or the tail cannot be judged; −inf for equal weights.
+    good_k : float
+        Above this the weights cannot be trusted.
+    """
+    good_k = min(0.7, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
+    if np.ptp(log_ratio) < np.sqrt(np.finfo(float).eps):
+        return np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
+            log_weight, k = arviz_stats.base.array_stats.psislw(-log_ratio)
+    except ValueError:
+        log_weight, k = log_ratio, np.inf
+    if np.isnan(log_weight).any():
+        log_weight, k = log_ratio, np.inf
+    weight = np.exp(log_weight - np.max(log_weight))
+    weight /= weight.sum()
+    counted = 1.0 / np.sum(weight**2) > _COUNT
+    return weight, float(k) if counted and np.isfinite(k) else np.inf, good_k
+
+
 def build_tree(
     groups: Mapping[str, Mapping[str, Array]],
     *,
@@ -131,20 +167,27 @@ def build_tree(
 def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     """Write the tree to one netCDF file (h5netcdf), whole or not at all."""
     target = Path(path)
-    staging = target.with_name(f".{target.name}.part")
+    write_whole(target, saved_bytes(tree))
+    return target
+
+
+def saved_bytes(tree: xr.DataTree) -> bytes:
+    """What `save` writes; made in memory, for HDF5 does not survive a disk that is full."""
     tree = tree.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
-    content = tree.to_netcdf(engine="h5netcdf")  # in memory: HDF5 does not survive a disk that is full
-    try:
-        staging.write_bytes(content)
-        os.replace(staging, target)
-    except OSError as error:
-        raise InputError(
-            f"{target} must be writable, got: {error.strerror or error}. Free some space or choose another place."
-        ) from None
-    finally:
-        staging.unlink(missing_ok=True)
-    return target
+    with _without_cluster():
+        return bytes(tree.to_netcdf(engine="h5netcdf"))
+
+
+@contextmanager
+def _without_cluster() -> Iterator[None]:
+    """Within a job of Dask xarray would ask the cluster for a lock on what is in this process's memory."""
+    dask = sys.modules.get("dask")
+    if dask is None:
+        yield
+    else:
+        with dask.config.set(scheduler="synchronous"):
+            yield
 
 
 def load(path: str | os.PathLike[str]) -> xr.DataTree:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -38,10 +39,11 @@ from ldbb_bayes.model.spec import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.threads import one_blas_thread
 
-__all__ = ["sample"]
+__all__ = ["sample", "sample_with_densities", "versions"]
 
 Array = NDArray[Any]
 _VERSIONS = ("ldbb-bayes", "numpy", "scipy", "emcee")
+_ALL_VERSIONS = (*_VERSIONS, "arviz-stats")
 _PRIOR_DRAWS = 4000
 _CHUNK = 256
 _QUALITY_DRAWS = 1000
@@ -49,7 +51,6 @@ _IMPROBABLE = 1e-3
 _IMPOSSIBLE = 1e-6
 
 
-@one_blas_thread
 def sample(
     model: HybridModel,
     campaign: Campaign,
@@ -99,6 +100,36 @@ def sample(
         For a plan, an unknown sampler, a model that the campaign cannot carry, or a checkpoint that is damaged, of another run,
         or there without ``resume``.
     """
+    tree, _ = sample_with_densities(
+        model,
+        campaign,
+        sampler=sampler,
+        seed=seed,
+        ensembles=ensembles,
+        walkers=walkers,
+        rule=rule,
+        progress=progress,
+        checkpoint=checkpoint,
+        resume=resume,
+    )
+    return tree
+
+
+@one_blas_thread
+def sample_with_densities(
+    model: HybridModel,
+    campaign: Campaign,
+    *,
+    sampler: str = "joint",
+    seed: int = 1,
+    ensembles: int = 4,
+    walkers: int | None = None,
+    rule: StoppingRule | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+) -> tuple[xr.DataTree, dict[bool, HyperPosterior]]:
+    """The same, with the densities over the hyper-parameters it went by: True the one inside the truncation, False the other."""
     check_known("sampler", [sampler], SAMPLERS)
     if campaign.is_plan:
         raise InputError("campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
@@ -113,7 +144,9 @@ def sample(
     run, beta, phi = run_sampler(
         sampler, start, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress, store=store
     )
-    truncation = _truncation_probability(bound, start, seed)
+    other = HyperPosterior(bound, truncated=not start.truncated, seed=seed)
+    densities = {start.truncated: start, other.truncated: other}
+    truncation = log_prob_truncation(densities[False], densities[True])
     quality = _fit(bound, beta, phi, truncation)
     groups = _groups(bound, beta, phi, np.random.default_rng(seeds[1]))
     record: dict[str, Any] = {
@@ -134,7 +167,7 @@ def sample(
         },
         "fit": quality,
         "provenance": {
-            "versions": {name: version(name) for name in (*_VERSIONS, "arviz-stats")},
+            "versions": versions(),
             "seed": seed,
             "started": started.isoformat(timespec="seconds"),
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
@@ -159,13 +192,20 @@ def sample(
             0,
             f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers; {cure}",
         )
-    return build_tree(
+    tree = build_tree(
         groups,
         dims=_DIMS,
         coords={"test": list(bound.test_names)},
         units=_units(bound),
         provenance=json.dumps(record, ensure_ascii=False),
     )
+    return tree, densities
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of the packages that numbers come from."""
+    return {name: version(name) for name in _ALL_VERSIONS}
 
 
 def _run_key(
@@ -198,11 +238,6 @@ _DIMS = {
     "reading_mm": ["reading"],
     "reference_force_N": [],
 }
-
-
-def _truncation_probability(bound: BoundModel, start: HyperPosterior, seed: int) -> TruncationProbability:
-    other = HyperPosterior(bound, truncated=not start.truncated, seed=seed)
-    return log_prob_truncation(other, start) if start.truncated else log_prob_truncation(start, other)
 
 
 def _fit(bound: BoundModel, beta: Array, phi: Array, truncation: TruncationProbability) -> dict[str, Any]:
@@ -335,6 +370,7 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
         "sha256": model_sha256(bound.model),
         "toml": model_to_toml(bound.model),
         "prior_sd": finite,
+        "prior_mean": {p.name: p.prior_mean for p in bound.parameters if np.isfinite(p.prior_sd)},
         "fixed": list(bound.model.fixed),
         "groups": {p.name: p.group for p in bound.parameters},
     }

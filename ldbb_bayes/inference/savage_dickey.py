@@ -89,7 +89,8 @@ def _log_inside(
 
 def _log_prior_at_zero(posterior: HyperPosterior, index: Sequence[int]) -> float:
     bound = posterior.bound
-    density = float(-np.log(bound.prior_sd[index]).sum() - 0.5 * len(index) * _LOG_2PI)
+    mean, sd = bound.prior_mean[index], bound.prior_sd[index]
+    density = float(-0.5 * ((mean / sd) ** 2).sum() - np.log(sd).sum() - 0.5 * len(index) * _LOG_2PI)
     if not posterior.truncated:
         return density
     smaller = bound.model.fixing(*(bound.names[i] for i in index)).bind(bound.campaign)

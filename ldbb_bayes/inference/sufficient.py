@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.marginals import nodes_that_matter
 from ldbb_bayes.inference.quadrature import HyperPosterior
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.columns import Columns
-from ldbb_bayes.model.triangular import solve_lower
 from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["INSTRUMENT", "SufficientStatistics", "sufficient_statistics"]
@@ -26,6 +26,7 @@ __all__ = ["INSTRUMENT", "SufficientStatistics", "sufficient_statistics"]
 Array = NDArray[Any]
 INSTRUMENT = {"mount": "mm/bar", "force_gain": "1"}
 _CHUNK = 256
+_SPARE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,17 @@ class SufficientStatistics:
     prior_mean: Array
     prior_sd: Array
 
+    def columns(self) -> dict[str, list[Any]]:
+        """As a batch keeps them: lists, of the covariance the lower triangle row by row."""
+        return {
+            "gaussian_names": list(self.names),
+            "gaussian_units": list(self.units),
+            "gaussian_mean": self.mean.tolist(),
+            "gaussian_covariance": self.covariance[np.tril_indices(len(self.names))].tolist(),
+            "gaussian_prior_mean": self.prior_mean.tolist(),
+            "gaussian_prior_sd": self.prior_sd.tolist(),
+        }
+
 
 @one_blas_thread
 def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
@@ -69,13 +81,12 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
         kind = "a truncated density" if posterior.truncated else "a flat prior"
         raise InputError(f"sufficient statistics must be those of a Gaussian with a proper prior, got {kind}. Use another.")
     pick, names, units, prior_mean, prior_sd = _columns(bound)
-    lattice = posterior.coarse
-    weight = lattice.weight
+    free, weight = nodes_that_matter(posterior.coarse, _SPARE)
     means, spreads = [], []
     for start in range(0, len(weight), _CHUNK):
-        phi = bound.hyper_prior.phi(lattice.free[start : start + _CHUNK])
+        phi = bound.hyper_prior.phi(free[start : start + _CHUNK])
         _, shared = bound.collapsed.conditional(phi, np.zeros(len(bound.names)))
-        inverse = solve_lower(shared.precision_root, np.eye(shared.mean.shape[1]))
+        inverse = np.linalg.inv(shared.precision_root)
         spread = (np.swapaxes(inverse, 1, 2) * shared.scale[:, :, None])[:, pick]
         means.append(shared.mean[:, pick])
         spreads.append(spread @ np.swapaxes(spread, 1, 2))
@@ -96,4 +107,4 @@ def _columns(bound: BoundModel) -> tuple[list[int], tuple[str, ...], tuple[str, 
     names = (*bound.names, *(name for _, name, _ in own))
     units = (*(parameter.unit for parameter in bound.parameters), *(INSTRUMENT[name] for _, name, _ in own))
     prior_sd = np.concatenate([bound.prior_sd, [sd for _, _, sd in own]])
-    return pick, names, units, np.zeros(len(names)), prior_sd
+    return pick, names, units, np.concatenate([bound.prior_mean, np.zeros(len(own))]), prior_sd

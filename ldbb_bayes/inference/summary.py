@@ -14,7 +14,7 @@ from ldbb_bayes.inference.origin import record_of
 from ldbb_bayes.inference.posterior import diagnose
 from ldbb_bayes.model.columns import HYPERS
 
-__all__ = ["check_probability", "result_json", "summarize"]
+__all__ = ["check_probability", "numbers_of", "priors_of", "result_json", "summarize"]
 
 Array = NDArray[Any]
 
@@ -32,8 +32,9 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns unit, mean, sd, median, ci_low, ci_high, prior_sd, ess_bulk, ess_tail, rhat; ``attrs["verdict"]`` says in one
-        line whether the numbers can be used, ``attrs["fit"]`` is that judgement in parts (``misfits``, ``warnings``, …).
+        Columns unit, mean, sd, median, ci_low, ci_high, prior_mean (of parameters with a proper prior), prior_sd, ess_bulk,
+        ess_tail, rhat; ``attrs["verdict"]`` says in one line whether the numbers can be used, ``attrs["fit"]`` is that judgement
+        in parts (``misfits``, ``warnings``, …).
 
     Raises
     ------
@@ -41,12 +42,12 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
         When ci_prob is not between 0 and 1.
     """
     check_probability(ci_prob)
-    prior_sd = record_of(posterior)["model"]["prior_sd"]
+    prior_sd, prior_mean = priors_of(posterior)
     rows = {}
     for name, variable in posterior["posterior"].data_vars.items():
         draws = variable.transpose("chain", "draw").to_numpy()
         bulk, tail, rhat = diagnose(draws)
-        numbers = _numbers(draws, ci_prob)
+        numbers = numbers_of(draws, ci_prob)
         rows[str(name)] = {
             "unit": variable.attrs.get("unit", ""),
             "mean": numbers["mean"],
@@ -54,6 +55,7 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
             "median": numbers["median"],
             "ci_low": numbers["interval"][0],
             "ci_high": numbers["interval"][1],
+            "prior_mean": prior_mean.get(str(name), np.nan),
             "prior_sd": prior_sd[str(name)],
             "ess_bulk": bulk,
             "ess_tail": tail,
@@ -70,13 +72,13 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
     check_probability(ci_prob)
     record = record_of(posterior)
     key = f"ci{100 * ci_prob:g}"
-    prior_sd = record["model"]["prior_sd"]
+    prior_sd, prior_mean = priors_of(posterior)
     parameters: dict[str, Any] = {}
     hyper: dict[str, Any] = {}
     for name, variable in posterior["posterior"].data_vars.items():
         is_hyper = name in HYPERS
         factor = 1e3 if is_hyper else 1.0
-        numbers = _numbers(variable.to_numpy() * factor, ci_prob)
+        numbers = numbers_of(variable.to_numpy() * factor, ci_prob)
         known = prior_sd[str(name)]
         entry = {
             "unit": "um" if is_hyper else variable.attrs.get("unit", ""),
@@ -89,8 +91,8 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
         if is_hyper:
             hyper[f"{name}_um"] = entry
         else:
-            parameters[str(name)] = entry
-    model = {name: value for name, value in record["model"].items() if name not in ("toml", "prior_sd", "groups")}
+            parameters[str(name)] = entry | {"prior_mean": prior_mean.get(str(name))}
+    model = {name: value for name, value in record["model"].items() if name not in ("toml", "prior_sd", "prior_mean", "groups")}
     campaign = {name: value for name, value in record["campaign"].items() if name not in ("fields", "test_fields", "foreseen")}
     return {
         "schema": record["schema"],
@@ -104,7 +106,15 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
     }
 
 
-def _numbers(draws: Array, ci_prob: float) -> dict[str, Any]:
+def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
+    """Prior sd, None where flat, and prior mean of the parameters that have a prior; zero in results older than prior means."""
+    model = record_of(posterior)["model"]
+    sd = model["prior_sd"]
+    return sd, model.get("prior_mean", {name: 0.0 for name in model["groups"] if sd[name] is not None})
+
+
+def numbers_of(draws: Array, ci_prob: float) -> dict[str, Any]:
+    """Mean, sd, median and the equal-tailed interval of draws."""
     tail = 50.0 * (1.0 - ci_prob)
     low, median, high = np.percentile(draws, [tail, 50.0, 100.0 - tail])
     return {

@@ -41,14 +41,15 @@ _KEPT: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of interest: name, unit, prior sd (infinite when flat), group, and of a compliance the power of force it
-    goes with."""
+    """One parameter of interest: name, unit, prior sd (infinite when flat), group, of a compliance the power of force it goes
+    with, and the prior mean (zero when flat)."""
 
     name: str
     unit: str
     prior_sd: float
     group: Group
     degree: int = 0
+    prior_mean: float = 0.0
 
     @property
     def compliance(self) -> str:
@@ -147,6 +148,11 @@ class BoundModel:
         return np.array([parameter.prior_sd for parameter in self.parameters])
 
     @cached_property
+    def prior_mean(self) -> Array:
+        """Prior mean of the parameters, shape (p,); zero when flat."""
+        return np.array([parameter.prior_mean for parameter in self.parameters])
+
+    @cached_property
     def scale(self) -> Array:
         """Typical size of every parameter, shape (p,): its prior sd, or the default prior's when flat."""
         if not self.model.prior.flat:
@@ -155,8 +161,8 @@ class BoundModel:
 
     @cached_property
     def centre(self) -> Array:
-        """Least-squares estimate about which densities are computed, shape (p,); zero for a plan."""
-        return self._fit(self.interest, self.scale, self.setting, self.reduced)
+        """Least-squares estimate about which densities are computed, shape (p,); the prior mean for a plan."""
+        return self._fit(self.interest, self.prior_mean, self.scale, self.setting, self.reduced)
 
     @property
     def known_offset(self) -> Array:
@@ -176,7 +182,7 @@ class BoundModel:
     @cached_property
     def collapsed(self) -> StructuredGaussian:
         """p(y | φ): nuisances and β integrated out, truncation left aside. The last shared coefficients are β − centre."""
-        return self._structured((Columns(self.names, self.interest, self.prior_sd, mean=-self.centre),))
+        return self._structured((Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre),))
 
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """ln p(y | β, φ), shape (w,). φ (w, h) [mm], β (w, p)."""
@@ -191,7 +197,8 @@ class BoundModel:
         """ln p(β), shape (...): −inf outside the truncation, its prior probability divided out; 0 when flat."""
         if self.model.prior.flat:
             return np.zeros(beta.shape[:-1])
-        density = -0.5 * ((beta / self.prior_sd) ** 2).sum(axis=-1) - np.log(self.prior_sd * np.sqrt(2 * np.pi)).sum()
+        white = (beta - self.prior_mean) / self.prior_sd
+        density = -0.5 * (white**2).sum(axis=-1) - np.log(self.prior_sd * np.sqrt(2 * np.pi)).sum()
         if not self.truncation.active:
             return np.asarray(density)
         return np.where(self.truncation.holds(beta), density - self.log_prob_truncation_prior, -np.inf)
@@ -201,10 +208,10 @@ class BoundModel:
         """ln P(T | prior); 0 without truncation. Compliances that share no parameter are independent."""
         if not self.truncation.active:
             return 0.0
-        spread = self.truncation.rows * self.prior_sd
+        mean, spread = self.truncation.rows @ self.prior_mean, self.truncation.rows * self.prior_sd
         count, label = connected_components(np.abs(spread @ spread.T) > 0.0, directed=False)
-        blocks = [spread[label == k] for k in range(count)]
-        values = [Orthant(np.zeros((1, len(block))), block[None]).log_probability(1 << 14)[0][0] for block in blocks]
+        blocks = [(mean[None, label == k], spread[None, label == k]) for k in range(count)]
+        values = [Orthant(*block).log_probability(1 << 14)[0][0] for block in blocks]
         return float(np.sum(values))
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
@@ -249,28 +256,33 @@ class BoundModel:
         )
 
     def _planned(self) -> Array:
-        return np.array([_PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances])
+        """What no readings tell: the prior mean where the prior has one, else a usual machine's."""
+        usual = {name.label: _PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances}
+        return np.array([self.model.prior.means.get(name, value) for name, value in usual.items()])
 
     def _estimate(self, setting: Setting, reduced: Sequence[Reduced]) -> Array:
-        """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, minimum norm in units of the prior sd."""
+        """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, nearest to the prior mean in units of the prior sd."""
         if reduced[0].projection is None:
             return self._planned()
         columns = np.concatenate([Compliance(0).columns(setting)[0], setting.geometric], axis=2)
         prior = Prior.default() if self.model.prior.flat else self.model.prior
         compliance = self._compliance_sd(prior, 0, setting.force_range_N)
         scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors)])
-        found = self._fit(columns, scale, setting, reduced)[: len(self.compliances)]
+        names = [*(name.label for name in self.compliances), *(name.label for name in self.geometric_errors)]
+        mean = np.array([self.model.prior.means.get(name, 0.0) for name in names])
+        found = self._fit(columns, mean, scale, setting, reduced)[: len(self.compliances)]
         seen = np.abs(setting.wrench).max(axis=(0, 1)) > 0.0
         return np.where(seen, found, self._planned())
 
     @staticmethod
-    def _fit(columns: Array, scale: Array, setting: Setting, reduced: Sequence[Reduced]) -> Array:
+    def _fit(columns: Array, near: Array, scale: Array, setting: Setting, reduced: Sequence[Reduced]) -> Array:
+        """Least squares; where not unique, what is closest to ``near`` in units of ``scale``. Of a plan, ``near`` itself."""
         if reduced[0].projection is None:
-            return np.zeros(columns.shape[2])
+            return near
         mean = _mount_mean(setting)
         rows = np.concatenate([test.factor @ columns[r] for r, test in enumerate(reduced)])
         values = [np.asarray(test.projection) - test.factor @ mean[r] for r, test in enumerate(reduced)]
-        return least_squares(rows, np.concatenate(values), scale)
+        return near + least_squares(rows, np.concatenate(values) - rows @ near, scale)
 
     def _list_parameters(self, force_range_N: float) -> tuple[Parameter, ...]:
         sd = self._sd_of(self.model.prior, force_range_N)
@@ -282,9 +294,9 @@ class BoundModel:
             suffix = f"_{k}" if k else ""
             names += [(c.label + suffix, compliance_unit(c, k), group, k) for c in self.compliances]
         names += [(name.label, geometric_unit(name.kind), "geometric", 0) for name in self.geometric_errors]
-        parameters = tuple(Parameter(n, u, float(s), g, k) for (n, u, g, k), s in zip(names, sd, strict=True))
-        self.model.prior.check_names([parameter.name for parameter in parameters])
-        return parameters
+        self.model.prior.check_names([name for name, *_ in names])
+        means = self.model.prior.means
+        return tuple(Parameter(n, u, float(s), g, k, means.get(n, 0.0)) for (n, u, g, k), s in zip(names, sd, strict=True))
 
     def _sd_of(self, prior: Prior, force_range_N: float) -> Array:
         degrees = range(self.model.degree + 1)

@@ -1,6 +1,6 @@
 """HybridModel: the terms, the prior and the noise, before they meet a campaign.
 
-ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε, β = (C_0 …, E) ~ N(0, S), nuisances Gaussian given φ = (σ, δ, κ, τ).
+ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε, β = (C_0 …, E) ~ N(m, S), nuisances Gaussian given φ = (σ, δ, κ, τ).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.model.columns import HYPERS, Hyper, Nuisance
-from ldbb_bayes.model.prior import Prior
+from ldbb_bayes.model.prior import Prior, degree_of
 from ldbb_bayes.model.terms import (
     BallForm,
     BarLength,
@@ -69,7 +69,7 @@ class HybridModel:
     Raises
     ------
     InputError
-        For a degree other than 0, 1, 2 or a nuisance given twice.
+        For a degree other than 0, 1, 2, a nuisance given twice, or a parameter fixed at zero whose prior mean is another.
     """
 
     degree: int = 1
@@ -86,6 +86,11 @@ class HybridModel:
         if self.reference_force_N is not None and not np.isfinite(self.reference_force_N):
             raise InputError(
                 f"reference_force_N must be finite, got {self.reference_force_N}. Give a force in N or leave it out."
+            )
+        torn = next((name for name in self.fixed if self.prior.means.get(name)), None)
+        if torn is not None:
+            raise InputError(
+                f"{torn} must be fixed at zero or have a prior mean, got both ({self.prior.means[torn]:g}). Remove one of them."
             )
         kinds = [type(term) for term in self.nuisances]
         repeated = next((kind for kind in kinds if kinds.count(kind) > 1), None)
@@ -115,19 +120,20 @@ class HybridModel:
 
     def with_degree(self, degree: int) -> HybridModel:
         """The same model with another degree; what is fixed or overridden stays so where the new degree has it."""
-        fixed = tuple(name for name in self.fixed if _degree_of(name) <= degree)
-        overrides = {name: sd for name, sd in self.prior.overrides.items() if _degree_of(name) <= degree}
+        fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
+        overrides = {name: sd for name, sd in self.prior.overrides.items() if degree_of(name) <= degree}
         return replace(self, degree=degree, fixed=fixed, prior=replace(self.prior, overrides=overrides))
 
     def with_slope_scale(self, scale: float) -> HybridModel:
         """The same model with slopes of this prior scale; what is overridden changes in proportion."""
         factor = scale / self.prior.slope_scale
-        overrides = {name: sd * (factor if _degree_of(name) else 1.0) for name, sd in self.prior.overrides.items()}
+        overrides = {name: sd * (factor if degree_of(name) else 1.0) for name, sd in self.prior.overrides.items()}
         return replace(self, prior=replace(self.prior, slope_scale=scale, overrides=overrides))
 
     def fixing(self, *names: str) -> HybridModel:
-        """The same model with the named parameters fixed at zero."""
-        return replace(self, fixed=(*self.fixed, *names))
+        """The same model with the named parameters fixed at zero; a prior mean they had becomes zero."""
+        means = {name: 0.0 if name in names else mean for name, mean in self.prior.means.items()}
+        return replace(self, fixed=(*self.fixed, *names), prior=replace(self.prior, means=means))
 
     def including(self, *terms: Nuisance) -> HybridModel:
         """The same model with these nuisances, in place of its own of the same kind: ``including(Drift("temperature"))``."""
@@ -203,9 +209,3 @@ def _usual() -> tuple[Nuisance, ...]:
 
 def _shown(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:g}"
-
-
-def _degree_of(parameter: str) -> int:
-    """Power of force a compliance goes with: 1 for C_XXX_1, 0 for what is no slope."""
-    stem, _, last = parameter.rpartition("_")
-    return int(last) if stem.startswith("C_") and last.isdigit() else 0

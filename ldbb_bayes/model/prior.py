@@ -15,7 +15,7 @@ from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.names import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.columns import HYPERS, Hyper
 
-__all__ = ["HyperPrior", "Prior", "compliance_unit", "geometric_unit"]
+__all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
 Array = NDArray[Any]
 
@@ -43,9 +43,16 @@ def geometric_unit(kind: GeometricKind) -> str:
     return _GEOMETRIC_UNITS[kind]
 
 
+def degree_of(parameter: str) -> int:
+    """Power of force a compliance goes with: 1 for C_XXX_1, 0 for what is no slope."""
+    stem, _, last = parameter.rpartition("_")
+    return int(last) if stem.startswith("C_") and last.isdigit() else 0
+
+
 @dataclass(frozen=True)
 class Prior:
-    """Zero-mean Gaussian priors of the parameters of interest, half-normal priors of the hyper-parameters.
+    """Gaussian priors of the parameters of interest, zero-mean unless ``means`` says otherwise; half-normal priors of the
+    hyper-parameters.
 
     The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, a scale gain of 2e-4 is
     200 µm/m. Give your own by ``replace(Prior.default(), ...)``, by ``overrides`` or in TOML.
@@ -66,6 +73,10 @@ class Prior:
         No prior on the parameters of interest (the paper's least squares).
     overrides : mapping of parameter name to sd
         In inside units (mm, N, rad).
+    means : mapping of parameter to prior mean
+        In inside units; zero for all others. A force slope's mean stays zero: constant compliance is the linear model with its
+        slopes at zero. The override of a compliance named here says how well it is known, no longer how large it may be: its
+        slopes keep the sd that the kind of compliance gives them.
     """
 
     direct_mm_per_N: float = 1e-4
@@ -84,12 +95,15 @@ class Prior:
     truncated: bool = True
     flat: bool = False
     overrides: Mapping[str, float] = field(default_factory=dict)
+    means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if isinstance(value, int | float) and not isinstance(value, bool):
                 object.__setattr__(self, name, float(value))
-        object.__setattr__(self, "overrides", MappingProxyType({name: float(sd) for name, sd in self.overrides.items()}))
+        for name in ("overrides", "means"):
+            own = {parameter: float(value) for parameter, value in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(own))
         scales = {name: value for name, value in vars(self).items() if isinstance(value, float)} | dict(self.overrides)
         for name, value in scales.items():
             if not (np.isfinite(value) and value > 0):
@@ -98,10 +112,20 @@ class Prior:
             raise InputError("a flat prior must not be truncated, got both. Set truncated = false or flat = false.")
         if self.flat and self.overrides:
             raise InputError("a flat prior must have no overrides, got some. Set flat = false or remove them.")
+        if self.flat and self.means:
+            raise InputError("a flat prior must have no means, got some. Set flat = false or remove them.")
+        for name, mean in self.means.items():
+            if not np.isfinite(mean):
+                raise InputError(f"prior mean of {name} must be a finite number, got {mean}. Correct it or leave it out.")
+            if degree_of(name):
+                raise InputError(
+                    f"prior mean of {name} must be left out, got {mean:g}: a slope's is zero, because constant compliance is the "
+                    "linear model with its slopes at zero. Remove it."
+                )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """To other processes; a read-only mapping does not pickle."""
-        return _prior_from, (dict(vars(self), overrides=dict(self.overrides)),)
+        return _prior_from, (dict(vars(self), overrides=dict(self.overrides), means=dict(self.means)),)
 
     @classmethod
     def default(cls) -> Prior:
@@ -126,11 +150,12 @@ class Prior:
             "rotation_for_moment": self.rotation_for_moment_rad_per_N_mm,
             "rotation_for_other_moment": self.rotation_for_moment_rad_per_N_mm,
         }
-        labels = [name.label for name in names]
-        constant = self._overridden(labels, [by_kind[name.kind] for name in names])
+        labels, usual = [name.label for name in names], np.array([by_kind[name.kind] for name in names])
+        constant = self._overridden(labels, usual)
         if degree == 0:
             return constant
-        return self._overridden([f"{label}_{degree}" for label in labels], self.slope_scale * constant / force_range_N**degree)
+        size = np.where([label in self.means for label in labels], usual, constant)
+        return self._overridden([f"{label}_{degree}" for label in labels], self.slope_scale * size / force_range_N**degree)
 
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Prior sd of every geometric error, shape (geometric errors,)."""
@@ -143,8 +168,9 @@ class Prior:
         return self._overridden([name.label for name in names], [by_kind[name.kind] for name in names])
 
     def check_names(self, parameters: Sequence[str]) -> None:
-        """Refuse overrides of parameters the model does not have."""
+        """Refuse overrides and means of parameters the model does not have."""
         check_known("prior override", self.overrides, parameters)
+        check_known("prior mean", self.means, parameters)
 
     def _overridden(self, names: Sequence[str], default: Any) -> Array:
         return np.array([self.overrides.get(name, value) for name, value in zip(names, default, strict=True)], dtype=float)

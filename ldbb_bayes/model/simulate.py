@@ -109,12 +109,13 @@ def draw_parameters(bound: BoundModel, size: int, rng: np.random.Generator) -> A
         raise InputError("parameters must be given when the prior is flat, got none. Pass true values.")
     p = len(bound.names)
     if not bound.truncation.active:
-        return rng.standard_normal((size, p)) * bound.prior_sd
+        return bound.prior_mean + rng.standard_normal((size, p)) * bound.prior_sd
     draws = np.zeros((0, p))
     while len(draws) < size:
         spread = np.broadcast_to(np.diag(bound.prior_sd), (size, p, p))
-        white, exact = bound.truncation.orthants(np.zeros((size, p)), spread).draw_spread(rng)
-        beta = white * bound.prior_sd
+        mean = np.broadcast_to(bound.prior_mean, (size, p))
+        white, exact = bound.truncation.orthants(mean, spread).draw_spread(rng)
+        beta = bound.prior_mean + white * bound.prior_sd
         draws = np.concatenate([draws, beta[exact & bound.truncation.holds(beta)]])
     return draws[:size]
 

@@ -20,6 +20,8 @@ from ldbb_bayes.toml import LARGEST_TOML_BYTES, parse_toml
 __all__ = ["model_from_toml", "model_sha256", "model_to_toml", "read_model"]
 
 SCHEMA = 1
+# Tables of [prior], written only where they hold something: the digest of a model does not change when a table is added here.
+_TABLES = ("overrides", "means")
 
 
 class _SpecFile(BaseModel):
@@ -35,9 +37,8 @@ class _SpecFile(BaseModel):
 
 def model_to_toml(model: HybridModel) -> str:
     """The whole model, every prior spelled out."""
-    prior: dict[str, Any] = {field.name: getattr(model.prior, field.name) for field in fields(Prior) if field.name != "overrides"}
-    if model.prior.overrides:
-        prior["overrides"] = dict(model.prior.overrides)
+    prior: dict[str, Any] = {field.name: getattr(model.prior, field.name) for field in fields(Prior) if field.name not in _TABLES}
+    prior |= {name: dict(getattr(model.prior, name)) for name in _TABLES if getattr(model.prior, name)}
     content: dict[str, Any] = {"schema": SCHEMA, "preset": model.preset, "degree": model.degree}
     if model.reference_force_N is not None:
         content["reference_force_N"] = model.reference_force_N
@@ -115,7 +116,7 @@ def _checked_term(name: str, given: dict[str, Any]) -> dict[str, Any]:
 
 def _checked_prior(given: dict[str, Any]) -> dict[str, Any]:
     for name, value in given.items():
-        wanted = {"truncated": bool, "flat": bool, "overrides": dict}.get(name, float)
+        wanted = {"truncated": bool, "flat": bool, **dict.fromkeys(_TABLES, dict)}.get(name, float)
         if not isinstance(value, wanted):
             raise InputError(f"prior {name} must be a {wanted.__name__}, got {value!r}. Correct it.")
     return given

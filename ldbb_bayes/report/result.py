@@ -7,21 +7,27 @@ from typing import Any
 import xarray as xr
 
 from ldbb_bayes.analysis.preview import preview
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.nuisances import nuisances
 from ldbb_bayes.inference.origin import campaign_of
 from ldbb_bayes.inference.summary import result_json
 
-__all__ = ["full_result", "sizes_of"]
+__all__ = ["full_result", "look_warnings", "sizes_of"]
 
 
 def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     """The JSON of a fit, with nuisances, and what a look at the readings finds among its warnings."""
     result = result_json(posterior, ci_prob=ci_prob)
     result["nuisances"] = nuisances(posterior).to_dict(orient="index")
-    seen = preview(campaign_of(posterior))
-    result["fit"]["warnings"] += [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
-    result["fit"]["warnings"] += [remark for remark in seen.remarks if not remark.startswith(("One", "Two"))]
+    result["fit"]["warnings"] += look_warnings(campaign_of(posterior))
     return result
+
+
+def look_warnings(campaign: Campaign) -> list[str]:
+    """What a look at the readings adds to a fit's own warnings."""
+    seen = preview(campaign)
+    every = [f"Look at {test.name}: {remark}." for test in seen.tests for remark in test.remarks]
+    return every + [remark for remark in seen.remarks if not remark.startswith(("One", "Two"))]
 
 
 def sizes_of(posterior: xr.DataTree) -> dict[str, list[float]]:

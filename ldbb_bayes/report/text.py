@@ -33,7 +33,8 @@ DEFAULT_TERMS = HybridModel.default().terms
 
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
-    """Posterior mean ± sd, credible interval and prior sd of every parameter, in display units.
+    """Posterior mean ± sd, credible interval and prior sd of every parameter, in display units; where a prior has a mean, prior
+    mean ± sd.
 
     Parameters
     ----------
@@ -45,13 +46,18 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False)
     for name, justify in (("parameter", "left"), ("mean", "right"), ("u (1 sd)", "right"), (f"{key[2:]} % interval", "right")):
         table.add_column(name, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    table.add_column("prior sd", justify="right", no_wrap=True)
+    means = any(entry.get("prior_mean") for entry in entries.values())
+    table.add_column("prior" if means else "prior sd", justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     for name, entry in entries.items():
         factor, unit = display_unit(entry["unit"])
         spread, decimals = round_uncertainty(entry["sd"] * factor)
         low, high = (round_like(bound * factor, decimals) for bound in entry[key])
         prior = "flat" if entry["prior_sd"] is None else _three_digits(entry["prior_sd"] * factor)
+        if means:
+            known = entry.get("prior_mean")
+            both = value_and_uncertainty(known * factor, entry["prior_sd"] * factor) if known is not None else ("", prior)
+            prior = " ± ".join(both).strip()
         shown = display_name(name.removesuffix("_um"))
         table.add_row(
             shown, round_like(entry["mean"] * factor, decimals), spread, f"[{low}, {high}]".replace("[", r"\["), prior, unit

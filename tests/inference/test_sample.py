@@ -136,7 +136,7 @@ def test_json_names(posterior: xr.DataTree) -> None:
     assert list(result) == ["schema", "campaign", "model", "parameters", "hyper", "sampler", "fit", "provenance"]
     assert {"name", "sha256", "tests", "readings", "forces_N"} <= set(result["campaign"])
     assert {"preset", "degree", "reference_force_N", "terms", "sha256"} <= set(result["model"])
-    assert set(result["parameters"]["C_XXX"]) == {"unit", "mean", "sd", "median", "ci95", "prior_sd"}
+    assert set(result["parameters"]["C_XXX"]) == {"unit", "mean", "sd", "median", "ci95", "prior_mean", "prior_sd"}
     assert list(result["hyper"]) == ["sigma_um", "delta_um", "kappa_um", "tau_um"]
     assert {"kind", "ess_bulk_min", "ess_tail_min", "rhat_max", "converged", "draws", "seconds"} <= set(result["sampler"])
     assert {"rmse_um", "fitness_percent", "log_prob_truncation", "warnings"} <= set(result["fit"])

@@ -56,12 +56,12 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
     for axes, entry in zip(panels.flat, entries, strict=False):
         factor, unit = display_unit(entry.unit)
         reach = 3.2 * (entry.prior_sd if np.isfinite(entry.prior_sd) else entry.sd) * factor
-        centre = 0.0 if np.isfinite(entry.prior_sd) else entry.mean * factor
+        centre = (entry.prior_mean if np.isfinite(entry.prior_sd) else entry.mean) * factor
         fine = np.linspace(-4.0, 4.0, 161) * entry.sd * factor + entry.mean * factor
         value = np.sort(np.concatenate([np.linspace(centre - reach, centre + reach, 201), fine]))
         colour = _VERDICT_COLOURS[entry.verdict.word]
         if np.isfinite(entry.prior_sd):
-            before = _bell(value, 0.0, entry.prior_sd * factor)
+            before = _bell(value, centre, entry.prior_sd * factor)
             axes.fill_between(value, before / before.max(), color=GREY, alpha=0.35, linewidth=0)
         after = _bell(value, entry.mean * factor, entry.sd * factor)
         axes.plot(value, after / after.max(), color=colour)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.origin import bound_of, draws_of, record_of
+from ldbb_bayes.inference.summary import priors_of
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
 from ldbb_bayes.report.rounding import value_and_uncertainty
@@ -29,8 +30,9 @@ _MOST = 8
 
 @styled
 def forest(posterior: xr.DataTree) -> Figure:
-    """Every parameter's 50 % and 95 % interval in units of its prior sd (posterior sd when flat), the prior beside."""
-    group, prior_sd = posterior["posterior"], record_of(posterior)["model"]["prior_sd"]
+    """Every parameter's 50 % and 95 % interval, from its prior mean in units of its prior sd (posterior sd when flat), the prior
+    beside."""
+    group, (prior_sd, prior_mean) = posterior["posterior"], priors_of(posterior)
     names = list(record_of(posterior)["model"]["groups"])
     figure = new_figure(8.4, 1.1 + 0.27 * len(names))
     axes = figure.subplots()
@@ -39,20 +41,21 @@ def forest(posterior: xr.DataTree) -> Figure:
     for row, name in zip(rows, names, strict=True):
         draws = group[name].to_numpy().ravel()
         known = prior_sd[name]
-        scale = float(draws.std()) if known is None else known
-        low, first, last, high = np.quantile(draws, [0.025, 0.25, 0.75, 0.975]) / scale
+        scale, middle = float(draws.std()) if known is None else known, prior_mean.get(name, 0.0)
+        low, first, last, high = (np.quantile(draws, [0.025, 0.25, 0.75, 0.975]) - middle) / scale
         if known is not None:
-            before = np.quantile(posterior["prior"][name].to_numpy(), [0.025, 0.975]) / scale
+            before = (np.quantile(posterior["prior"][name].to_numpy(), [0.025, 0.975]) - middle) / scale
             axes.plot(before, [row, row], color="#D9D9D9", linewidth=7, solid_capstyle="butt", zorder=1)
         axes.plot([low, high], [row, row], color=ACCENT, linewidth=1.4, zorder=2)
         axes.plot([first, last], [row, row], color=ACCENT, linewidth=3.6, solid_capstyle="butt", zorder=3)
-        axes.plot(draws.mean() / scale, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6, zorder=4)
+        axes.plot((draws.mean() - middle) / scale, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6, zorder=4)
         factor, unit = display_unit(group[name].attrs["unit"])
         value, spread = value_and_uncertainty(float(draws.mean()) * factor, float(draws.std()) * factor)
         texts.append(f"{value} ± {spread} {unit}")
     axes.set_yticks(rows, [display_name(name) for name in names])
     flat = all(prior_sd[name] is None for name in names)
-    axes.set_xlabel("value / posterior sd" if flat else "value / prior sd")
+    value = "(value − prior mean)" if any(prior_mean.values()) else "value"
+    axes.set_xlabel(f"{value} / {'posterior' if flat else 'prior'} sd")
     right = axes.secondary_yaxis("right")
     right.set_yticks(rows, texts)
     right.tick_params(length=0)

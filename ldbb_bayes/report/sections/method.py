@@ -8,7 +8,7 @@ from ldbb_bayes.inference.origin import bound_of, record_of
 from ldbb_bayes.model.wording import joined, term_words
 from ldbb_bayes.report.document import Bullets, Details, Paragraph, Section, Sheet, sheet
 from ldbb_bayes.report.findings import Findings
-from ldbb_bayes.report.rounding import round_uncertainty
+from ldbb_bayes.report.rounding import round_like, round_uncertainty
 from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["assumptions", "method", "sign_off"]
@@ -40,7 +40,13 @@ def _prior_words(found: Findings) -> str:
     greek = {"sigma": "σ", "delta": "δ", "kappa": "κ", "tau": "τ"}
     hypers = joined(list(dict.fromkeys(greek.get(name.split("_")[0], name) for name in found.result["hyper"])))
     held = ", restricted to compliances that are not negative at any tested force" if found.result["model"]["truncated"] else ""
-    return f"Parameters have normal priors about zero{held}; {hypers} half-normal ones."
+    about = "the means below" if _means(found) else "zero"
+    return f"Parameters have normal priors about {about}{held}; {hypers} half-normal ones."
+
+
+def _means(found: Findings) -> bool:
+    """Whether a prior has a mean other than zero."""
+    return any(entry.get("prior_mean") for entry in found.result["parameters"].values())
 
 
 def _priors(found: Findings) -> Sheet:
@@ -48,10 +54,14 @@ def _priors(found: Findings) -> Sheet:
     rows = []
     for parameter in bound.parameters:
         factor, unit = display_unit(parameter.unit)
-        told = round_uncertainty(parameter.prior_sd * factor)[0] if np.isfinite(parameter.prior_sd) else "flat"
-        rows.append([display_name(parameter.name), told, unit])
+        told, decimals = round_uncertainty(parameter.prior_sd * factor) if np.isfinite(parameter.prior_sd) else ("flat", 0)
+        rows.append([display_name(parameter.name), round_like(parameter.prior_mean * factor, decimals), told, unit])
     for name, scale in zip(bound.hyper_prior.names, bound.hyper_prior.scale_mm, strict=True):
-        rows.append([str(name), round_uncertainty(float(scale) * 1e3)[0], "µm (scale)"])
+        rows.append([str(name), "", round_uncertainty(float(scale) * 1e3)[0], "µm (scale)"])
+    if _means(found):
+        heads = ["parameter", "prior mean", "prior sd", "unit"]
+        return sheet("Prior means and standard deviations, truncation aside", heads, rows, text=(3,))
+    rows = [[name, told, unit] for name, _, told, unit in rows]
     return sheet("Prior standard deviations, truncation aside", ["parameter", "prior sd", "unit"], rows, text=(2,))
 
 

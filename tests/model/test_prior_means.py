@@ -1,0 +1,204 @@
+"""Priors with means: densities, draws and the estimate of compliance against the dense oracle and closed forms."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import oracle_of, plan, simulated
+from scipy import stats
+
+import ldbb_bayes as lb
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.basis import basis
+from ldbb_bayes.model.simulate import draw_parameters
+from ldbb_bayes.model.spec import model_from_toml, model_sha256, model_to_toml
+
+PRIORS = {"C_XXX": (5.1e-5, 4e-6), "C_YYY": (4.6e-5, 8e-6), "C_CXY": (-2e-8, 3e-8), "E_YY1": (-5e-5, 4e-5)}
+MEANS = {name: mean for name, (mean, _) in PRIORS.items()}
+SDS = {name: sd for name, (_, sd) in PRIORS.items()}
+CLOSE = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
+
+
+def with_priors(model: lb.HybridModel, priors: dict[str, tuple[float, float]]) -> lb.HybridModel:
+    means, sds = {name: mean for name, (mean, _) in priors.items()}, {name: sd for name, (_, sd) in priors.items()}
+    return replace(model, prior=replace(model.prior, means=means, overrides=sds))
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_conditional_and_evidence_are_the_oracles(degree: int) -> None:
+    campaign = simulated(plan((30, 26, 40, 28), arc_deg=250.0, work_deg=20.0))
+    bound = with_priors(lb.HybridModel.default(degree), PRIORS).bind(campaign)
+    dense = oracle_of(campaign, degree, given_priors=PRIORS)
+    np.testing.assert_allclose(bound.prior_mean, dense.mean, rtol=1e-15)
+    np.testing.assert_allclose(bound.prior_sd, dense.sd, rtol=1e-12)
+    for phi in np.array([[3e-4, 5e-4, 2e-4, 2e-3], [1e-3, 2e-3, 1e-3, 8e-3]]):
+        log_evidence, given = bound.given(phi[None])
+        expected, mean, covariance = dense.given(phi)
+        assert log_evidence[0] == pytest.approx(expected, abs=1e-6)
+        np.testing.assert_allclose(given.mean[0] / dense.sd, mean / dense.sd, atol=1e-7)
+        spread = given.spread()[0] / dense.sd[:, None]
+        np.testing.assert_allclose(spread @ spread.T, covariance / np.outer(dense.sd, dense.sd), atol=1e-8)
+        beta = mean + dense.sd
+        assert bound.log_likelihood(phi[None], beta[None])[0] == pytest.approx(dense.log_likelihood(phi, beta), rel=1e-8)
+
+
+def test_log_prior_is_that_of_normals_about_their_means(rng: np.random.Generator) -> None:
+    plain = with_priors(lb.HybridModel.default(1).without("truncation"), PRIORS).bind(plan())
+    beta = plain.prior_mean + rng.normal(size=(6, len(plain.names))) * plain.prior_sd
+    expected = stats.norm.logpdf(beta, plain.prior_mean, plain.prior_sd).sum(axis=1)
+    np.testing.assert_allclose(plain.log_prior(beta), expected, rtol=1e-12)
+    held = with_priors(lb.HybridModel.default(1), PRIORS).bind(plan())
+    inside = held.truncation.holds(beta)
+    np.testing.assert_allclose(held.log_prior(beta)[inside], expected[inside] - held.log_prob_truncation_prior, rtol=1e-12)
+    assert np.all(np.isneginf(held.log_prior(beta)[~inside]))
+
+
+def test_probability_of_the_truncation_in_closed_form() -> None:
+    """Degree 0: one normal each. Degree 1: C at both ends of force, two correlated normals each."""
+    constant = with_priors(lb.HybridModel.default(0), CLOSE).bind(plan())
+    expected = sum(stats.norm.logcdf(mean / sd) for mean, sd in CLOSE.values())
+    assert constant.log_prob_truncation_prior == pytest.approx(expected, abs=1e-9)
+    linear = with_priors(lb.HybridModel.default(1), CLOSE).bind(plan())
+    usual, total = {"C_XXX": 1e-4, "C_YYY": 1e-4, "C_CCY": 1e-9}, 0.0
+    for name, (mean, sd) in CLOSE.items():
+        slope = 0.3 * usual[name] / 706.0 * 353.0
+        covariance = sd**2 + slope**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        total += stats.multivariate_normal([-mean, -mean], covariance, allow_singular=True).logcdf([0.0, 0.0])
+    assert linear.log_prob_truncation_prior == pytest.approx(total, abs=1e-5)
+    certain = with_priors(lb.HybridModel.default(0), {name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()}).bind(plan())
+    assert certain.log_prob_truncation_prior == 0.0
+
+
+@pytest.mark.parametrize("truncated", [True, False])
+def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> None:
+    model = with_priors(lb.HybridModel.default(0), CLOSE)
+    bound = (model if truncated else model.without("truncation")).bind(plan())
+    draws = draw_parameters(bound, 4000, rng)
+    for name, values in zip(bound.names, draws.T, strict=True):
+        mean, sd = CLOSE.get(name, (0.0, bound.prior_sd[bound.names.index(name)]))
+        low = -mean / sd if truncated and name in CLOSE else -np.inf
+        assert stats.kstest((values - mean) / sd, stats.truncnorm(low, np.inf).cdf).pvalue > 1e-4, name
+
+
+def test_readings_less_what_the_means_expect() -> None:
+    """y with means m has the density of y − J m without; the posterior is moved by m."""
+    model = with_priors(lb.HybridModel.default(1).without("force-error", "truncation"), PRIORS)
+    plain = replace(model, prior=replace(model.prior, means=dict.fromkeys(MEANS, 0.0)))
+    campaign = simulated(plan())
+    bound = model.bind(campaign)
+    less = tuple(
+        test.with_reading_um(np.asarray(test.reading_um) - basis(test.angles_rad()) @ bound.interest[r] @ bound.prior_mean * 1e3)
+        for r, test in enumerate(campaign.tests)
+    )
+    other = plain.bind(replace(campaign, tests=less))
+    phi = np.array([[3e-4, 5e-4, 2e-4, 2e-3], [1e-3, 2e-3, 1e-3, 8e-3]])
+    (value, given), (expected, about) = bound.given(phi), other.given(phi)
+    np.testing.assert_allclose(value, expected, atol=1e-6)
+    np.testing.assert_allclose((given.mean - bound.prior_mean - about.mean) / bound.prior_sd, 0.0, atol=1e-8)
+    np.testing.assert_allclose(given.spread(), about.spread(), rtol=1e-9)
+
+
+def test_slopes_keep_their_scale_beside_a_mean() -> None:
+    """An override alone says how large a compliance may be, and its slope with it; beside a mean, how well it is known."""
+    model = lb.HybridModel.default(1)
+    narrow = replace(model, prior=replace(model.prior, overrides={"C_XXX": 4e-6}))
+    known = with_priors(model, {"C_XXX": (0.0, 4e-6)})
+    sd = {
+        kind: dict(zip(SLOPE_NAMES, one.bind(plan()).prior_sd, strict=True))
+        for kind, one in (("narrow", narrow), ("known", known))
+    }
+    assert sd["narrow"]["C_XXX"] == sd["known"]["C_XXX"] == 4e-6
+    assert sd["narrow"]["C_XXX_1"] == pytest.approx(0.3 * 4e-6 / 706.0)
+    assert sd["known"]["C_XXX_1"] == pytest.approx(0.3 * 1e-4 / 706.0)
+    assert known.with_slope_scale(0.6).bind(plan()).prior_sd == pytest.approx(
+        np.where([p.group == "slope" for p in known.bind(plan()).parameters], 2.0, 1.0) * known.bind(plan()).prior_sd
+    )
+
+
+SLOPE_NAMES = lb.HybridModel.default(1).bind(plan()).names
+
+
+def test_means_stay_with_the_model() -> None:
+    model = with_priors(lb.HybridModel.default(1), PRIORS)
+    for other in (model.with_degree(0), model.with_degree(2), model.with_slope_scale(0.5), model.without("truncation", "mount")):
+        assert dict(other.prior.means) == MEANS
+    fixed = model.fixing("C_CXY")
+    assert dict(fixed.prior.means) == MEANS | {"C_CXY": 0.0}
+    kept = [name for name in model.bind(plan()).names if name != "C_CXY"]
+    whole, smaller = (one.bind(plan()) for one in (model, fixed))
+    assert list(smaller.names) == kept
+    np.testing.assert_array_equal(smaller.prior_mean, whole.prior_mean[[whole.names.index(name) for name in kept]])
+    np.testing.assert_array_equal(smaller.prior_sd, whole.prior_sd[[whole.names.index(name) for name in kept]])
+    assert pickle.loads(pickle.dumps(model)) == model
+    with pytest.raises(TypeError):
+        model.prior.means["C_XXX"] = 0.0  # type: ignore[index]
+
+
+def test_toml_both_ways_and_digests_as_they_were() -> None:
+    model = with_priors(lb.HybridModel.default(1), PRIORS)
+    text = model_to_toml(model)
+    assert "[prior.means]\nC_XXX = 5.1e-05" in text
+    assert model_from_toml(text) == model
+    assert model_sha256(model) != model_sha256(replace(model, prior=replace(model.prior, means={})))
+    assert "means" not in model_to_toml(lb.HybridModel.default(1))
+    before = {
+        "75e40ac2d02916788a0c79b55cc693891aae420d671820db6edceaccf3e4309c": lb.HybridModel.default(1),
+        "326158735b7b5e8d8410e4ae893bc7b4c83c2847711a1fceca4ea231f9b90988": lb.HybridModel.paper(0),
+        "97c467c3800d102f35c2d62ad345fbe63e439084ca75909cff286a25ad103e71": lb.HybridModel(
+            0, prior=replace(lb.Prior.default(), overrides={"C_XXX": 1e-5})
+        ).fixing("E_C0YX"),
+    }
+    assert {digest: model_sha256(one) for digest, one in before.items()} == {digest: digest for digest in before}
+
+
+def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
+    """A plan's is the prior mean; at one force the readings leave compliance and geometry open between them."""
+    priors = {"C_XXX": (5.1e-5, 4e-6), "C_CXY": (-2e-8, 3e-8)}
+    model = with_priors(lb.HybridModel.default(0), priors)
+    planned = model.bind(plan())
+    expected = {"C_XXX": 5.1e-5, "C_XYX": 0.0, "C_YYY": 5e-5, "C_CXY": -2e-8, "C_CYY": 0.0, "C_CCY": 0.0}
+    labels = [name.label for name in planned.compliances]
+    assert dict(zip(labels, planned.setting.compliance_estimate, strict=True)) == expected
+    np.testing.assert_array_equal(planned.centre, planned.prior_mean)
+    campaign = (
+        lb.HybridModel.default(0)
+        .simulate(
+            plan((60,), forces_N=(400.0,)),
+            seed=1,
+            parameters={"C_XXX": 5.1e-5, "C_CXY": -2e-8},
+            hyper_um=dict.fromkeys(("sigma", "delta", "kappa", "tau"), 1e-6),
+        )
+        .campaign
+    )
+    found = dict(zip(labels, model.bind(campaign).setting.compliance_estimate, strict=True))
+    blind = dict(zip(labels, lb.HybridModel.default(0).bind(campaign).setting.compliance_estimate, strict=True))
+    assert abs(found["C_XXX"] - 5.1e-5) < 0.05 * abs(blind["C_XXX"] - 5.1e-5)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"means": {"C_XXX": np.nan}}, "prior mean of C_XXX must be a finite number, got nan. Correct it or leave it out."),
+        ({"means": {"C_XXX_1": 1e-9}}, "prior mean of C_XXX_1 must be left out, got 1e-09: a slope's is zero, because constant"),
+        ({"means": {"C_XXX_2": 0.0}}, "prior mean of C_XXX_2 must be left out"),
+        ({"means": {"C_XXX": 1e-5}, "flat": True, "truncated": False}, "a flat prior must have no means, got some. Set flat"),
+    ],
+)
+def test_priors_that_cannot_be(fields: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        replace(lb.Prior.default(), **fields)
+
+
+def test_models_that_cannot_be() -> None:
+    model = with_priors(lb.HybridModel.default(1), PRIORS)
+    with pytest.raises(InputError, match=r"E_YY1 must be fixed at zero or have a prior mean, got both \(-5e-05\)\. Remove one"):
+        replace(model, fixed=("E_YY1",))
+    with pytest.raises(InputError, match=r"C_XXX must be fixed at zero or have a prior mean, got both"):
+        model_from_toml("schema = 1\nfixed = ['C_XXX']\n[prior.means]\nC_XXX = 1e-5\n")
+    with pytest.raises(InputError, match=r"prior means must be a dict, got 1\.0"):
+        model_from_toml("schema = 1\n[prior]\nmeans = 1.0\n")
+    with pytest.raises(InputError, match=r"prior mean must be one of C_XXX, .*, got 'C_XXY'\. Did you mean 'C_XYX'"):
+        replace(model, prior=replace(model.prior, means={"C_XXY": 1e-5})).bind(plan())
