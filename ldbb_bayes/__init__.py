@@ -61,6 +61,10 @@ _HOMES = {
     "Drift": "ldbb_bayes.model.terms",
     "Hysteresis": "ldbb_bayes.model.terms",
     "HybridModel": "ldbb_bayes.model.hybrid",
+    "PopulationPrior": "ldbb_bayes.model.population_prior",
+    "prior_from": "ldbb_bayes.model.population_prior",
+    "Population": "ldbb_bayes.fleet.pooled",
+    "population": "ldbb_bayes.fleet.population",
     "Prior": "ldbb_bayes.model.prior",
     "read_model": "ldbb_bayes.model.spec",
     "StoppingRule": "ldbb_bayes.inference.stopping",
@@ -77,8 +81,16 @@ _HOMES = {
     "write_report": "ldbb_bayes.report.writing",
     "summarize": "ldbb_bayes.inference.summary",
     "nuisances": "ldbb_bayes.inference.nuisances",
+    "Batch": "ldbb_bayes.fleet.batch",
+    "batch": "ldbb_bayes.fleet.batch",
+    "read_batch": "ldbb_bayes.fleet.reading",
+    "control_chart": "ldbb_bayes.fleet.figures_trend",
+    "machine_chart": "ldbb_bayes.fleet.figures_population",
+    "Trend": "ldbb_bayes.fleet.trended",
+    "trend": "ldbb_bayes.fleet.trend",
 }
 __all__ = [
+    "Batch",
     "Campaign",
     "Circle",
     "CircularTest",
@@ -98,16 +110,21 @@ __all__ = [
     "MountCompensation",
     "ParameterIdentifiability",
     "Plan",
+    "Population",
+    "PopulationPrior",
     "Prior",
     "StoppingRule",
+    "Trend",
     "Validation",
     "__version__",
+    "batch",
     "belonging",
     "budgets",
     "circularity",
     "compare",
     "compensate_mount",
     "contributions",
+    "control_chart",
     "describe",
     "design",
     "differences",
@@ -122,13 +139,17 @@ __all__ = [
     "local_fits",
     "log_bayes_factor",
     "log_evidence",
+    "machine_chart",
     "marginals",
     "mask_angles",
     "mask_reversals",
     "measured_circularity",
     "nuisances",
     "patterns",
+    "population",
     "preview",
+    "prior_from",
+    "read_batch",
     "read_campaign",
     "read_comparison",
     "read_design",
@@ -138,6 +159,7 @@ __all__ = [
     "save",
     "save_figures",
     "summarize",
+    "trend",
     "trim_overshoot",
     "validate",
     "verdicts",
@@ -170,6 +192,14 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
     from ldbb_bayes.campaign.prepare import compensate_mount, mask_angles, mask_reversals, trim_overshoot
     from ldbb_bayes.errors import InputError
+    from ldbb_bayes.fleet.batch import Batch, batch
+    from ldbb_bayes.fleet.figures_population import machine_chart
+    from ldbb_bayes.fleet.figures_trend import control_chart
+    from ldbb_bayes.fleet.pooled import Population
+    from ldbb_bayes.fleet.population import population
+    from ldbb_bayes.fleet.reading import read_batch
+    from ldbb_bayes.fleet.trend import trend
+    from ldbb_bayes.fleet.trended import Trend
     from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
     from ldbb_bayes.inference.least_squares import LeastSquares, least_squares
     from ldbb_bayes.inference.marginals import marginals
@@ -182,6 +212,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.machine.forward import exact_reading_mm
     from ldbb_bayes.machine.hybrid import hybrid_jacobian, patterns
     from ldbb_bayes.model.hybrid import HybridModel
+    from ldbb_bayes.model.population_prior import PopulationPrior, prior_from
     from ldbb_bayes.model.prior import Prior
     from ldbb_bayes.model.spec import read_model
     from ldbb_bayes.model.terms import Drift, Hysteresis

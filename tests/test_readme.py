@@ -6,9 +6,11 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from campaigns import HYPER_UM, TRUTH, plan
 
 import ldbb_bayes
 from ldbb_bayes.tables.layout import Layout, TestLayout
@@ -18,11 +20,21 @@ def text(root: Path) -> str:
     return (root / "README.md").read_text(encoding="utf-8")
 
 
+def shop_floor(place: Path) -> None:
+    """The campaigns that the README's batch is of: three machines, two months; and that of a new machine."""
+    model = ldbb_bayes.HybridModel.default(degree=1)
+    for seed in range(7):
+        made = model.simulate(plan((60,) * 4), seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+        named = replace(made, machine_id=f"VMC {7 + seed % 3:02d}", date=f"2026-0{1 + seed // 3}-05")
+        ldbb_bayes.write_campaign(named, place / (f"campaigns/{seed}" if seed < 6 else "new_machine"))
+
+
 @pytest.fixture(scope="module")
 def desk(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder where the README's commands have been run, in order."""
     place = tmp_path_factory.mktemp("desk")
     (place / "data").symlink_to(root / "data")
+    shop_floor(place)
     commands = re.findall(r"^ldbb-bayes .*$", "".join(re.findall(r"```sh\n(.*?)```", text(root), re.S)), re.M)
     assert len(commands) >= 3
     for command in commands:
@@ -35,7 +47,7 @@ def desk(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_python_runs(root: Path, desk: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", text(root), re.S)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     for block in blocks:
         done = subprocess.run([sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, cwd=desk, check=False)
         assert done.returncode == 0, done.stderr

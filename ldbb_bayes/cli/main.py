@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from ldbb_bayes import __version__
+from ldbb_bayes.cli.batch import batch
 from ldbb_bayes.cli.check import check
 from ldbb_bayes.cli.compare import compare
 from ldbb_bayes.cli.demo import demo
@@ -18,9 +19,11 @@ from ldbb_bayes.cli.fit import fit
 from ldbb_bayes.cli.identify import identify
 from ldbb_bayes.cli.import_ import import_
 from ldbb_bayes.cli.machine import machine
+from ldbb_bayes.cli.population import population
 from ldbb_bayes.cli.report import report
 from ldbb_bayes.cli.simulate import simulate
 from ldbb_bayes.cli.summarize import summarize
+from ldbb_bayes.cli.trend import trend
 from ldbb_bayes.cli.validate import validate
 
 __all__ = ["app", "main"]
@@ -35,7 +38,11 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (demo, machine, check, fit, identify, compare, design, report, simulate, summarize, validate):
+_COMMANDS = (
+    *(demo, machine, check, fit, batch, trend, population),
+    *(identify, compare, design, report, simulate, summarize, validate),
+)
+for command in _COMMANDS:
     app.command()(command)
 app.command("import")(import_)
 

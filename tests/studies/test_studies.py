@@ -8,6 +8,9 @@ import re
 import shutil
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
 
@@ -16,12 +19,13 @@ import pandas as pd
 import pytest
 
 import ldbb_bayes as lb
+from ldbb_bayes.work import Lost
 
 STUDIES = Path(__file__).parents[2] / "studies"
 FOLDERS = sorted(path.parent for path in STUDIES.glob("[0-9][0-9]_*/run.py"))
 IDS = [folder.name for folder in FOLDERS]
 # Time the machinery itself against other packages, and feed every reader with what is broken.
-BEHIND_THE_SCENES = {"90_speed", "10_files"}
+BEHIND_THE_SCENES = {"90_speed", "10_files", "11_many_campaigns"}
 PARTS = ("**Question.**", "**Method.**", "**Answer.**", "**Limits.**")
 BY_HAND = re.compile(
     r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}|`[^`]*`|\]\([^)]*\)|^# \d\d|^    .*$"
@@ -109,6 +113,44 @@ def test_simulated_campaigns_that_differ_are_refused(study: ModuleType, capsys: 
     assert "1 of 2 rows of random draws" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="2 of 2 rows differ"):
         study._compare(kept.assign(x=[1.5, 2.5]), kept, "here", 0.01, astray=0.5)
+
+
+def slower_first(kind: str, seed: int) -> dict[str, float]:
+    time.sleep(0.02 * (5 - seed))
+    return {"x": seed + len(kind)}
+
+
+def test_rows_come_in_the_order_of_the_jobs(study: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs = [("ab", seed) for seed in range(5)]
+    expected = [{"kind": "ab", "seed": seed, "x": seed + 2.0} for seed in range(5)]
+    monkeypatch.setattr(study, "executor", lambda: ThreadPoolExecutor(5))
+    assert study._on_all_cores(slower_first, jobs) == expected
+    monkeypatch.setattr(study, "executor", nullcontext)
+    assert study._on_all_cores(slower_first, jobs) == expected
+
+
+def test_a_simulated_campaign_that_is_lost_is_said(study: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "executor", nullcontext)
+    monkeypatch.setattr(study, "done", lambda *_: iter([(0, Lost("its worker died"))]))
+    with pytest.raises(lb.InputError, match="every simulated campaign must give a row, a, seed 7 gave none: its worker died"):
+        study._on_all_cores(slower_first, [("a", 7)])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scheduler", "tcp://a:1"], "06_validation: --scheduler must go with --executor dask"),
+        (["--executor", "dusk"], "invalid choice: 'dusk'"),
+    ],
+)
+def test_what_a_study_runs_on(options: list[str], message: str) -> None:
+    """Of all studies and of one."""
+    ended = subprocess.run(
+        [sys.executable, str(STUDIES), "06", "--quick", *options], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert ended.returncode == 1
+    assert message in ended.stderr
+    assert "Not reproduced: 06_validation" in ended.stderr
 
 
 @pytest.mark.parametrize(
