@@ -1,0 +1,116 @@
+"""Fleets of machines and a machine over the months, all measured with one bar, and what their campaigns say.
+
+The bar's errors, the mount's deflection and the gain of the force, are drawn once a fleet; everything else of the model, ball
+form and bar length too, is drawn anew for each campaign, as the analysis believes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.inference.sufficient import sufficient_statistics
+from ldbb_bayes.model.terms import ForceError, Mount
+
+__all__ = ["FORCES_N", "MACHINES", "READINGS", "REPEATABILITY", "fleet", "months"]
+
+FORCES_N = (36.0, 150.0, 270.0, 389.0, 505.0, 625.0, 742.0)
+READINGS = 90
+MACHINES, CAMPAIGNS = 12, 1
+SPREAD_SCALE, REPEATABILITY = 0.3, 0.01
+HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
+MODEL = lb.HybridModel.default(degree=1)
+PLAN = lb.Plan(
+    tuple(lb.CircularTest(force_N=force, angle_deg=np.arange(READINGS) * 360.0 / READINGS) for force in FORCES_N),
+    name="seven forces",
+)
+# What differs from campaign to campaign; the mount and the force's gain are the bar's and added below.
+EACH = MODEL.including(ForceError(gain_sd=1e-12)).without("mount", "truncation")
+BOUND = MODEL.without("truncation").bind(PLAN)
+COMPLIANCES = tuple(p.name for p in BOUND.parameters if p.group == "compliance")
+PRIOR_SD = dict(zip(BOUND.names, BOUND.prior_sd, strict=True))
+USUAL = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
+
+
+class Bar:
+    """One instrument: its mount deflects and its force is off by as much as the priors say, the same in all campaigns."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        nominal = PLAN.mount.deflection_um_per_bar
+        self.mount_um_per_bar = Mount().relative_sd * nominal * rng.standard_normal()
+        self.gain = ForceError().gain_sd * rng.standard_normal()
+
+    def measured(self, compliances: Mapping[str, float], rng: np.random.Generator) -> lb.Campaign:
+        """A campaign on a machine of these compliances; slopes and geometric errors are drawn from their priors."""
+        others = {name: sd * rng.standard_normal() for name, sd in PRIOR_SD.items() if name not in COMPLIANCES}
+        truth = {**compliances, **others}
+        felt = {name: value * (1.0 + self.gain) if name.startswith("C_") else value for name, value in truth.items()}
+        made = EACH.simulate(PLAN, seed=int(rng.integers(2**31)), parameters=felt, hyper_um=HYPER_UM).campaign
+        tests = [
+            test.with_reading_um(np.asarray(test.reading_um) + self.mount_um_per_bar * float(test.pressure_bar or 0.0))
+            for test in made.tests
+        ]
+        return replace(made, tests=tuple(tests))
+
+
+def row_of(campaign: lb.Campaign) -> dict[str, Any]:
+    """What a batch would keep of a campaign, without the fit that `population` and `trend` do not use."""
+    bound = MODEL.bind(campaign)
+    return {
+        "campaign": campaign.name,
+        "name": campaign.name,
+        "status": "done",
+        "machine_id": campaign.machine_id,
+        "date": campaign.date,
+        "topology": campaign.topology,
+        "reference_force_N": bound.setting.reference_force_N,
+        "force_min_N": campaign.forces_N.min(),
+        "force_max_N": campaign.forces_N.max(),
+        "converged": True,
+        **sufficient_statistics(HyperPosterior(bound, truncated=False)).columns(),
+    }
+
+
+def usual(rng: np.random.Generator) -> dict[str, float]:
+    """A kind of machine: direct compliances as machines have them, the others from their priors."""
+    return {
+        name: USUAL[name] * rng.uniform(0.7, 1.3) if name in USUAL else PRIOR_SD[name] * rng.standard_normal()
+        for name in COMPLIANCES
+    }
+
+
+def fleet(seed: int) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Rows of a fleet of machines, and its truth: means, spreads, machines."""
+    rng = np.random.default_rng([11, seed])
+    bar, mean = Bar(rng), usual(rng)
+    spread = {name: SPREAD_SCALE * PRIOR_SD[name] * abs(rng.standard_normal()) for name in COMPLIANCES}
+    machines = {
+        f"M{m:02d}": {name: mean[name] + spread[name] * rng.standard_normal() for name in COMPLIANCES} for m in range(MACHINES)
+    }
+    rows = [
+        row_of(replace(bar.measured(own, rng), name=f"{machine}-{k}", machine_id=machine))
+        for machine, own in machines.items()
+        for k in range(CAMPAIGNS)
+    ]
+    return pd.DataFrame(rows), {"mean": mean, "spread": spread, "machines": machines}
+
+
+def months(seed: int, *, before: int, after: int, change: float, parameter: str = "C_XXX") -> pd.DataFrame:
+    """Rows of one machine, a campaign a month; after ``before`` of them one compliance changes by the share ``change``."""
+    rng = np.random.default_rng([12, seed])
+    bar, level = Bar(rng), usual(rng)
+    rows = []
+    for month in range(before + after):
+        own = {name: value + REPEATABILITY * PRIOR_SD[name] * rng.standard_normal() for name, value in level.items()}
+        if month >= before:
+            own[parameter] += change * level[parameter]
+        date = f"{2024 + month // 12}-{month % 12 + 1:02d}-05"
+        campaign = replace(bar.measured(own, rng), name=f"month {month + 1:02d}", machine_id="VMC 07", date=date)
+        rows.append(row_of(campaign))
+    return pd.DataFrame(rows)

@@ -1,0 +1,164 @@
+"""Many machines and many months: is a population returned as surely as it says, and a loosened joint found as early as promised?
+
+python studies/11_many_campaigns/run.py            # fails when a stated number is not reproduced
+python studies/11_many_campaigns/run.py --write    # states anew
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+import ldbb_bayes as lb
+from ldbb_bayes.fleet.detection import SURE
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE)]
+from machines import FORCES_N, MACHINES, READINGS, REPEATABILITY, fleet, months  # noqa: E402
+from study import Effort, Study, replicated, run  # noqa: E402
+
+FLEETS, SERIES, QUIET = 200, 60, 40
+BEFORE, AFTER, CHANGE, PARAMETER = 6, 12, 0.2, "C_XXX"
+AGAIN: dict[Effort, int] = {"quick": 2, "usual": 10}
+SHOWN = 7
+
+
+def pooled(seed: int) -> dict[str, float]:
+    """A fleet: which true means, spreads and machines lie in their 95 % intervals, and their errors in units of u."""
+    rows, truth = fleet(seed)
+    found = lb.population(rows)
+    row: dict[str, float] = {"pareto k": found.pareto_k, "not belonging": sum(own.flag for own in found.machine.values())}
+    for name, own in found.parameters.items():
+        row[f"mean {name}"] = (own.mean.mean - truth["mean"][name]) / own.mean.sd
+        row[f"spread {name}"] = own.spread.interval[0] <= truth["spread"][name] <= own.spread.interval[1]
+        row[f"mean inside {name}"] = own.mean.interval[0] <= truth["mean"][name] <= own.mean.interval[1]
+        machines = [
+            (one.estimate[name].interval[0] <= truth["machines"][machine][name] <= one.estimate[name].interval[1])
+            for machine, one in found.machine.items()
+        ]
+        row[f"machines inside {name}"] = float(np.mean(machines))
+        alone = [(one.alone[name].mean - truth["machines"][machine][name]) ** 2 for machine, one in found.machine.items()]
+        shrunk = [(one.estimate[name].mean - truth["machines"][machine][name]) ** 2 for machine, one in found.machine.items()]
+        row[f"error {name}"] = float(np.sqrt(np.mean(shrunk) / np.mean(alone)))
+    return row
+
+
+def watched(seed: int, change: float) -> dict[str, float]:
+    """A machine month by month: what was promised before the change, after how many campaigns it was found, false alarms."""
+    rows = months(seed, before=BEFORE, after=AFTER, change=change, parameter=PARAMETER)
+    before = lb.trend(rows[:BEFORE], detect=CHANGE)
+    which = list(before.parameters).index(PARAMETER)
+    promised = before.detection.campaigns(which)
+    found, alarm, right = 0, float(before.changed), 0.0
+    for n in range(BEFORE + 1, BEFORE + AFTER + 1):
+        now = lb.trend(rows[:n])
+        if now.changed:
+            found = n - BEFORE
+            right = float(max(now.parameters, key=lambda name: now.parameters[name].probability) == PARAMETER)
+            break
+    return {"promised": float(promised or np.nan), "found": float(found), "alarm before": alarm, "right": right}
+
+
+def job(kind: str, seed: int) -> dict[str, float]:
+    """One row."""
+    return pooled(seed) if kind == "fleet" else watched(seed, CHANGE if kind == "loosened" else 0.0)
+
+
+def measure(effort: Effort) -> dict[str, Any]:
+    """All kinds."""
+    kinds = {"fleet": FLEETS, "loosened": SERIES, "quiet": QUIET}
+    rows = replicated(HERE / "simulated.csv", job, kinds, effort, again=AGAIN)
+    return {"setting": setting(), "population": population(rows[rows["kind"] == "fleet"]), "trend": found_in_time(rows)}
+
+
+def setting() -> dict[str, Any]:
+    """What was simulated."""
+    return {
+        "fleets": FLEETS,
+        "machines": MACHINES,
+        "series": SERIES,
+        "quiet": QUIET,
+        "before": BEFORE,
+        "after": AFTER,
+        "change_percent": 100.0 * CHANGE,
+        "repeatability_percent": 100.0 * REPEATABILITY,
+        "tests": len(FORCES_N),
+        "readings": READINGS,
+        "threshold": 0.95,
+        "sure": SURE,
+        "family_percent": 5.0,
+    }
+
+
+def population(rows: pd.DataFrame) -> dict[str, Any]:
+    """Coverage with its standard error: fleets are independent, parameters and machines of one are not."""
+    found: dict[str, Any] = {"pareto_k_most": float(rows["pareto k"].max())}
+    for what in ("mean inside", "spread", "machines inside"):
+        own = rows.filter(regex=f"^{what} C_")
+        each = own.mean(axis=1)
+        found[what.split()[0]] = {
+            "coverage": float(each.mean()),
+            "error": float(each.std(ddof=1) / np.sqrt(len(each))),
+            "by_parameter": {str(name).rsplit(" ", 1)[1]: float(value) for name, value in own.mean().items()},
+        }
+    errors = rows.filter(regex="^error C_").mean()
+    found["error_ratio"] = {str(name).rsplit(" ", 1)[1]: float(value) for name, value in errors.items()}
+    found["flagged_share"] = float(rows["not belonging"].gt(0).mean())
+    return found
+
+
+def found_in_time(rows: pd.DataFrame) -> dict[str, Any]:
+    """How many were found as early as promised, and how often there was an alarm without reason."""
+    loosened, quiet = (rows[rows["kind"] == kind] for kind in ("loosened", "quiet"))
+    told = loosened[loosened["promised"].notna() & (loosened["alarm before"] == 0.0)]
+    early = (told["found"] > 0) & (told["found"] <= told["promised"])
+    return {
+        "promised": len(told),
+        "alarm_before": int(loosened["alarm before"].sum()),
+        "longest_promise": float(told["promised"].max()),
+        "median_promise": float(told["promised"].median()),
+        "in_time": int(early.sum()),
+        "in_time_share": float(early.mean()),
+        "in_time_error": float(np.sqrt(early.mean() * (1.0 - early.mean()) / len(told))),
+        "median_found": float(told.loc[told["found"] > 0, "found"].median()),
+        "found_at_all": int((told["found"] > 0).sum()),
+        "right_parameter": int(told["right"].sum()),
+        "false_alarms": int((quiet["found"] > 0).sum() + quiet["alarm before"].sum()),
+    }
+
+
+def draw(results: dict[str, Any]) -> Mapping[str, Figure]:
+    """The control chart of one loosened machine, and coverage by parameter."""
+    rows = months(SHOWN, before=BEFORE, after=5, change=CHANGE, parameter=PARAMETER)
+    return {"control_chart": lb.control_chart(lb.trend(rows)), "coverage": coverage(results["population"])}
+
+
+@lb.figures.styled
+def coverage(population: dict[str, Any]) -> Figure:
+    """Share inside the interval by parameter, with two binomial standard errors about what is promised."""
+    figure = lb.figures.new_figure(7.5, 3.0)
+    axes = figure.add_subplot()
+    names = list(population["mean"]["by_parameter"])
+    places = np.arange(len(names))
+    for k, (what, label) in enumerate((("mean", "mean of the population"), ("spread", "spread"), ("machines", "machines"))):
+        own = population[what]["by_parameter"]
+        heights = [100.0 * own[name] for name in names]
+        axes.plot(places + 0.2 * (k - 1), heights, "os^"[k], color=lb.figures.PALETTE[k], label=label)
+    band = 100.0 * np.sqrt(0.95 * 0.05 / FLEETS)
+    axes.axhspan(95.0 - 2.0 * band, 95.0 + 2.0 * band, color="#E3E3E3", lw=0.0, label="two standard errors of counting fleets")
+    axes.axhline(95.0, color="#8C8C8C", lw=0.8)
+    axes.set_xticks(places, names)
+    axes.set_ylabel("inside the 95 % interval (%)")
+    axes.set_ylim(88.0, 100.0)
+    axes.legend(ncols=4, loc="lower left")
+    return figure
+
+
+if __name__ == "__main__":
+    run(Study(HERE, measure, draw, absolute={"population/*": 0.005}))
