@@ -51,6 +51,7 @@ _IMPROBABLE = 1e-3
 _IMPOSSIBLE = 1e-6
 
 
+@one_blas_thread
 def sample(
     model: HybridModel,
     campaign: Campaign,
