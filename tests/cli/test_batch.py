@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -144,7 +145,9 @@ def test_interrupted_and_resumed(tmp_path: Path, finished: tuple[Path, tuple[int
     """Ctrl-C after the first row: 130, one message; with --resume the same table."""
     out, listed = tmp_path / "b", finished[0].parent / "list.txt"
     command = [sys.executable, "-m", "ldbb_bayes", "batch", str(listed), "--out", str(out), "--workers", "1", *MODEL]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # Started in the background, a test run ignores Ctrl-C, and what it starts would too.
+    heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeding)
     journal = out / "journal" / "rows.jsonl"
     deadline = time.monotonic() + 60.0
     while process.poll() is None and time.monotonic() < deadline and not (journal.exists() and journal.stat().st_size):
