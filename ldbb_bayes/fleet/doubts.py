@@ -96,7 +96,12 @@ def doubts_of(
             f"The spreads cannot be trusted: Pareto's k = {spreads.pareto_k:.2f} of their weights is above {spreads.good_k:.2f}. "
             "Use fewer parameters or more machines."
         )
-    prior = [name for name, own in parameters.items() if own.spread.sd > _HARDLY * _HALF_NORMAL * spread_scale * own.prior_sd]
+    scales = {name: spread_scale * own.prior_sd for name, own in parameters.items()}
+    prior = [
+        name
+        for name, own in parameters.items()
+        if own.spread.sd > _HARDLY * _HALF_NORMAL * scales[name] and own.spread.mean < 2.0 * scales[name]
+    ]
     if prior:
         yield (
             f"The spread of {', '.join(map(display_name, prior))} is little more than its prior, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Sized
 
 import numpy as np
@@ -32,14 +33,18 @@ def rows_of(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFrame, list
         check_known("machine", [machine], known)
     elif len(known) > 1:
         raise InputError(
-            f"the campaigns must be of one machine, got those of {', '.join(known)}. Choose one: --machine {known[0]} "
-            f"(machine={known[0]!r})."
+            f"the campaigns must be of one machine, got those of {', '.join(known)}. Choose one: "
+            f"--machine {shlex.quote(known[0])} (machine={known[0]!r})."
         )
     if not known:
         return rows, ["No campaign names its machine: all are taken as campaigns of one (machine_id in campaign.toml)."]
     notes = []
-    if not named.all():
-        notes.append(f"Left out for naming no machine: {_listed(_names(rows[~named]))}.")
+    unread = ~named & (rows["status"] != "done")
+    if unread.any():
+        notes.append(f"Left out, for they could not be fitted, and whose they are is not known: {_listed(_names(rows[unread]))}.")
+    nameless = ~named & ~unread
+    if nameless.any():
+        notes.append(f"Left out for naming no machine: {_listed(_names(rows[nameless]))}.")
     return rows[ids == (machine or known[0])], notes
 
 

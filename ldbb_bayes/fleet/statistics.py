@@ -128,6 +128,7 @@ def fleet_statistics(
     names = [tuple(own) for own in usable["gaussian_names"]]
     known = [name for name in names[0] if all(name in own for own in names)]
     free = [name for name in known if name not in INSTRUMENT and not _SLOPE.fullmatch(name)]
+    parameters = (parameters,) if isinstance(parameters, str) else parameters
     chosen = tuple(parameters) if parameters is not None else tuple(name for name in free if name.startswith("C_"))
     check_known("parameter", chosen, free)
     if len(set(chosen)) < len(chosen) or not chosen:

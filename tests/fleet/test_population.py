@@ -237,6 +237,9 @@ def test_forces_that_were_not_tested(rng: np.random.Generator) -> None:
 def test_little_more_than_the_prior(rng: np.random.Generator) -> None:
     vague = pool(fleet(rng, machines=2, parameters=1, known=50.0))
     assert "spread of C_XXX is little more than its prior, HalfNormal(0.3 prior sd)" in " ".join(vague.doubts)
+    few = fleet(rng, machines=3, parameters=1)
+    far = replace(few, weighted=few.weighted * np.array([1.0, 1.0, 50.0])[:, None])
+    assert "little more than its prior" not in " ".join(pool(far, spread_scale=0.01).doubts)
 
 
 def test_what_is_refused(rng: np.random.Generator) -> None:

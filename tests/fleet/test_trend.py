@@ -220,6 +220,11 @@ def test_which_machine(rows: pd.DataFrame) -> None:
         lb.trend(rows.assign(machine_id=None), machine="M1")
     some = lb.trend(rows.assign(machine_id=[None, *["M1"] * 9]))
     assert (len(some.campaigns), some.doubts[0]) == (9, "Left out for naming no machine: c01.")
+    unread = rows.assign(machine_id=[None, *["VMC 07"] * 9], status=["failed", *["done"] * 9])
+    assert lb.trend(unread).doubts[0] == "Left out, for they could not be fitted, and whose they are is not known: c01."
+    with pytest.raises(InputError, match="--machine 'VMC 07'"):
+        lb.trend(two.assign(machine_id=["VMC 07"] * 10 + ["VMC 08"] * 10))
+    assert list(lb.trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
 
 
 @pytest.mark.usefixtures("quick")
