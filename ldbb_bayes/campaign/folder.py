@@ -125,7 +125,7 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
             name=described.name or path.resolve().parent.name,
             feed_mm_per_min=described.feed_mm_per_min,
             machine_id=described.machine_id,
-            date=_iso(described.date),
+            date=iso(described.date),
             resolution_um=described.resolution_um,
             mount=MountCompensation(described.mount.deflection_um_per_bar, described.mount.compensated),
             force_law=ForceLaw(described.force.slope_N_per_bar, described.force.offset_N),
@@ -231,7 +231,8 @@ def _uniform(test: CircularTest) -> dict[str, Any]:
     return {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": float(arc)}
 
 
-def _iso(date: dt.date | str | None) -> str | None:
+def iso(date: dt.date | str | None) -> str | None:
+    """A date or time as ISO 8601 text; a text as it is."""
     return date.isoformat() if isinstance(date, dt.date) else date
 
 

@@ -39,6 +39,10 @@ from ldbb_bayes.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
     from ldbb_bayes.fleet.batch import Batch
 
 __all__ = ["batch"]
@@ -73,7 +77,9 @@ def batch(
     posteriors: bool = typer.Option(False, "--posteriors", help="Keep the posterior of every campaign as well (1 MB each)."),
     no_compare: bool = typer.Option(False, "--no-compare", help="Do not weigh linear compliance against constant."),
     resume: bool = typer.Option(False, "--resume", help="Go on with a batch that stopped."),
-    retry: bool = typer.Option(False, "--retry", help="With --resume: also do again what failed."),
+    retry: bool = typer.Option(
+        False, "--retry", help="With --resume: also do again what failed, and campaigns whose files have changed since."
+    ),
     force: ForceOption = False,
     as_json: JsonOption = False,
     seed: SeedOption = 1,
@@ -91,8 +97,8 @@ def batch(
     """Fit many campaigns, each by itself: one table with a row per campaign (Parquet), which lb.read_batch reads.
 
     A campaign that cannot be fitted is a row that says why. Whatever stops a batch, the same command with --resume goes on to the
-    very same table. Exit code 1 when a campaign missed its sampling target. The options for tidy CSVs apply to those among the
-    campaigns.
+    very same table. Exit code 0 also when campaigns failed, 1 when one missed its sampling target. The options for tidy CSVs
+    apply to those among the campaigns.
     """
     from ldbb_bayes.cli.show import failing_progress, print_json
     from ldbb_bayes.fleet.batch import batch as run
@@ -151,9 +157,8 @@ def batch(
 
 
 def _print(done: Batch) -> None:
-    """How many of what, the first failures with their reasons, and where the table is."""
+    """How many of what, the first failures and doubts with their reasons, and where the table is."""
     from rich.table import Table
-    from rich.text import Text
 
     from ldbb_bayes.cli.show import reading_console
 
@@ -169,16 +174,24 @@ def _print(done: Batch) -> None:
         table.add_row(what, f"{number}")
     console.print(table)
     if done.failures:
-        failures = Table("failed campaign", "reason")
-        for campaign, reason in done.failures[:_SHOWN]:
-            failures.add_row(Text(campaign), Text(reason))
-        console.print(failures)
-        if done.failed > _SHOWN:
-            console.print(f"… and {done.failed - _SHOWN} more: rows with status failed.", markup=False)
+        _list(console, "Failed", done.failures, done.failed)
         console.print("Failed campaigns are rows too. Mend them and do them again with --resume --retry.", markup=False)
+    if done.doubts:
+        _list(console, "To look at", done.doubts, done.not_converged + done.doubtful)
     if done.fitted:
         rate = done.fitted / max(done.seconds, 1e-9)
         console.print(f"{done.fitted} campaigns in {done.seconds:.1f} s: {rate:.3g} a second.", markup=False)
     else:
         console.print("Nothing was left to do.", markup=False)
     console.print(f"Written: {done.dataset}", markup=False, soft_wrap=True)
+
+
+def _list(console: Console, head: str, entries: Sequence[tuple[str, str]], number: int) -> None:
+    """The first campaigns, one a paragraph; what is said of each names it or follows its name."""
+    console.print(f"{head}:", markup=False)
+    for campaign, said in entries[:_SHOWN]:
+        console.print(
+            f"  {said if said.startswith(campaign) else f'{campaign}: {said}'}", markup=False, highlight=False, soft_wrap=True
+        )
+    if number > _SHOWN:
+        console.print(f"  … and {number - _SHOWN} more.", markup=False)

@@ -19,7 +19,8 @@ from ldbb_bayes.fleet.dataset import check_pyarrow, write_dataset
 from ldbb_bayes.fleet.gather import Gathered, gather
 from ldbb_bayes.fleet.journal import Journal
 from ldbb_bayes.fleet.reading import read_batch, tally
-from ldbb_bayes.fleet.row import Job, Settings, failed_row, fit_row
+from ldbb_bayes.fleet.row import STAMP, Job, Settings, failed_row, fit_row, posterior_name
+from ldbb_bayes.fleet.stamps import stamp_of
 from ldbb_bayes.inference.samplers import SAMPLERS
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
@@ -46,6 +47,8 @@ class Batch:
         Of those done: that missed the sampling target; whose readings the model does not expect, or that speak against it.
     failures : tuple of (campaign, reason)
         The first 10 000.
+    doubts : tuple of (campaign, verdict)
+        Of those not converged or doubtful, the first 10 000.
     fitted : int
         Campaigns fitted by this run; the others were there.
     seconds : float
@@ -66,6 +69,7 @@ class Batch:
     not_converged: int
     doubtful: int
     failures: tuple[tuple[str, str], ...]
+    doubts: tuple[tuple[str, str], ...]
     fitted: int
     seconds: float
     resumed: bool
@@ -80,7 +84,8 @@ class Batch:
         """For JSON."""
         own = asdict(self) | {"out": str(self.out), "dataset": str(self.dataset)}
         failures = [{"campaign": campaign, "reason": reason} for campaign, reason in own.pop("failures")]
-        return {"schema": 1, **own, "failures": own["failed"], "failed": failures}
+        doubts = [{"campaign": campaign, "verdict": verdict} for campaign, verdict in own.pop("doubts")]
+        return {"schema": 1, **own, "failures": own["failed"], "failed": failures, "doubts": doubts}
 
 
 def batch(
@@ -137,7 +142,7 @@ def batch(
     resume : bool
         Go on with what an earlier run left; with nothing there, begin.
     retry : bool
-        With ``resume``: also do again what failed.
+        With ``resume``: also do again what failed, and what was fitted from files that have changed since.
     force : bool
         Replace an earlier batch in ``out``.
     progress : callable, optional
@@ -214,6 +219,7 @@ def _run(
             counts.not_converged,
             counts.doubtful,
             counts.failures,
+            counts.doubts,
             fitted,
             seconds,
             resumed,
@@ -232,7 +238,13 @@ def _fit(
     progress: Callable[[int, int, int], None] | None,
 ) -> int:
     """Fit what has no row; the number of campaigns fitted."""
-    wanted = [index for index in range(len(paths)) if journal.lacks(index, retry=retry)]
+    wanted, mended = [], {}
+    for index, path in enumerate(paths):
+        if journal.lacks(index, retry=retry):
+            wanted.append(index)
+        elif retry and _mended(before := journal.read(index), os.path.join(settings.here, path)):
+            wanted.append(index)
+            mended[index] = before["sha256"]
     if not wanted:
         return 0
     journal.stale = True
@@ -245,10 +257,18 @@ def _fit(
             index = wanted[place]
             row = failed_row(settings, Job(index, paths[index]), result.reason) if isinstance(result, Lost) else result
             journal.append(index, row)
+            if settings.posteriors is not None and mended.get(index, row.get("sha256")) != row.get("sha256"):
+                (Path(settings.posteriors) / posterior_name(index, mended[index])).unlink(missing_ok=True)
             left -= 1
             if progress is not None:
                 progress(len(paths) - left, len(paths), journal.failed)
     return len(wanted)
+
+
+def _mended(row: Mapping[str, Any], place: str) -> bool:
+    """Whether the files of a campaign look otherwise than when it was fitted; not where none are there now."""
+    then, now = row.get(STAMP), stamp_of(place)
+    return None not in (then, now) and now != then
 
 
 def _done(settings: Settings, jobs: Iterator[Job], executor: Executor | None) -> Any:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import staged_folder
+from ldbb_bayes.fleet.row import STAMP
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -87,9 +88,9 @@ def kinds() -> dict[str, pa.DataType]:
 
 
 def flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of `fit_row` with the numbers of every parameter in columns of their own, and texts that Parquet takes."""
+    """A row of `fit_row` with the numbers of every parameter in columns of their own, texts that Parquet takes, and no stamp."""
     numbers = {f"{name}.{key}": own[key] for name, own in row.get("parameters", {}).items() for key in NUMBERS}
-    return {name: _sound(value) for name, value in row.items() if name != "parameters"} | numbers
+    return {name: _sound(value) for name, value in row.items() if name not in (STAMP, "parameters")} | numbers
 
 
 def _sound(value: Any) -> Any:

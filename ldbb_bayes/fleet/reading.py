@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-__all__ = ["Tally", "read_batch", "tally"]
+__all__ = ["Tally", "contradicts", "read_batch", "tally"]
 
-_MOST_FAILURES = 10_000
+_MOST_NAMED = 10_000
 _IMPROBABLE = math.log(1e-3)
 _REASON = 120
 
@@ -87,7 +87,8 @@ def read_batch(
 
 @dataclass(frozen=True)
 class Tally:
-    """How many campaigns of a dataset were fitted, and how well; the first failures with their reasons."""
+    """How many campaigns of a dataset were fitted, and how well; the first failures with their reasons, the first doubts with
+    their verdicts."""
 
     campaigns: int
     done: int
@@ -95,24 +96,33 @@ class Tally:
     doubtful: int
     failed: int
     failures: tuple[tuple[str, str], ...]
+    doubts: tuple[tuple[str, str], ...]
 
 
 def tally(dataset: Path) -> Tally:
     """Count the rows of a dataset; doubtful are those that the model does not expect, or that speak against it."""
-    columns = ["campaign", "status", "reason", "converged", "misfits", "log_prob_truncation"]
+    columns = ["campaign", "status", "reason", "converged", "verdict", "misfits", "log_prob_truncation"]
     campaigns = done = not_converged = doubtful = 0
     failures: list[tuple[str, str]] = []
+    doubts: list[tuple[str, str]] = []
     for _, table in _parts(dataset, columns):
         for row in table.to_pylist():
             campaigns += 1
             if row["status"] == "done":
                 done += 1
                 not_converged += not row["converged"]
-                contradicts = row["log_prob_truncation"] is not None and row["log_prob_truncation"] < _IMPROBABLE
-                doubtful += bool(row["converged"] and (row["misfits"] or contradicts))
-            elif len(failures) < _MOST_FAILURES:
+                doubted = bool(row["misfits"]) or contradicts(row["log_prob_truncation"])
+                doubtful += bool(row["converged"] and doubted)
+                if (doubted or not row["converged"]) and len(doubts) < _MOST_NAMED:
+                    doubts.append((row["campaign"], row["verdict"]))
+            elif len(failures) < _MOST_NAMED:
                 failures.append((row["campaign"], row["reason"]))
-    return Tally(campaigns, done, not_converged, doubtful, campaigns - done, tuple(failures))
+    return Tally(campaigns, done, not_converged, doubtful, campaigns - done, tuple(failures), tuple(doubts))
+
+
+def contradicts(log_prob_truncation: float | None) -> bool:
+    """Whether readings speak against non-negative compliance (below one in a thousand)."""
+    return log_prob_truncation is not None and log_prob_truncation < _IMPROBABLE
 
 
 def _dataset(path: Path) -> Path:

@@ -20,9 +20,11 @@ import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
+from ldbb_bayes.campaign.labels import labels_of
 from ldbb_bayes.errors import InputError, plain_reason
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.fleet.places import refuse_sick_places
+from ldbb_bayes.fleet.stamps import stamp_of
 from ldbb_bayes.inference.evidence import evidence_of, log_bayes_factor, log_evidence
 from ldbb_bayes.inference.origin import record_of
 from ldbb_bayes.inference.posterior import saved_bytes
@@ -38,8 +40,8 @@ from ldbb_bayes.model.spec import model_from_toml, model_sha256
 from ldbb_bayes.report.result import look_warnings
 from ldbb_bayes.threads import one_blas_thread
 
-__all__ = ["Job", "Settings", "failed_row", "fit_row"]
-
+__all__ = ["STAMP", "Job", "Settings", "failed_row", "fit_row", "posterior_name"]
+STAMP = "stamp"
 _EVIDENCE_TOLERANCE = 1e-2
 _LONGEST_REASON = 1200
 
@@ -97,13 +99,15 @@ class Job:
 def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
     """The row of a campaign, plain enough for JSON; ``parameters`` holds unit and numbers of each by name.
 
+    ``STAMP`` holds what its files looked like: for the journal, not for the table.
+
     Raises
     ------
     InputError
         When the disk or its mount fails, as it would for every other campaign too.
     """
-    row = _given(settings, job)
     place = os.path.join(settings.here, job.path)
+    row = _given(settings, job) | {STAMP: stamp_of(place)}
     try:
         with warnings.catch_warnings(action="ignore"):
             campaign = read_campaign(place, **(settings.table if _is_table(place) else {}))
@@ -111,15 +115,20 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
             fitted, posterior = _fitted(settings, campaign)
     except Exception as error:  # noqa: BLE001  # one campaign must not end the others
         refuse_sick_places(error, place)
-        return row | {"status": "failed", "reason": _reason(error).replace(place, job.path)}
+        return labels_of(place) | row | {"status": "failed", "reason": _reason(error).replace(place, job.path)}
     if settings.posteriors is not None:
-        _keep(posterior, Path(settings.posteriors), f"{job.index:07d}-{campaign.sha256[:12]}.nc")
+        _keep(posterior, Path(settings.posteriors), posterior_name(job.index, campaign.sha256))
     return row | fitted
 
 
 def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
     """The row of a campaign that could not even be tried."""
-    return _given(settings, job) | {"status": "failed", "reason": reason}
+    return labels_of(os.path.join(settings.here, job.path)) | _given(settings, job) | {"status": "failed", "reason": reason}
+
+
+def posterior_name(index: int, sha256: str) -> str:
+    """File of a campaign's posterior: its place in the batch, and the beginning of its digest."""
+    return f"{index:07d}-{sha256[:12]}.nc"
 
 
 @lru_cache(maxsize=4)

@@ -46,6 +46,7 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, tuple[int, str, s
     out, (code, stdout, stderr) = finished
     assert code == 0, stderr
     assert stderr == f"{shop}/c1/campaign.toml was given more than once: kept once.\n"
+    assert f"  {shop}/c7: campaign must be a folder with campaign.toml" in stdout
     for part in ("fitted", "failed", "in all", "which does not exist", "--resume --retry", "3 campaigns in", "a second"):
         assert part in stdout
     assert f"Written: {out}/campaigns.parquet" in stdout.replace("\n", "")

@@ -388,6 +388,32 @@ def test_failed_ones_again(made: tuple[list[str], list[int]], tmp_path: Path, mo
     assert calls == [14, 19]
 
 
+def test_mended_ones_again(tmp_path: Path) -> None:
+    paths = write_campaigns(tmp_path / "shop", 3)
+    toml = Path(paths[2]) / "campaign.toml"
+    sound = toml.read_text(encoding="utf-8")
+    whose = 'machine_id = "M\\u00fc 7"\ndate = 2026-03-04\n'
+    toml.write_text(whose + sound.replace("topology", "topolgy"), encoding="utf-8")
+    options: dict[str, Any] = {"model": CONSTANT, "ess": ESS, "posteriors": True}
+    out = lb.batch(paths, tmp_path / "out", **options).out
+    first = lb.read_batch(out)
+    assert first[["status", "machine_id", "date"]].iloc[2].tolist() == ["failed", "Mü 7", "2026-03-04"]
+    os.utime(toml, ns=(0, 0))
+    table = sorted(Path(paths[1]).glob("*.csv"))[0]
+    table.write_text(table.read_text(encoding="utf-8").rstrip()[:-6] + "\n", encoding="utf-8")
+    assert lb.batch(paths, out, resume=True, **options).fitted == 0
+    toml.write_text(whose + sound, encoding="utf-8")
+    found = lb.batch(paths, out, resume=True, retry=True, **options)
+    assert (found.fitted, found.done) == (2, 3)
+    rows = found.rows()
+    assert rows["sha256"].iloc[0] == first["sha256"].iloc[0]
+    assert rows["sha256"].iloc[1] == lb.read_campaign(paths[1]).sha256 != first["sha256"].iloc[1]
+    kept = [f"{k:07d}-{own[:12]}.nc" for k, own in enumerate(rows["sha256"])]
+    assert sorted(path.name for path in (out / "posteriors").iterdir()) == kept
+    shutil.rmtree(paths[0])
+    assert lb.batch(paths, out, resume=True, retry=True, **options).fitted == 0
+
+
 def test_damaged_rows_are_done_again(made: tuple[list[str], list[int]], tmp_path: Path) -> None:
     paths, calls = made
     out = lb.batch(paths, tmp_path / "out").out
