@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-BY_HAND = ("90_speed",)
+BY_HAND = ("90_speed", "91_fleet")
 PASSED_ON = {"--executor": "process|dask", "--scheduler": "ADDRESS", "--workers": "N"}
 
 
