@@ -21,7 +21,17 @@ from ldbb_bayes.errors import InputError, check_known, nearest
 from ldbb_bayes.files import staged_folder
 from ldbb_bayes.toml import read_toml
 
-__all__ = ["IMPORT_NAME", "LARGEST_PLAN", "TRUTH_NAME", "files_of", "read_campaign", "write_campaign", "write_campaign_into"]
+__all__ = [
+    "IMPORT_NAME",
+    "LARGEST_PLAN",
+    "TOML_NAME",
+    "TRUTH_NAME",
+    "files_of",
+    "iso",
+    "read_campaign",
+    "write_campaign",
+    "write_campaign_into",
+]
 
 SCHEMA = 1
 TOML_NAME = "campaign.toml"

@@ -106,6 +106,9 @@ def fit(
         print_json(result)
     else:
         print_fit(result)
+        if population is not None:
+            whose = f"{population['machines']} machines, {population['campaigns']} campaigns ({population['path']})"
+            typer.echo(f"Prior of the compliances: population of {whose}.")
         if out is not None:
             typer.echo(f"Written: {out}/posterior.nc, summary.json, model.toml")
     if not result["sampler"]["converged"]:

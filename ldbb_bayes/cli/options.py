@@ -177,7 +177,8 @@ def with_population(model: HybridModel, population: Path | None, campaign: Campa
     doubts = prior.doubts(campaign)
     for doubt in doubts:
         typer.echo(f"--prior-from: {doubt}", err=True)
-    return prior.model(model), {"sha256": prior.sha256, "doubts": list(doubts)}
+    said = {"path": str(population), "machines": prior.machines, "campaigns": prior.campaigns}
+    return prior.model(model), said | {"sha256": prior.sha256, "doubts": list(doubts)}
 
 
 def _drifting(model: HybridModel, drift: str | None) -> HybridModel:

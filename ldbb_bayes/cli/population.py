@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ldbb_bayes.cli.fleet import (
+    BatchesArgument,
+    ExcludeOption,
+    MisfitsOption,
+    OwnInstrumentsOption,
+    ParametersOption,
+    ReferenceForceOption,
+    SinceOption,
+    deliver,
+    names_in,
+)
 from ldbb_bayes.cli.options import CiOption, ForceOption, JsonOption, OutOption, QuietOption, SeedOption, guarded
 
 if TYPE_CHECKING:
@@ -21,20 +33,16 @@ POPULATION_FILES = ("population.json", "machines.csv", "machines.png", "machines
 
 @guarded
 def population(
-    batch: Annotated[list[Path], typer.Argument(help="Folders that ldbb-bayes batch wrote.", metavar="BATCH...")],
-    parameters: Annotated[
-        str | None,
-        typer.Option(help="Comma-separated compliances and geometric errors. Default: all constant compliances.", metavar="LIST"),
-    ] = None,
-    reference_force: Annotated[
-        float | None, typer.Option(help="Force at which compliances are meant (N). Default: the campaigns' median.", metavar="F")
-    ] = None,
+    batches: BatchesArgument,
+    parameters: ParametersOption = None,
+    exclude: ExcludeOption = None,
+    since: SinceOption = None,
+    include_misfits: MisfitsOption = False,
+    reference_force: ReferenceForceOption = None,
+    own_instruments: OwnInstrumentsOption = False,
     spread_scale: Annotated[
         float, typer.Option(help="Prior of a spread: half-normal of this many default prior sd of the parameter.", metavar="X")
     ] = 0.3,
-    own_instruments: Annotated[
-        bool, typer.Option("--own-instruments", help="Every campaign had a bar, a mount and a regulator of its own.")
-    ] = False,
     ci: CiOption = 0.95,
     out: OutOption = None,
     force: ForceOption = False,
@@ -46,20 +54,22 @@ def population(
 
     Campaigns of one machine (machine_id in campaign.toml) are taken together; each machine is told what the others say.
     """
-    from ldbb_bayes.cli.show import counting_progress, print_json
-    from ldbb_bayes.files import check_target, staged_folder
+    from ldbb_bayes.cli.show import counting_progress
+    from ldbb_bayes.files import check_target
     from ldbb_bayes.fleet.population import population as run
     from ldbb_bayes.fleet.reading import read_batch
     from ldbb_bayes.fleet.statistics import FLEET_COLUMNS
 
     if out is not None:
         check_target(out, force=force, ours=POPULATION_FILES)
-    names = None if parameters is None else [name.strip() for name in parameters.split(",") if name.strip()]
-    rows = read_batch(list(batch), FLEET_COLUMNS)
+    rows = read_batch(batches, FLEET_COLUMNS)
     with counting_progress(quiet, "machines left out") as progress:
         found = run(
             rows,
-            parameters=names,
+            parameters=names_in(parameters),
+            exclude=exclude or (),
+            since=since,
+            include_misfits=include_misfits,
             reference_force_N=reference_force,
             spread_scale=spread_scale,
             one_instrument=not own_instruments,
@@ -68,15 +78,8 @@ def population(
             progress=progress,
         )
     record = found.as_dict()
-    if out is not None:
-        with staged_folder(out, force=force, ours=POPULATION_FILES) as staging:
-            _write(found, record, staging)
-    if as_json:
-        print_json(record)
-        return
-    _print(found)
-    if out is not None and not quiet:
-        typer.echo(f"Written: {', '.join(f'{out}/{name}' for name in POPULATION_FILES)}")
+    write, show = partial(_write, found, record), partial(_print, found)
+    deliver(record, out, force=force, files=POPULATION_FILES, write=write, show=show, as_json=as_json, quiet=quiet)
 
 
 def _write(found: Population, record: Mapping[str, Any], folder: Path) -> None:
@@ -94,26 +97,32 @@ def _print(found: Population) -> None:
     from rich.table import Table
 
     from ldbb_bayes.cli.show import reading_console
-    from ldbb_bayes.report.rounding import state, value_and_uncertainty
-    from ldbb_bayes.units import display_name, display_unit
+    from ldbb_bayes.report.rounding import plus_minus, round_uncertainty, state
+    from ldbb_bayes.units import display_name, display_unit, units_for
 
     percent = f"{100 * found.ci_prob:g} %"
     table = Table(box=None, pad_edge=False)
-    table.add_column("parameter", no_wrap=True)
-    for name in ("mean", "u", "u of the bar", "spread", percent, "% of mean", "next machine", "u"):
+    for name in ("parameter", "unit"):
+        table.add_column(name, no_wrap=True)
+    for name in ("mean", "u of the bar", "spread", f"spread, {percent}", "of mean", "next machine"):
         table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    for own in found.parameters.values():
-        factor, unit = display_unit(own.unit)
-        mean, u = value_and_uncertainty(own.mean.mean * factor, own.mean.sd * factor)
-        common, _ = value_and_uncertainty(own.instrument_sd * factor, own.mean.sd * factor)
-        spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
-        following, width = value_and_uncertainty(own.next.mean * factor, own.next.sd * factor)
-        share = "–" if own.percent is None else f"{own.percent.mean:.2g}"
-        interval = spread.interval.replace("[", r"\[")
-        table.add_row(display_name(own.name), mean, u, common, spread.value, interval, share, following, width, unit)
+    with units_for(found.sizes()):
+        for own in found.parameters.values():
+            factor, unit = display_unit(own.unit)
+            whole = (plus_minus(one.mean, one.sd, one.interval, own.unit) for one in (own.mean, own.next))
+            mean, following = (text.removesuffix(f" {unit}").replace("[", r"\[") for text in whole)
+            common = round_uncertainty(own.instrument_sd * factor)[0] if own.instrument_sd > 0.0 else "–"
+            spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
+            share = "–" if own.percent is None else f"{own.percent.mean:.{1 if own.percent.mean < 10.0 else 0}f} %"
+            interval = spread.interval.replace("[", r"\[")
+            table.add_row(display_name(own.name), unit, mean, common, spread.value, interval, share, following)
     console = reading_console()
     console.print(table)
+    console.print(
+        "± U = 2u, or the interval where it is lopsided. u of the bar: what more machines do not make less. Next machine: one "
+        "not yet measured.",
+        markup=False,
+    )
     console.print()
     for sentence in found.sentences():
         console.print(sentence, markup=False)

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ldbb_bayes.cli.fleet import (
+    BatchesArgument,
+    ExcludeOption,
+    MisfitsOption,
+    OwnInstrumentsOption,
+    ParametersOption,
+    ReferenceForceOption,
+    SinceOption,
+    deliver,
+    names_in,
+)
 from ldbb_bayes.cli.options import CiOption, ForceOption, JsonOption, OutOption, QuietOption, SeedOption, guarded
 
 if TYPE_CHECKING:
@@ -21,24 +33,16 @@ TREND_FILES = ("trend.json", "trend.csv", "control_chart.png", "control_chart.sv
 
 @guarded
 def trend(
-    batches: Annotated[list[Path], typer.Argument(help="Folders that batch wrote.", metavar="BATCH...")],
+    batches: BatchesArgument,
     machine: Annotated[
         str | None, typer.Option(help="Whose campaigns; needed where they are of several machines.", metavar="ID")
     ] = None,
-    parameters: Annotated[
-        str | None,
-        typer.Option(
-            help="Comma-separated. Default: all constant compliances. Geometric errors may be named; ball form and bar length "
-            "being taken anew in each campaign, what is said of their changes is conservative, of their levels not.",
-            metavar="LIST",
-        ),
-    ] = None,
-    reference_force: Annotated[
-        float | None, typer.Option(help="Force at which compliances are meant (N). Default: the campaigns' median.")
-    ] = None,
-    own_instruments: Annotated[
-        bool, typer.Option("--own-instruments", help="Every campaign had a bar and a force device of its own.")
-    ] = False,
+    parameters: ParametersOption = None,
+    exclude: ExcludeOption = None,
+    since: SinceOption = None,
+    include_misfits: MisfitsOption = False,
+    reference_force: ReferenceForceOption = None,
+    own_instruments: OwnInstrumentsOption = False,
     change_scale: Annotated[
         float, typer.Option(help="Size of a change (1 sd), in units of a parameter's default prior sd: 2e-5 mm/N of C_XXX.")
     ] = 0.2,
@@ -60,8 +64,8 @@ def trend(
 
     One lasting step of one parameter is looked for. Exit code 0 whatever is found.
     """
-    from ldbb_bayes.cli.show import counting_progress, print_json
-    from ldbb_bayes.files import check_target, staged_folder
+    from ldbb_bayes.cli.show import counting_progress
+    from ldbb_bayes.files import check_target
     from ldbb_bayes.fleet.reading import read_batch
     from ldbb_bayes.fleet.statistics import FLEET_COLUMNS
     from ldbb_bayes.fleet.trend import trend as run
@@ -69,12 +73,14 @@ def trend(
     if out is not None:
         check_target(out, force=force, ours=TREND_FILES)
     rows = read_batch(batches, FLEET_COLUMNS)
-    chosen = None if parameters is None else [name.strip() for name in parameters.split(",") if name.strip()]
     with counting_progress(quiet, "further campaigns simulated") as progress:
-        result = run(
+        found = run(
             rows,
             machine=machine,
-            parameters=chosen,
+            parameters=names_in(parameters),
+            exclude=exclude or (),
+            since=since,
+            include_misfits=include_misfits,
             reference_force_N=reference_force,
             one_instrument=not own_instruments,
             change_scale=change_scale,
@@ -86,16 +92,9 @@ def trend(
             seed=seed,
             progress=progress,
         )
-    record = {"schema": 1, **result.as_dict()}
-    if out is not None:
-        with staged_folder(out, force=force, ours=TREND_FILES) as staging:
-            _write(result, record, staging)
-    if as_json:
-        print_json(record)
-        return
-    _print(result)
-    if out is not None and not quiet:
-        typer.echo(f"Written: {', '.join(f'{out}/{name}' for name in TREND_FILES)}")
+    record = {"schema": 1, **found.as_dict()}
+    write, show = partial(_write, found, record), partial(_print, found)
+    deliver(record, out, force=force, files=TREND_FILES, write=write, show=show, as_json=as_json, quiet=quiet)
 
 
 def _write(result: Trend, record: Mapping[str, Any], folder: Path) -> None:

@@ -122,7 +122,7 @@ def batch(
     model : HybridModel, optional
         Default: linear in force.
     prior_from : PopulationPrior, optional
-        From `prior_from`: prior of the compliances, none of whose machines may be among the campaigns.
+        From `prior_from`: prior of the compliances. A campaign that the population was made from fails.
     sampler : {"quadrature", "joint", "collapsed"}
     executor : concurrent.futures.Executor or callable, optional
         Where campaigns are fitted; default: here, one after the other. See `ldbb_bayes.fleet.executors`. What starts one, such as

@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 
 from ldbb_bayes.fleet.pooled import PooledMachine, PooledParameter, Population
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
+from ldbb_bayes.units import units_for
 
 __all__ = ["machine_chart"]
 
@@ -32,8 +33,9 @@ def machine_chart(population: Population) -> Figure:
     height = max(2.2, 0.6 + 0.14 * min(shown, _NAMED) if shown <= _NAMED else 0.6 + 0.065 * shown)
     figure = new_figure(3.4 * columns + 0.4, height * rows + 0.9)
     every = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, parameter in zip(every, parameters, strict=False):
-        _panel(axes, population, parameter)
+    with units_for(population.sizes()):
+        for axes, parameter in zip(every, parameters, strict=False):
+            _panel(axes, population, parameter)
     for axes in every[len(parameters) :]:
         axes.set_visible(False)
     percent = f"{100 * population.ci_prob:g} %"

@@ -128,7 +128,7 @@ def _strip(axes: Axes, own: pd.DataFrame, places: Array, width: float) -> None:
     axes.bar(places, own["change_here"], width=width, color=GREY)
     axes.set_ylim(0.0, 1.05)
     axes.set_yticks([0.0, 1.0])
-    axes.set_ylabel("P(change)\nhere (1)", fontsize=7.5)
+    axes.set_ylabel("P(change\nhere)", fontsize=7.5)
     axes.grid(visible=False, axis="x")
 
 

@@ -14,7 +14,7 @@ from ldbb_bayes.model.meaning import Meaning
 from ldbb_bayes.model.population_prior import digest_of
 from ldbb_bayes.notebook import table_html
 from ldbb_bayes.report.plain import json_text
-from ldbb_bayes.units import display_name, display_unit
+from ldbb_bayes.units import display_name, display_unit, units_for
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "Summary"]
 
@@ -145,6 +145,8 @@ class Population:
         What to mind.
     compliances : mapping of compliance to mapping
         What they stand for, where the batch says it.
+    readings : tuple of str
+        Digests of the campaigns' readings, so that none of them takes its prior from what it said itself.
     judged : bool
         Whether of every machine readings tell something and its p-value can be trusted: only then none standing out means that.
     """
@@ -164,6 +166,7 @@ class Population:
     doubts: tuple[str, ...]
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
     judged: bool = True
+    readings: tuple[str, ...] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
@@ -201,27 +204,36 @@ class Population:
             },
             "machine": {name: own.as_dict(key) for name, own in self.machine.items()},
             "not_belonging": list(self.not_belonging),
+            "readings_sha256": list(self.readings),
             "doubts": list(self.doubts),
         }
         return {**record, "sha256": digest_of(json.loads(json_text(record)))}
 
+    def sizes(self) -> dict[str, list[float]]:
+        """Sizes of means and machines by inside unit, for `units_for`."""
+        found: dict[str, list[float]] = {}
+        for own in self.parameters.values():
+            found.setdefault(own.unit, []).extend((own.mean.mean, own.next.mean))
+        return found
+
     def table(self) -> pd.DataFrame:
         """One row per parameter, in units for reading."""
         rows = {}
-        for name, own in self.parameters.items():
-            factor, unit = display_unit(own.unit)
-            rows[display_name(name)] = {
-                "unit": unit,
-                "mean": own.mean.mean * factor,
-                "u of the mean": own.mean.sd * factor,
-                "from the instrument": own.instrument_sd * factor,
-                "spread": own.spread.mean * factor,
-                "spread, low": own.spread.interval[0] * factor,
-                "spread, high": own.spread.interval[1] * factor,
-                "spread (%)": None if own.percent is None else own.percent.mean,
-                "next machine": own.next.mean * factor,
-                "u of the next": own.next.sd * factor,
-            }
+        with units_for(self.sizes()):
+            for name, own in self.parameters.items():
+                factor, unit = display_unit(own.unit)
+                rows[display_name(name)] = {
+                    "unit": unit,
+                    "mean": own.mean.mean * factor,
+                    "u of the mean": own.mean.sd * factor,
+                    "from the instrument": own.instrument_sd * factor,
+                    "spread": own.spread.mean * factor,
+                    "spread, low": own.spread.interval[0] * factor,
+                    "spread, high": own.spread.interval[1] * factor,
+                    "spread (%)": None if own.percent is None else own.percent.mean,
+                    "next machine": own.next.mean * factor,
+                    "u of the next": own.next.sd * factor,
+                }
         return pd.DataFrame.from_dict(rows, orient="index")
 
     def machines_table(self) -> pd.DataFrame:
@@ -290,6 +302,11 @@ def _of_parameter(own: PooledParameter, key: str) -> dict[str, Any]:
 def _said(own: PooledMachine) -> str:
     worst = max(own.z, key=lambda name: abs(own.z[name]))
     return (
-        f"{own.name} does not belong with the others: p = {own.family_wise_p_value:.2g} over all machines, most in "
+        f"{own.name} does not belong with the others: p {_p_value(own.family_wise_p_value)} over all machines, most in "
         f"{display_name(worst)} (z = {own.z[worst]:+.1f})."
     )
+
+
+def _p_value(value: float | None) -> str:
+    """With its sign: never quite 0."""
+    return "–" if value is None else "< 0.0001" if value < 1e-4 else f"= {value:.2g}"

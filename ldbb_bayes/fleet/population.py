@@ -14,7 +14,8 @@ import pandas as pd
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.belonging_machines import FEWEST, belonging_machines
-from ldbb_bayes.fleet.doubts import doubts_of, doubts_of_rows, narrow_forces
+from ldbb_bayes.fleet.choosing import Wanted
+from ldbb_bayes.fleet.doubts import doubts_of, doubts_of_machines, narrow_forces
 from ldbb_bayes.fleet.pooled import Population
 from ldbb_bayes.fleet.pooling import pooling
 from ldbb_bayes.fleet.repeats import changed_machines
@@ -34,6 +35,9 @@ def population(
     rows: pd.DataFrame,
     *,
     parameters: Sequence[str] | None = None,
+    exclude: Sequence[str] = (),
+    since: str | None = None,
+    include_misfits: bool = False,
     reference_force_N: float | None = None,
     spread_scale: float = 0.3,
     one_instrument: bool = True,
@@ -49,6 +53,12 @@ def population(
         Of `read_batch`: one row per campaign; campaigns without machine_id count as machines of their own.
     parameters : sequence of str, optional
         Compliances or geometric errors; default: all constant compliances.
+    exclude : sequence of str
+        Campaigns (path as given, last part of it, or name) and machines to leave out.
+    since : str, optional
+        ISO 8601 date; campaigns before it are left out.
+    include_misfits : bool
+        Keep campaigns whose readings the model does not expect, see `Wanted`.
     reference_force_N : float, optional
         Force at which compliances are meant. Default: the median of the campaigns' own.
     spread_scale : float
@@ -75,16 +85,22 @@ def population(
     if missing:
         raise InputError(f"rows must be the table of a batch, got one without {missing[0]}. Give what read_batch returns.")
     _check_options(spread_scale, ci_prob, reference_force_N)
-    silent = (rows["status"] == "done") & rows["gaussian_names"].isna()
+    choice = Wanted(exclude, since, include_misfits).choose(rows)
     statistics = fleet_statistics(
-        rows if silent.sum() == (rows["status"] == "done").sum() else rows[~silent],
+        choice.rows,
         parameters=parameters,
         reference_force_N=reference_force_N,
         one_instrument=one_instrument,
     )
+    machines = set(statistics.machines)
+    if len(machines) < 2:
+        why = " ".join(("Add campaigns of others.", *choice.notes))
+        raise InputError(f"a population must have at least two machines, got only {machines.pop()}. {why}")
     found = pool(statistics, spread_scale=spread_scale, ci_prob=ci_prob, seed=seed, progress=progress)
-    narrow = narrow_forces(rows[(rows["status"] == "done") & ~silent], statistics.parameters) if one_instrument else ()
-    return replace(found, doubts=(*doubts_of_rows(rows), *narrow, *found.doubts))
+    narrow = narrow_forces(choice.rows, statistics.parameters) if one_instrument else ()
+    readings = tuple(str(own) for own in choice.rows.get("sha256", ()) if isinstance(own, str))
+    doubts = (*choice.doubts(), *doubts_of_machines(choice.rows), *narrow, *found.doubts)
+    return replace(found, doubts=doubts, readings=readings)
 
 
 def _check_options(spread_scale: float, ci_prob: float, reference_force_N: float | None) -> None:

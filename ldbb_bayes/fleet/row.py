@@ -1,6 +1,7 @@
 """One campaign of a batch: read, fitted and summed up in a row; whatever goes wrong with it stays in that row.
 
-A row holds nothing of when, where or how fast it was made: it is the same on every executor, to the last bit.
+A row holds nothing of when, where or how fast it was made: but for its stamp, which stays in the journal, it is the same on every
+executor, to the last bit.
 """
 
 from __future__ import annotations

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Sized
 
 import numpy as np
 import pandas as pd
 
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.fleet.choosing import Choice, labels, listed
 from ldbb_bayes.fleet.doubts import narrow_forces
 from ldbb_bayes.fleet.statistics import FleetStatistics
-from ldbb_bayes.model.wording import joined
 
-__all__ = ["doubts_of", "order_of", "rows_of", "silent_of"]
-
-_NAMED = 5
+__all__ = ["doubts_of", "order_of", "rows_of"]
 
 
 def rows_of(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFrame, list[str]]:
@@ -41,16 +38,11 @@ def rows_of(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFrame, list
     notes = []
     unread = ~named & (rows["status"] != "done")
     if unread.any():
-        notes.append(f"Left out, for they could not be fitted, and whose they are is not known: {_listed(_names(rows[unread]))}.")
+        notes.append(f"Left out, for they could not be fitted, and whose they are is not known: {listed(labels(rows[unread]))}.")
     nameless = ~named & ~unread
     if nameless.any():
-        notes.append(f"Left out for naming no machine: {_listed(_names(rows[nameless]))}.")
+        notes.append(f"Left out for naming no machine: {listed(labels(rows[nameless]))}.")
     return rows[ids == (machine or known[0])], notes
-
-
-def silent_of(rows: pd.DataFrame) -> pd.Series[bool]:
-    """Campaigns that were fitted without sufficient statistics."""
-    return (rows["status"] == "done") & rows["gaussian_names"].isna()
 
 
 def order_of(statistics: FleetStatistics) -> list[int]:
@@ -64,40 +56,16 @@ def order_of(statistics: FleetStatistics) -> list[int]:
     missing = [name for name, date in zip(statistics.campaigns, statistics.dates, strict=True) if date is None]
     if missing and len(missing) < len(statistics):
         raise InputError(
-            f"campaigns must have a date all or none, got none for {_listed(missing)}. Write date = … into campaign.toml, "
+            f"campaigns must have a date all or none, got none for {listed(missing)}. Write date = … into campaign.toml, "
             "or take all dates out and give the campaigns in order."
         )
     stamps = [0.0 if date is None else date.timestamp() for date in statistics.dates]
     return [int(place) for place in np.argsort(stamps, kind="stable")]
 
 
-def doubts_of(rows: pd.DataFrame, statistics: FleetStatistics, *, one_bar: bool = True) -> list[str]:
+def doubts_of(choice: Choice, statistics: FleetStatistics, *, one_bar: bool = True) -> list[str]:
     """Campaigns not to be relied on, and what they do not have in common."""
-    silent = silent_of(rows)
-    done = rows[(rows["status"] == "done") & ~silent]
-    said = []
-    failed = rows[rows["status"] != "done"]
-    if len(failed):
-        said.append(f"Left out, for they could not be fitted: {_listed(_names(failed))}.")
-    if silent.any():
-        said.append(
-            f"Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): "
-            f"{_listed(_names(rows[silent]))}."
-        )
-    if "converged" in done:
-        lost = done[[not pd.isna(own) and not own for own in done["converged"]]]
-        if len(lost):
-            said.append(f"Not converged, refit with more draws: {_listed(_names(lost))}.")
-    if "misfits" in done:
-        unfit = done[[isinstance(own, Sized) and len(own) > 0 for own in done["misfits"]]]
-        if len(unfit):
-            said.append(f"The model does not describe all readings of: {_listed(_names(unfit))}.")
-    if "sha256" in done:
-        twice = done[done["sha256"].notna() & done["sha256"].duplicated(keep=False)]
-        if len(twice):
-            said.append(f"The same readings more than once, counted as campaigns of their own: {_listed(_names(twice))}.")
-    if "model_sha256" in done and done["model_sha256"].nunique(dropna=True) > 1:
-        said.append("The campaigns were fitted with different models or priors; each one's priors are divided out.")
+    said = list(choice.doubts())
     low, high = statistics.forces_N
     if not low <= statistics.reference_force_N <= high:
         said.append(
@@ -107,19 +75,11 @@ def doubts_of(rows: pd.DataFrame, statistics: FleetStatistics, *, one_bar: bool 
             else "The campaigns have no tested forces in common: compliances are extrapolated."
         )
     if one_bar:
-        said += narrow_forces(done, statistics.parameters)
+        said += narrow_forces(choice.rows, statistics.parameters)
     if all(date is None for date in statistics.dates):
         said.append("No campaign has a date: the order given is taken as that of time.")
+    elif len(set(statistics.dates)) < len(statistics):
+        said.append("Some campaigns have the same date: of those the order given is taken as that of time. A time of day tells.")
     if len(statistics) == 2:
         said.append("With two campaigns only the assumptions tell a change from what the machine changes every time.")
     return said
-
-
-def _names(rows: pd.DataFrame) -> list[str]:
-    own = rows["name"] if "name" in rows else rows["campaign"]
-    return [str(name if isinstance(name, str) else path) for name, path in zip(own, rows["campaign"], strict=True)]
-
-
-def _listed(names: Iterable[str]) -> str:
-    every = list(names)
-    return joined(every if len(every) <= _NAMED else [*every[: _NAMED - 1], f"{len(every) - _NAMED + 1} more"])

@@ -24,13 +24,14 @@ from ldbb_bayes.fleet.scales import reference_sd
 from ldbb_bayes.inference.sufficient import INSTRUMENT
 from ldbb_bayes.model.meaning import Meaning, same_meaning
 
-__all__ = ["FLEET_COLUMNS", "FleetStatistics", "fleet_statistics"]
+__all__ = ["FLEET_COLUMNS", "FleetStatistics", "fleet_statistics", "moment_of"]
 
 Array = NDArray[Any]
 # What is asked of the rows of a batch here, and where their campaigns are doubted.
 FLEET_COLUMNS = (
     *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances"),
     *("force_min_N", "force_max_N", "reference_force_N", "model_sha256", "converged", "misfits"),
+    "log_prob_truncation",
     *("gaussian_names", "gaussian_units", "gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"),
 )
 _SLOPE = re.compile(r"(C_.+)_([12])")
@@ -96,7 +97,7 @@ def fleet_statistics(
     Parameters
     ----------
     rows : DataFrame
-        Of `read_batch`; failed campaigns are left out.
+        Of `read_batch`, chosen by `Wanted`; failed campaigns are left out.
     parameters : sequence of str, optional
         Compliances or geometric errors; default: all constant compliances.
     reference_force_N : float, optional
@@ -156,7 +157,7 @@ def fleet_statistics(
         machines=tuple(
             str(own if isinstance(own, str) else name) for own, name in zip(usable["machine_id"], usable["campaign"], strict=True)
         ),
-        dates=tuple(_when(own) for own in usable["date"]),
+        dates=tuple(moment_of(own) if isinstance(own, str) else None for own in usable["date"]),
         parameters=chosen,
         units=tuple(units[name] for name in chosen),
         instrument=shared,
@@ -232,9 +233,12 @@ class _Moments:
         return information / inside, kept @ (kept.T @ weight) / scale
 
 
-def _when(date: object) -> datetime | None:
-    """Without a time zone a date is taken as UTC."""
-    if not isinstance(date, str):
-        return None
+def moment_of(date: str) -> datetime:
+    """A date or time in ISO 8601 as one in UTC, without a time zone taken as such.
+
+    Raises
+    ------
+    ValueError
+    """
     found = datetime.fromisoformat(date)
     return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)

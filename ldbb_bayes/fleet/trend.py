@@ -16,9 +16,10 @@ import pandas as pd
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.change import Series, carry, scatter_rule, steps_of, weigh
+from ldbb_bayes.fleet.choosing import Wanted, labels
 from ldbb_bayes.fleet.control import chart_of, instrument_moments, levels_of
 from ldbb_bayes.fleet.detection import detection
-from ldbb_bayes.fleet.series import doubts_of, order_of, rows_of, silent_of
+from ldbb_bayes.fleet.series import doubts_of, order_of, rows_of
 from ldbb_bayes.fleet.statistics import fleet_statistics
 from ldbb_bayes.fleet.trend_rows import changes_of, estimates_of, most_probable
 from ldbb_bayes.fleet.trend_words import verdict_of
@@ -38,6 +39,9 @@ def trend(
     *,
     machine: str | None = None,
     parameters: Sequence[str] | None = None,
+    exclude: Sequence[str] = (),
+    since: str | None = None,
+    include_misfits: bool = False,
     reference_force_N: float | None = None,
     one_instrument: bool = True,
     change_scale: float = 0.2,
@@ -54,11 +58,18 @@ def trend(
     Parameters
     ----------
     rows : DataFrame
-        Of `read_batch`; campaigns that failed or have no sufficient statistics are left out and named.
+        Of `read_batch`; campaigns that failed, have no sufficient statistics or readings that the model does not expect are left
+        out and named.
     machine : str, optional
         Needed where the rows are of several.
     parameters : sequence of str, optional
         Compliances or geometric errors; default: all constant compliances.
+    exclude : sequence of str
+        Campaigns (path as given, last part of it, or name) to leave out.
+    since : str, optional
+        ISO 8601 date; campaigns before it are left out.
+    include_misfits : bool
+        Keep campaigns whose readings the model does not expect, see `Wanted`.
     reference_force_N : float, optional
         Force at which compliances are meant; default: the median of the campaigns' own.
     one_instrument : bool
@@ -88,20 +99,18 @@ def trend(
     check_probability(ci_prob)
     _check(change_scale, repeatability, probability, threshold, detect)
     chosen, notes = rows_of(rows, machine)
-    silent = silent_of(chosen)
-    usable = chosen if silent.sum() == (chosen["status"] == "done").sum() else chosen[~silent]
+    choice = Wanted(exclude, since, include_misfits).choose(chosen)
     statistics = fleet_statistics(
-        usable, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
+        choice.rows, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
     )
     if len(statistics) < 2:
         raise InputError(
-            f"a trend must have at least 2 campaigns of one machine that were fitted, got {len(statistics)}. Measure again."
+            f"a trend must have at least 2 campaigns of one machine to rely on, got {len(statistics)}. "
+            + " ".join(("Measure again.", *notes, *choice.notes))
         )
     order = order_of(statistics)
     series = Series.of(statistics, order)
-    done = usable[usable["status"] == "done"].iloc[order]
-    names = tuple(str(name) for name in (done["name"] if "name" in done else done["campaign"]))
-    names = names if len(set(names)) == len(names) else tuple(statistics.campaigns[i] for i in order)
+    names = tuple(labels(choice.rows.iloc[order]))
 
     scatter, prior = scatter_rule(repeatability)
     carried = carry(series, scatter)
@@ -115,7 +124,7 @@ def trend(
     n = len(series)
     by_time = np.concatenate([[0.0], weights.change.sum(axis=(0, 2))])
     likely = most_probable(statistics, steps, weights, chart, levels, ci_prob)
-    since = n - likely.place if total > threshold else n
+    seen = n - likely.place if total > threshold else n
 
     mean, sd = statistics.prior_mean, statistics.prior_sd
     now = mean + sd * levels.mean[-1]
@@ -125,7 +134,7 @@ def trend(
         series.parameters,
         np.concatenate([levels.mean[-1], moments[0]]),
         np.where(known, detect * now / sd, np.nan),
-        before=since,
+        before=seen,
         scatter=(scatter, weights.scatter),
         change_scale=change_scale,
         repeatability=repeatability,
@@ -162,7 +171,7 @@ def trend(
         estimates=estimates_of(statistics, names, order, chart, levels, weights, ci_prob),
         sensitivity=_sensitivity(series, change_scale, repeatability, probability),
         detection=soon,
-        doubts=(*notes, *doubts_of(chosen, statistics, one_bar=one_instrument)),
+        doubts=(*notes, *doubts_of(choice, statistics, one_bar=one_instrument)),
         verdict=(),
     )
     return replace(result, verdict=verdict_of(result))

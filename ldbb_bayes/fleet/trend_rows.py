@@ -121,7 +121,7 @@ def estimates_of(
                     "level_low": level_low,
                     "level_high": level_high,
                     "change_here": here[t, j],
-                    "changed": changed[t, j],
+                    "change_by_here": changed[t, j],
                 }
             )
     return pd.DataFrame(rows)

@@ -90,6 +90,8 @@ def _prediction(trend: Trend) -> list[str]:
 
 def _share(share: float, error: float) -> str:
     digits = 3 if error < 0.0095 else 2
+    if share < error:
+        return f"below {share + 2.0 * error:.{digits}f}"
     return f"{share:.{digits}f} ± {error:.{digits}f}"
 
 

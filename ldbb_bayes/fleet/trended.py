@@ -101,7 +101,7 @@ class Trend:
     estimates : DataFrame
         One row per campaign and parameter, inside units: campaign, date, parameter, unit, estimate, sd, ci_low, ci_high (of this
         campaign alone), limit_low, limit_high (99.7 % from the campaigns before, no change), outside, level, level_low,
-        level_high, change_here, changed (probabilities). The instrument's errors are at their posterior mean throughout.
+        level_high, change_here, change_by_here (probabilities). The instrument's errors are at their posterior mean throughout.
     sensitivity : mapping of assumption to probability of a change
     detection : Detection
     doubts, verdict : tuple of str
@@ -183,7 +183,7 @@ class Trend:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, inside units."""
-        soon = self.detection
+        soon, ci = self.detection, f"ci{100 * self.assumptions['ci']:g}"
         return {
             "machine": self.machine,
             "reference_force_N": self.reference_force_N,
@@ -198,9 +198,9 @@ class Trend:
                 name: {
                     "unit": own.unit,
                     "probability": own.probability,
-                    "change": {"mean": own.size, "sd": own.sd, "ci": list(own.interval)},
+                    "change": {"mean": own.size, "sd": own.sd, ci: list(own.interval)},
                     "percent": own.percent,
-                    "percent_ci": None if own.percent_interval is None else list(own.percent_interval),
+                    f"percent_{ci}": None if own.percent_interval is None else list(own.percent_interval),
                     "level_before": own.before,
                     "level_now": own.level,
                     "level_now_sd": own.level_sd,
@@ -220,10 +220,10 @@ class Trend:
                 "change": {
                     "mean": self.most_probable.change.size,
                     "sd": self.most_probable.change.sd,
-                    "ci": list(self.most_probable.change.interval),
+                    ci: list(self.most_probable.change.interval),
                 },
             },
-            "scatter": {"mean": self.scatter[0], "ci": list(self.scatter[1:])},
+            "scatter": {"mean": self.scatter[0], ci: list(self.scatter[1:])},
             "sensitivity": dict(self.sensitivity),
             "false_alarm": {
                 "within": [float(one) for one in soon.false_alarm],

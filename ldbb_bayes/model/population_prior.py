@@ -29,7 +29,7 @@ from ldbb_bayes.model.prior import compliance_unit
 __all__ = ["FILE", "PopulationPrior", "digest_of", "prior_from"]
 
 FILE = "population.json"
-_LARGEST_BYTES = 16 * 2**20
+_LARGEST_BYTES = 128 * 2**20
 _FEW = 6
 _COMPLIANCE = re.compile(r"C_([XYZABC])([XYZABC])([A-Z])")
 _SAME_FORCE = 1e-9
@@ -45,7 +45,7 @@ class PopulationPrior:
     reference_force_N : float
         F0, at which the compliances are meant.
     machines, campaigns : int
-        How many it rests on. The campaign to be fitted must not be one of them: its readings would count twice.
+        How many it rests on.
     means, sds : mapping of compliance to prior mean and sd
         In inside units (mm, N, rad).
     sha256 : str
@@ -59,6 +59,10 @@ class PopulationPrior:
         Whether the population's spreads could be computed as well as it asks for.
     not_belonging : tuple of str
         Machines in it that stand out from the others.
+    machine_ids : frozenset of str
+        The machines.
+    readings : frozenset of str
+        SHA-256 of the campaigns.
     """
 
     reference_force_N: float
@@ -72,6 +76,8 @@ class PopulationPrior:
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
     trusted: bool = True
     not_belonging: tuple[str, ...] = ()
+    machine_ids: frozenset[str] = frozenset()
+    readings: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for name in ("means", "sds", "compliances"):
@@ -115,11 +121,21 @@ class PopulationPrior:
         Raises
         ------
         InputError
-            For a machine that the population does not speak of.
+            For a machine that the population does not speak of, or a campaign that is in it.
         """
         check_campaign(campaign)
         self._check_machine(campaign)
+        if campaign.sha256 in self.readings:
+            raise InputError(
+                "the campaign must not be in the population that gives its prior, got readings that it was made from: they would "
+                "count twice. Make the population without it (--exclude), or fit without --prior-from."
+            )
         found = []
+        if campaign.machine_id in self.machine_ids:
+            found.append(
+                f"The population has campaigns of this machine ({campaign.machine_id}): its prior is that of a machine not seen "
+                "before, and wider than what is known of this one."
+            )
         low, high = float(campaign.forces_N.min()), float(campaign.forces_N.max())
         if not low <= self.reference_force_N <= high:
             found.append(
@@ -185,6 +201,8 @@ class _File(BaseModel):
     compliances: dict[str, dict[_Name, FiniteFloat]] = Field(default_factory=dict)
     trusted: bool = True
     not_belonging: list[str] = Field(default_factory=list)
+    machine: dict[str, Any] = Field(default_factory=dict)
+    readings_sha256: list[str] = Field(default_factory=list)
     next_: Annotated[dict[str, _Entry], Field(alias="next", min_length=1)]
     sha256: Annotated[str, Field(min_length=1, max_length=128)]
 
@@ -224,6 +242,8 @@ def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
         read.compliances,
         read.trusted,
         tuple(read.not_belonging),
+        frozenset(read.machine),
+        frozenset(read.readings_sha256),
     )
 
 

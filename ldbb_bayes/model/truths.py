@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -11,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.campaign.folder import LARGEST_PLAN
+from ldbb_bayes.campaign.folder import LARGEST_PLAN, iso
 from ldbb_bayes.campaign.loading import MountCompensation
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.toml import read_toml
@@ -30,6 +31,8 @@ class _TruthsFile(BaseModel):
     resolution_um: float = 0.24
     compensated: bool = True
     exact: bool = False
+    machine_id: str | None = None
+    date: dt.datetime | dt.date | str | None = None
     parameters: dict[str, float] | None = None
     hyper_um: dict[str, float] = Field(default_factory=dict)
 
@@ -103,4 +106,6 @@ def _plan(file: _TruthsFile, name: str) -> Campaign:
         resolution_um=file.resolution_um,
         mount=MountCompensation(compensated=file.compensated),
         name=name,
+        machine_id=file.machine_id,
+        date=iso(file.date),
     )

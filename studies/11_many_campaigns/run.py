@@ -110,7 +110,13 @@ def population(rows: pd.DataFrame) -> dict[str, Any]:
     errors = rows.filter(regex="^error C_").mean()
     found["error_ratio"] = {str(name).rsplit(" ", 1)[1]: float(value) for name, value in errors.items()}
     found["flagged_share"] = float(rows["not belonging"].gt(0).mean())
+    found["flagged_error"] = counting_error(int(rows["not belonging"].gt(0).sum()), len(rows))
     return found
+
+
+def counting_error(found: int, of: int) -> float:
+    """Standard deviation of a share after counting, from a uniform prior: not 0 where all or none were found."""
+    return float(np.sqrt((found + 1.0) * (of - found + 1.0) / ((of + 2.0) ** 2 * (of + 3.0))))
 
 
 def found_in_time(rows: pd.DataFrame) -> dict[str, Any]:
@@ -125,7 +131,7 @@ def found_in_time(rows: pd.DataFrame) -> dict[str, Any]:
         "median_promise": float(told["promised"].median()),
         "in_time": int(early.sum()),
         "in_time_share": float(early.mean()),
-        "in_time_error": float(np.sqrt(early.mean() * (1.0 - early.mean()) / len(told))),
+        "in_time_error": counting_error(int(early.sum()), len(told)),
         "median_found": float(told.loc[told["found"] > 0, "found"].median()),
         "found_at_all": int((told["found"] > 0).sum()),
         "right_parameter": int(told["right"].sum()),

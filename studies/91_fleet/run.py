@@ -1,6 +1,6 @@
 """How many campaigns a second, on how many workers, in how much memory; and what a million on a cluster would take.
 
-python studies/91_fleet/run.py                        # by hand, half an hour on two cores, nothing else running
+python studies/91_fleet/run.py                        # by hand, three quarters of an hour on two cores, nothing else running
 python studies/91_fleet/run.py --quick --out fleet    # small: shows that it runs
 """
 

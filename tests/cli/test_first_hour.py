@@ -130,7 +130,7 @@ def test_preview_is_silent_on_a_good_campaign() -> None:
 def test_simulate_from_truths(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truths = tmp_path / "truths.toml"
     truths.write_text(
-        "schema = 1\nforces_N = [50.0, 300.0, 700.0]\nreadings = 90\n"
+        'schema = 1\nforces_N = [50.0, 300.0, 700.0]\nreadings = 90\nmachine_id = "VMC 07"\ndate = 2026-11-20\n'
         "[parameters]\nC_XXX = 6e-5\nC_YYY = 4e-5\n[hyper_um]\nsigma = 0.2\ndelta = 0.0\nkappa = 0.0\ntau = 0.0\n"
     )
     options = ["--without", "bar-length,mount,force-error", "--seed", "3"]
@@ -138,6 +138,7 @@ def test_simulate_from_truths(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     campaign = lb.read_campaign(tmp_path / "c")
     truth = json.loads((tmp_path / "c" / "truth.json").read_text())
     assert truth["sha256"] == campaign.sha256
+    assert (campaign.machine_id, campaign.date) == ("VMC 07", "2026-11-20")
     assert truth["parameters"]["C_XXX"] == 6e-5
     angle = campaign.tests[2].angles_rad()
     expected = 700.0 * (6e-5 * np.cos(angle) ** 2 + 4e-5 * np.sin(angle) ** 2)

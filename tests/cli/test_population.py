@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 import ldbb_bayes as lb
 from ldbb_bayes.cli.main import app
 from ldbb_bayes.cli.population import POPULATION_FILES
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.pooled import digest_of
 from ldbb_bayes.model.spec import model_to_toml
 
@@ -67,9 +68,15 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path) -> None:
     own = record["machine"]["M0"]["estimate"]["C_XXX"]
     assert abs(own["mean"] - STIFF) < 4.0 * own["sd"]
     doubts = " ".join(record["doubts"])
-    assert "1 campaign could not be fitted and is left out: " in doubts
-    assert "1 campaign names no machine and counts as a machine of its own: " in doubts
+    assert "Left out, for they could not be fitted: " in doubts
+    assert "Naming no machine, each counted as one of its own: " in doubts
     assert "Where the population gives the prior of a campaign with the same bar they are counted again." in doubts
+    assert record["readings_sha256"] == lb.read_batch(rows)["sha256"].dropna().tolist()
+    again = lb.prior_from(out)
+    with pytest.raises(InputError, match="must not be in the population that gives its prior"):
+        again.doubts(lb.read_campaign(rows.parent / "c3"))
+    other = replace(lb.read_campaign(rows.parent / "c3"), resolution_um=0.25)
+    assert any("has campaigns of this machine (M3)" in doubt for doubt in again.doubts(other))
     table = pd.read_csv(out / "machines.csv", index_col="machine")
     assert table.loc["M0", "flag"]
     assert table.loc["M5", "C_XXX.mean"] == pytest.approx(record["machine"]["M5"]["estimate"]["C_XXX"]["mean"])
@@ -82,7 +89,7 @@ def test_what_it_prints(rows: Path, tmp_path: Path) -> None:
     code, stdout, stderr = invoke(rows, "--out", tmp_path / "p", "--parameters", "C_XXX", "--own-instruments", "--ci", 0.9)
     assert code == 0, stderr
     shown = " ".join(stdout.split())
-    for part in ("C_XXX", "µm/N", "90 %", "next machine", "M0 does not belong with the others: p = ", "population.json"):
+    for part in ("C_XXX", "nm/N", "90 %", "next machine", "M0 does not belong with the others: p ", "population.json"):
         assert part in shown
     assert "one bar" not in shown
     assert lb.population(lb.read_batch(rows), parameters=["C_XXX"], one_instrument=False).not_belonging == ("M0",)
@@ -92,15 +99,15 @@ def test_flat_campaigns_are_left_out(rows: Path) -> None:
     table = lb.read_batch(rows)
     table.at[2, "gaussian_names"] = None
     table["converged"] = table.index != 3
-    table.at[4, "misfits"] = ["f400"]
+    table.at[4, "misfits"] = ["white noise of f400"]
     table.at[6, "sha256"] = table.at[1, "sha256"]
     found = lb.population(table, parameters=["C_XXX"])
     assert found.campaigns == 6
     said = " ".join(found.doubts)
-    assert "1 campaign has no sufficient statistics (flat priors, or a breakdown: see warnings) and is left out: " in said
-    assert "1 campaign did not converge: " in said
-    assert "1 campaign has tests that the model does not fit: " in said
-    assert "2 campaigns hold the readings of others and count twice: " in said
+    assert "Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): " in said
+    assert "Not converged, refit with more draws: " in said
+    assert "Noise that is not white, so that uncertainties may be too small: " in said
+    assert "The same readings more than once, counted as campaigns of their own: " in said
 
 
 @pytest.mark.parametrize(
@@ -109,6 +116,8 @@ def test_flat_campaigns_are_left_out(rows: Path) -> None:
         (("--parameters", "C_XX"), "Did you mean 'C_XYX'?"),
         (("--parameters", ""), "parameters must be given once each, got none"),
         (("--spread-scale", 0), "spread_scale must be a finite number above zero, got 0"),
+        (("--exclude", "M9"), "must be a campaign or machine of the batch, got 'M9'"),
+        (("--since", "last year"), "since must be a date or time in ISO 8601"),
         (("--ci", 95), "ci_prob must lie between 0 and 1"),
         (("--reference-force", "nan"), "reference_force_N must be a finite number"),
     ],

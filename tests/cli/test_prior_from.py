@@ -47,6 +47,7 @@ def test_fit(folders: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureF
     said = capsys.readouterr()
     record = json.loads(said.out)
     assert record["prior_from"]["sha256"] == digest_of(RESULT)
+    assert (record["prior_from"]["machines"], record["prior_from"]["path"]) == (4, str(population))
     (doubt,) = record["prior_from"]["doubts"]
     assert doubt.startswith("The population has 4 machines, fewer than 6")
     assert f"--prior-from: {doubt}" in said.err

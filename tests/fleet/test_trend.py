@@ -197,6 +197,7 @@ def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
     assert any("No campaign has a date" in doubt for doubt in undated.doubts)
     assert "between c06 and c07" in " ".join(undated.verdict)
     same = lb.trend(rows.assign(date="2026-01-01"))
+    assert any("Some campaigns have the same date" in doubt for doubt in same.doubts)
     assert same.campaigns == found.campaigns
     zoned = rows.assign(date=["2026-01-01T12:00:00+02:00", "2026-01-01T11:00:00", *["2026-02-01"] * 8])
     assert lb.trend(zoned).campaigns[:2] == ("c01", "c02")
@@ -250,8 +251,8 @@ def test_one_bar_is_in_every_level(rows: pd.DataFrame) -> None:
     few = rows.assign(force_min_N=[300.0, *[36.0] * 9])
     one, own = lb.trend(few), lb.trend(few, one_instrument=False)
     assert [doubt for doubt in one.doubts if "span little" in doubt] == [
-        "1 campaign has forces that span little (the greatest below 3 times the least): length and ball form of the one bar look "
-        "like compliances and do not average out: year/c01."
+        "Forces that span little (the greatest below 3 times the least), so that length and ball form of the one bar look like "
+        "compliances and do not average out: c01."
     ]
     assert "conservative for changes, not for levels" in one.verdict[-1]
     assert "span little" not in " ".join(own.doubts)
@@ -264,15 +265,15 @@ def test_doubts(rows: pd.DataFrame) -> None:
     doubtful = rows.assign(
         status=["failed", *["done"] * 9],
         converged=[True, False, *[True] * 8],
-        misfits=[[], [], ["f036"], *[[]] * 7],
+        misfits=[[], [], ["autocorrelation of f036"], *[[]] * 7],
         sha256=[str(i) for i in (0, 1, 2, 3, 3, 5, 6, 7, 8, 9)],
         model_sha256=["a"] * 5 + ["b"] * 5,
     )
     said = " ".join(lb.trend(doubtful, reference_force_N=20.0).doubts)
     assert "could not be fitted: c01." in said
     assert "Not converged, refit with more draws: c02." in said
-    assert "does not describe all readings of: c03." in said
-    assert "counted as campaigns of their own: c04 and c05." in said
+    assert "Noise that is not white, so that uncertainties may be too small: c03." in said
+    assert "counted as campaigns of their own: c04, c05." in said
     assert "different models or priors" in said
     assert "20 N, was not within the tested forces" in said
     assert "With two campaigns" in lb.trend(rows[:2]).doubts[-1]
@@ -299,7 +300,7 @@ def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], said: s
 
 
 def test_too_few(rows: pd.DataFrame) -> None:
-    with pytest.raises(InputError, match="at least 2 campaigns of one machine that were fitted, got 1"):
+    with pytest.raises(InputError, match="at least 2 campaigns of one machine to rely on, got 1"):
         lb.trend(rows[:1])
 
 
@@ -314,7 +315,7 @@ def test_what_is_shown(found: Trend) -> None:
         "date": "2025-07-14T00:00:00+00:00",
         "change_just_before": pytest.approx(found.by_time[6]),
     }
-    assert record["parameters"]["C_XXX"]["change"]["ci"] == pytest.approx(found.parameters["C_XXX"].interval)
+    assert record["parameters"]["C_XXX"]["change"]["ci95"] == pytest.approx(found.parameters["C_XXX"].interval)
     assert len(found.estimates) == 60
     assert found.estimates["limit_low"].isna().sum() == 6
     shown = found._repr_html_()

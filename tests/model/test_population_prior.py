@@ -155,6 +155,6 @@ def test_what_is_no_file_or_no_json(tmp_path: Path) -> None:
         (tmp_path / "population.json").write_bytes(content)
         with pytest.raises(InputError, match=r"must be a population's result, got .*unchanged\."):
             lb.prior_from(tmp_path)
-    (tmp_path / "population.json").write_bytes(b" " * (16 * 2**20 + 1))
-    with pytest.raises(InputError, match="must be at most 16 MB, got more"):
+    (tmp_path / "population.json").write_bytes(b" " * (128 * 2**20 + 1))
+    with pytest.raises(InputError, match="must be at most 128 MB, got more"):
         lb.prior_from(tmp_path)
