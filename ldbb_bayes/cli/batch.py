@@ -175,9 +175,10 @@ def _print(done: Batch) -> None:
     console.print(table)
     if done.failures:
         _list(console, "Failed", done.failures, done.failed)
-        console.print("Failed campaigns are rows too. Mend them and do them again with --resume --retry.", markup=False)
     if done.doubts:
         _list(console, "To look at", done.doubts, done.not_converged + done.doubtful)
+    if done.failures or done.doubts:
+        console.print("Each is a row too. What has been mended is done again with --resume --retry.", markup=False)
     if done.fitted:
         rate = done.fitted / max(done.seconds, 1e-9)
         console.print(f"{done.fitted} campaigns in {done.seconds:.1f} s: {rate:.3g} a second.", markup=False)

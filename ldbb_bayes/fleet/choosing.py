@@ -44,13 +44,15 @@ class Wanted:
     since: str | None = None
     misfits: bool = False
 
-    def choose(self, rows: pd.DataFrame) -> Choice:
+    def choose(self, rows: pd.DataFrame, among: pd.DataFrame | None = None) -> Choice:
         """The rows to rely on.
 
         Parameters
         ----------
         rows : DataFrame
             Of `read_batch`; of columns that it lacks nothing is said.
+        among : DataFrame, optional
+            The whole batch, what ``exclude`` may name; default: the rows.
 
         Raises
         ------
@@ -58,7 +60,7 @@ class Wanted:
             For unknown names, a date that is none, or nothing left.
         """
         choice = Choice(rows)
-        choice = choice.without(_named(rows, self.exclude), "as was asked for")
+        choice = choice.without(_named(rows, self.exclude, rows if among is None else among), "as was asked for")
         if self.since is not None:
             choice = choice.without(_before(choice.rows, self.since), f"for no date, or one before {self.since}")
         if choice.rows.empty:
@@ -77,6 +79,9 @@ class Wanted:
                 f"campaigns must have sufficient statistics, got none of {len(rows)} (flat priors, or a breakdown: see "
                 "warnings). Run the batch with proper priors."
             )
+        if "sha256" in choice.rows:
+            again = choice.rows["sha256"].notna() & choice.rows["sha256"].duplicated()
+            choice = choice.without(again, "for their readings are those of campaigns before them")
         unfit = _unfit(choice.rows)
         if self.misfits:
             return choice.saying(unfit, "The model does not expect the readings of {}: kept, as was asked for.")
@@ -118,9 +123,6 @@ class Choice:
         if "misfits" in rows:
             other = rows["misfits"].map(lambda own: bool(_texts(own))).astype(bool) & ~_unfit(rows)
             said = said.saying(other, "Noise that is not white, so that uncertainties may be too small: {}.")
-        if "sha256" in rows:
-            twice = rows["sha256"].notna() & rows["sha256"].duplicated(keep=False)
-            said = said.saying(twice, "The same readings more than once, counted as campaigns of their own: {}.")
         notes = said.notes
         if "model_sha256" in rows and rows["model_sha256"].nunique(dropna=True) > 1:
             notes += ("The campaigns were fitted with different models or priors; each one's priors are divided out.",)
@@ -143,22 +145,29 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(every[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
-def _named(rows: pd.DataFrame, exclude: Sequence[str]) -> pd.Series[bool]:
+def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> pd.Series[bool]:
     """Campaigns that are, or whose machine is, among the names."""
     found = pd.Series(False, index=rows.index)
-    paths = rows["campaign"].astype(str)
-    known = [paths, paths.map(lambda own: os.path.basename(own.rstrip("/")))]
-    known += [rows[column] for column in ("name", "machine_id") if column in rows]
     for wanted in [exclude] if isinstance(exclude, str) else exclude:
-        here = np.logical_or.reduce([(own == wanted).to_numpy(dtype=bool, na_value=False) for own in known])
-        if not here.any():
-            every = {str(own) for column in known[1:] for own in column if isinstance(own, str)}
+        if not _called(among, wanted).any():
+            every = {str(own) for column in _callings(among)[1:] for own in column if isinstance(own, str)}
             raise InputError(
                 f"what is left out must be a campaign or machine of the batch, got {wanted!r}. Did you mean "
                 f"{nearest(str(wanted), sorted(every))!r}?"
             )
-        found |= here
+        found |= _called(rows, wanted)
     return found
+
+
+def _called(rows: pd.DataFrame, name: str) -> Any:
+    return np.logical_or.reduce([(own == name).to_numpy(dtype=bool, na_value=False) for own in _callings(rows)])
+
+
+def _callings(rows: pd.DataFrame) -> list[pd.Series[Any]]:
+    """What a campaign goes by."""
+    paths = rows["campaign"].astype(str)
+    short = paths.map(lambda own: os.path.basename(own.rstrip("/")))
+    return [paths, short, *(rows[column] for column in ("name", "machine_id") if column in rows)]
 
 
 def _before(rows: pd.DataFrame, since: str) -> pd.Series[bool]:

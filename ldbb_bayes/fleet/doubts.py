@@ -85,7 +85,8 @@ def doubts_of(
     if changed:
         yield (
             f"Campaigns of one machine contradict one another: {listed(changed)}. Either it changed, or they are of two "
-            "machines: its estimate is sure of what neither says."
+            "machines: its estimate is sure of what neither says, and where one bar is shared the others' move with it. Look at "
+            "it over time (trend), then leave it out (--exclude) or what came before the change (--since)."
         )
     if belonging is None:
         yield f"Whether a machine belongs is not judged with {len(machines)} machines: at least {FEWEST} are needed."

@@ -19,6 +19,7 @@ from ldbb_bayes.units import display_name, display_unit, units_for
 __all__ = ["PooledMachine", "PooledParameter", "Population", "Summary"]
 
 _CONSTANT = re.compile(r"C_...")
+_WORTH_A_WORD = 0.5
 
 
 @dataclass(frozen=True)
@@ -268,8 +269,15 @@ class Population:
         head = f"{len(self.machine)} machines, {self.campaigns} campaigns; compliances at {self.reference_force_N:g} N{tested}."
         odd = [_said(self.machine[name]) for name in self.not_belonging]
         if not odd and self.judged:
-            odd = ["No machine stands out from the others (Holm, 5 %)."]
+            odd = ["No machine stands out from the others (Holm, 5 %).", *self._closest()]
         return (head, *odd, *self.doubts)
+
+    def _closest(self) -> list[str]:
+        """The machine that comes nearest to standing out, where that is worth a word."""
+        own = min(self.machine.values(), key=lambda one: 1.0 if one.p_value is None else one.p_value)
+        if own.family_wise_p_value is None or own.family_wise_p_value > _WORTH_A_WORD:
+            return []
+        return [f"The farthest out: {own.name}, {_where(own)}."]
 
     def __str__(self) -> str:
         with pd.option_context("display.width", 200, "display.max_columns", 20):
@@ -300,11 +308,13 @@ def _of_parameter(own: PooledParameter, key: str) -> dict[str, Any]:
 
 
 def _said(own: PooledMachine) -> str:
+    return f"{own.name} does not belong with the others: {_where(own)}."
+
+
+def _where(own: PooledMachine) -> str:
+    """How far out a machine is, and in what."""
     worst = max(own.z, key=lambda name: abs(own.z[name]))
-    return (
-        f"{own.name} does not belong with the others: p {_p_value(own.family_wise_p_value)} over all machines, most in "
-        f"{display_name(worst)} (z = {own.z[worst]:+.1f})."
-    )
+    return f"p {_p_value(own.family_wise_p_value)} over all machines, most in {display_name(worst)} (z = {own.z[worst]:+.1f})"
 
 
 def _p_value(value: float | None) -> str:

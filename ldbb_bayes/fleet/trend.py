@@ -99,7 +99,7 @@ def trend(
     check_probability(ci_prob)
     _check(change_scale, repeatability, probability, threshold, detect)
     chosen, notes = rows_of(rows, machine)
-    choice = Wanted(exclude, since, include_misfits).choose(chosen)
+    choice = Wanted(exclude, since, include_misfits).choose(chosen, rows)
     statistics = fleet_statistics(
         choice.rows, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
     )

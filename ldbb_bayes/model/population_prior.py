@@ -63,6 +63,8 @@ class PopulationPrior:
         The machines.
     readings : frozenset of str
         SHA-256 of the campaigns.
+    own_doubts : tuple of str
+        What the population says is to be minded.
     """
 
     reference_force_N: float
@@ -78,6 +80,7 @@ class PopulationPrior:
     not_belonging: tuple[str, ...] = ()
     machine_ids: frozenset[str] = frozenset()
     readings: frozenset[str] = frozenset()
+    own_doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("means", "sds", "compliances"):
@@ -147,6 +150,7 @@ class PopulationPrior:
                 f"The population has {self.machines} machine{'s' * (self.machines > 1)}, fewer than {_FEW}: how much machines "
                 "differ is hardly known from them, and this prior rests on what was assumed of it."
             )
+        found += [f"The population says: {doubt}" for doubt in self.own_doubts]
         if not self.trusted:
             found.append("The population says that its spreads cannot be trusted: this prior may be too narrow, or too wide.")
         if self.not_belonging:
@@ -203,6 +207,7 @@ class _File(BaseModel):
     not_belonging: list[str] = Field(default_factory=list)
     machine: dict[str, Any] = Field(default_factory=dict)
     readings_sha256: list[str] = Field(default_factory=list)
+    doubts: list[str] = Field(default_factory=list)
     next_: Annotated[dict[str, _Entry], Field(alias="next", min_length=1)]
     sha256: Annotated[str, Field(min_length=1, max_length=128)]
 
@@ -244,6 +249,7 @@ def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
         tuple(read.not_belonging),
         frozenset(read.machine),
         frozenset(read.readings_sha256),
+        tuple(read.doubts),
     )
 
 

@@ -142,7 +142,14 @@ def test_a_machine_that_does_not_belong(found: Population) -> None:
 def test_that_none_stands_out_is_said_only_where_all_were_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     said = "No machine stands out from the others (Holm, 5 %)."
     made = fleet(np.random.default_rng(4), machines=6, parameters=2)
-    assert said in pool(made).sentences()
+    quiet = pool(made)
+    assert said in quiet.sentences()
+    least = min(quiet.machine.values(), key=lambda own: own.p_value or 0.0)
+    farthest = [sentence for sentence in quiet.sentences() if sentence.startswith("The farthest out: ")]
+    assert len(farthest) == (least.family_wise_p_value <= 0.5)
+    assert all(sentence.startswith(f"The farthest out: {least.name}, p = ") for sentence in farthest)
+    near = fleet(np.random.default_rng(4), machines=6, parameters=2, outlier=np.array([0.3, 0.0]))
+    assert any(sentence.startswith("The farthest out: M01, p = ") for sentence in pool(near).sentences())
     information, weighted = made.information.copy(), made.weighted.copy()
     information[2], weighted[2] = 0.0, 0.0
     silent = pool(replace(made, information=information, weighted=weighted))

@@ -214,6 +214,7 @@ def test_which_machine(rows: pd.DataFrame) -> None:
     with pytest.raises(InputError, match=r"machine must be one of M1, M2, got 'm2'. Did you mean 'M2'"):
         lb.trend(two, machine="m2")
     assert lb.trend(two, machine="M2").machine == "M2"
+    assert lb.trend(two, machine="M2", exclude=["M1"]).probability == lb.trend(two, machine="M2").probability
     nameless = lb.trend(rows.assign(machine_id=None))
     assert nameless.machine is None
     assert "No campaign names its machine" in nameless.doubts[0]
@@ -273,7 +274,7 @@ def test_doubts(rows: pd.DataFrame) -> None:
     assert "could not be fitted: c01." in said
     assert "Not converged, refit with more draws: c02." in said
     assert "Noise that is not white, so that uncertainties may be too small: c03." in said
-    assert "counted as campaigns of their own: c04, c05." in said
+    assert "Left out, for their readings are those of campaigns before them: c05." in said
     assert "different models or priors" in said
     assert "20 N, was not within the tested forces" in said
     assert "With two campaigns" in lb.trend(rows[:2]).doubts[-1]
