@@ -21,11 +21,17 @@ __all__ = ["dask_executor"]
 
 ANSWER_S = 10.0
 # Dask has workers give freed memory back, to be fetched again page by page: stacks of small matrices take more than twice as long
-# (`ldbb_bayes.model.memory`). And a worker's profile of itself grows with the jobs it has run, and is never looked at.
+# (`ldbb_bayes.model.memory`). And a worker's profile of itself grows with the jobs it has run, and is never looked at; what it
+# logs of connections that close as it ends is no matter of the user's.
 _SETTINGS: dict[str, Any] = {
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
-    "distributed.nanny.pre-spawn-environ": {"MALLOC_TRIM_THRESHOLD_": 1 << 26, "MALLOC_MMAP_THRESHOLD_": 1 << 25, **ONE_THREAD},
+    "distributed.nanny.pre-spawn-environ": {
+        "MALLOC_TRIM_THRESHOLD_": 1 << 26,
+        "MALLOC_MMAP_THRESHOLD_": 1 << 25,
+        "DASK_LOGGING__DISTRIBUTED": "critical",
+        **ONE_THREAD,
+    },
 }
 
 

@@ -364,3 +364,4 @@ def test_dask_workers_keep_freed_memory() -> None:
     assert environment["MALLOC_TRIM_THRESHOLD_"] >= 2**25
     assert environment["MALLOC_MMAP_THRESHOLD_"] >= 2**25
     assert environment["OPENBLAS_NUM_THREADS"] == "1"
+    assert environment["DASK_LOGGING__DISTRIBUTED"] == "critical"
