@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 
+from ldbb_bayes.fleet.pooled_words import sentences_of
 from ldbb_bayes.model.meaning import Meaning
 from ldbb_bayes.model.population_prior import digest_of
 from ldbb_bayes.notebook import table_html
@@ -19,7 +20,6 @@ from ldbb_bayes.units import display_name, display_unit, units_for
 __all__ = ["PooledMachine", "PooledParameter", "Population", "Summary"]
 
 _CONSTANT = re.compile(r"C_...")
-_WORTH_A_WORD = 0.5
 
 
 @dataclass(frozen=True)
@@ -264,20 +264,7 @@ class Population:
 
     def sentences(self) -> tuple[str, ...]:
         """What was pooled, which machines do not belong, and every doubt."""
-        low, high = self.forces_N
-        tested = f", tested from {low:g} to {high:g} N" if low <= high else ""
-        head = f"{len(self.machine)} machines, {self.campaigns} campaigns; compliances at {self.reference_force_N:g} N{tested}."
-        odd = [_said(self.machine[name]) for name in self.not_belonging]
-        if not odd and self.judged:
-            odd = ["No machine stands out from the others (Holm, 5 %).", *self._closest()]
-        return (head, *odd, *self.doubts)
-
-    def _closest(self) -> list[str]:
-        """The machine that comes nearest to standing out, where that is worth a word."""
-        own = min(self.machine.values(), key=lambda one: 1.0 if one.p_value is None else one.p_value)
-        if own.family_wise_p_value is None or own.family_wise_p_value > _WORTH_A_WORD:
-            return []
-        return [f"The farthest out: {own.name}, {_where(own)}."]
+        return sentences_of(self)
 
     def __str__(self) -> str:
         with pd.option_context("display.width", 200, "display.max_columns", 20):
@@ -305,18 +292,3 @@ def _of_parameter(own: PooledParameter, key: str) -> dict[str, Any]:
         "instrument_sd": own.instrument_sd,
         "instrument_share": own.instrument_share,
     }
-
-
-def _said(own: PooledMachine) -> str:
-    return f"{own.name} does not belong with the others: {_where(own)}."
-
-
-def _where(own: PooledMachine) -> str:
-    """How far out a machine is, and in what."""
-    worst = max(own.z, key=lambda name: abs(own.z[name]))
-    return f"p {_p_value(own.family_wise_p_value)} over all machines, most in {display_name(worst)} (z = {own.z[worst]:+.1f})"
-
-
-def _p_value(value: float | None) -> str:
-    """With its sign: never quite 0."""
-    return "–" if value is None else "< 0.0001" if value < 1e-4 else f"= {value:.2g}"
