@@ -21,7 +21,7 @@ test-slow: $(STAMP)
 	$(BIN)/python -m pytest -m slow -n auto
 
 studies: $(STAMP)
-	$(BIN)/python studies $(if $(QUICK),--quick)
+	$(BIN)/python studies --at-once 2 $(if $(QUICK),--quick)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -11,7 +11,7 @@ import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import optimize, special, stats
+from scipy import linalg, optimize, special, stats
 
 INTEREST = ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"]
 GEOMETRIC = ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
@@ -134,9 +134,9 @@ class Oracle:
 
     def given(self, phi: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """ln p(y | φ), mean and covariance of β given y, φ; truncation aside."""
-        root = np.linalg.cholesky(self.covariance(phi))
-        white_j = np.linalg.solve(root, self.J * self.sd)
-        white_y = np.linalg.solve(root, self.y - self.J @ self.mean)
+        root = linalg.cholesky(self.covariance(phi), lower=True)
+        white = linalg.solve_triangular(root, np.column_stack([self.J * self.sd, self.y - self.J @ self.mean]), lower=True)
+        white_j, white_y = white[:, :-1], white[:, -1]
         precision = white_j.T @ white_j + np.eye(self.sd.size)
         covariance = np.linalg.inv(precision)
         mean = covariance @ (white_j.T @ white_y)
@@ -180,16 +180,15 @@ class Oracle:
                 hessian[i, j] = hessian[j, i] = total / (4 * step**2)
         values, vectors = np.linalg.eigh(hessian)
         spread = 1.3 * vectors / np.sqrt(np.maximum(values, 0.25))
-        first, weight = self._propose(mode, spread, 1500, rng)
+        first, weight, _ = self._propose(mode, spread, 1500, rng)
         share = np.exp(weight - weight.max())
         share /= share.sum()
         centre = share @ first
         wide = np.linalg.cholesky((share[:, None] * (first - centre)).T @ (first - centre)) * 1.1
-        log_phi, log_z = self._propose(centre, wide, points, rng)
+        log_phi, log_z, conditional = self._propose(centre, wide, points, rng)
         log_phi, kept = log_phi[np.isfinite(log_z)], log_z[np.isfinite(log_z)]
         beta, inside = [], []
-        for k in range(len(kept)):
-            _, mean, covariance = self.given(np.exp(log_phi[k]))
+        for mean, covariance in conditional:
             root = np.linalg.cholesky(covariance / np.outer(self.sd, self.sd))
             sample = mean + (rng.standard_normal((draws, self.sd.size)) @ root.T) * self.sd
             beta.append(sample)
@@ -204,15 +203,20 @@ class Oracle:
             "log_evidence": np.log(np.exp(kept - kept.max()).sum() / points) + kept.max(),
         }
 
-    def _propose(self, centre: np.ndarray, spread: np.ndarray, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Student-t points about a centre, and ln of p(y, φ) over their density; −inf outside the prior."""
+    def _propose(
+        self, centre: np.ndarray, spread: np.ndarray, n: int, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+        """Student-t points about a centre; ln p(y, φ) over their density, −inf outside the prior; β given φ of those inside."""
         standard = stats.t.rvs(5, size=(n, len(centre)), random_state=rng)
         log_phi = centre + standard @ spread.T
         log_proposal = stats.t.logpdf(standard, 5).sum(axis=1) - np.log(np.abs(np.linalg.det(spread)))
         target = np.array([self.log_prior_of_log(point) for point in log_phi])
+        conditional = []
         for k in np.flatnonzero(np.isfinite(target)):
-            target[k] += self.given(np.exp(log_phi[k]))[0]
-        return log_phi, target - log_proposal
+            log_z, mean, covariance = self.given(np.exp(log_phi[k]))
+            target[k] += log_z
+            conditional.append((mean, covariance))
+        return log_phi, target - log_proposal, conditional
 
     def log_evidence(self, *, points: int = 4096, draws: int = 64, seed: int = 0) -> tuple[float, float]:
         """ln Z, truncation included where it is on, and its standard error: quasi-random importance sampling about the mode."""
@@ -277,7 +281,7 @@ class Oracle:
         found = optimize.minimize(negative, np.log(0.3 * self.scales), method="Nelder-Mead", options={"maxiter": 600})
         centre, spread = found.x, 0.5 * np.eye(len(found.x))
         for temperature in (30.0, 10.0, 3.0, 1.0, 1.0):
-            log_phi, weight = self._propose(centre, spread, 300, rng)
+            log_phi, weight, _ = self._propose(centre, spread, 300, rng)
             share = np.exp((weight - weight.max()) / temperature)
             share /= share.sum()
             centre = share @ log_phi

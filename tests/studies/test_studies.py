@@ -217,6 +217,17 @@ def test_the_table_of_priors_is_that_of_the_default_model() -> None:
     assert stated["force: gain; each test"] == f"{100 * force.gain_sd:g} %; {force.random_sd_N:g} N"
 
 
+def test_side_by_side_says_the_same() -> None:
+    """Each study in one piece, and both that failed in the end."""
+    command = [sys.executable, str(STUDIES), "06", "08", "--scheduler", "tcp://a:1", "--at-once"]
+    ended = [subprocess.run([*command, n], capture_output=True, text=True, check=False, timeout=120) for n in ("2", "0")]
+    assert [done.returncode for done in ended] == [1, 2]
+    for name in ("06_validation", "08_other_campaigns"):
+        assert f"== {name}\n{name}: --scheduler must go with --executor dask" in ended[0].stdout
+    assert "Not reproduced: 06_validation, 08_other_campaigns" in ended[0].stderr
+    assert "--at-once must be at least 1, got 0" in ended[1].stderr
+
+
 def test_one_command_runs_them() -> None:
     done = subprocess.run([sys.executable, str(STUDIES), "99"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
