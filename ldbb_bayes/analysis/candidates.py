@@ -22,7 +22,7 @@ from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.information import information_of
+from ldbb_bayes.model.information import informations_of
 from ldbb_bayes.model.prior import Prior
 
 __all__ = [
@@ -163,8 +163,7 @@ def case_of(bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], crit
     """
     rows, order, kept = [], np.zeros(0, dtype=int), np.zeros(0, dtype=int)
     prior = []
-    for k, value in enumerate(phi):
-        information = information_of(bound, value)
+    for k, information in enumerate(informations_of(bound, phi)):
         blocks = _compact(information.blocks())
         if not k:
             own = [information.names.index(name) for name in chosen]

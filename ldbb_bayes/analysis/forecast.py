@@ -7,7 +7,7 @@ takes the general route through `ldbb_bayes.model.information` and none of the d
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,12 +20,12 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.model.bound import BoundModel
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.information import information_of
+from ldbb_bayes.model.information import informations_of
 
 __all__ = ["Expected", "Forecast", "forecast"]
 
 Array = NDArray[Any]
-_VERY_OFTEN = 1e3
+_VERY_OFTEN = 1e6
 _RANK = 1e-6
 
 
@@ -148,14 +148,12 @@ def forecast(
 def _covariances(bound: BoundModel, known: Known) -> tuple[Array | None, Array]:
     """Posterior covariances (K, p, p) in units of the prior sd, and floor sd (p,); None where flat priors leave one open."""
     covariances, floors = [], []
-    for value in known.phi:
-        information = information_of(bound, value)
+    for information in informations_of(bound, known.phi):
         own = information.own
         if information.flat and np.linalg.matrix_rank(information.rows()[:, own], tol=_RANK) < len(own):
             return None, np.zeros(0)
         covariances.append(information.covariance()[np.ix_(own, own)])
-        often = replace(information, design=tuple(rows * _VERY_OFTEN for rows in information.design))
-        floors.append(often.variances())
+        floors.append(information.variances(times=_VERY_OFTEN))
     return np.array(covariances), bound.scale * np.sqrt(np.mean(floors, axis=0))
 
 

@@ -6,8 +6,9 @@ takes as known leaves the design: a column, or a part of the noise. No readings 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.columns import BasisNoise
+from ldbb_bayes.model.columns import BasisNoise, Hyper
+from ldbb_bayes.model.triangular import solve_lower
 
-__all__ = ["NOISE", "OWN", "Information", "information_of"]
+__all__ = ["NOISE", "OWN", "Information", "information_of", "informations_of"]
 
 Array = NDArray[Any]
 OWN = "Parameters"
@@ -77,34 +79,45 @@ class Information:
         return np.concatenate(self.blocks(known))
 
     def blocks(self, known: Collection[str] = ()) -> list[Array]:
-        """The same block by block."""
-        return [self._whitened(known, block) for block in range(len(self.design))]
+        """The same block by block; blocks of one size are whitened together."""
+        if any(all(source in known for source in noise) for noise in self.noise):
+            raise InputError("reading noise must be left: readings without any would make everything known.")
+        white: dict[int, Array] = {}
+        sizes = np.array([len(values) for values in self.design])
+        for size in np.unique(sizes):
+            alike = np.flatnonzero(sizes == size)
+            left = [np.sum([part for source, part in self.noise[k].items() if source not in known], axis=0) for k in alike]
+            root = np.linalg.cholesky(np.array(left))
+            white.update(zip(alike, solve_lower(root, np.array([self.design[k] for k in alike]) * self.scale), strict=True))
+        return [white[k] for k in range(len(sizes))]
 
-    def root(self, known: Collection[str] = ()) -> tuple[Array, NDArray[np.intp]]:
+    def root(self, known: Collection[str] = (), *, times: float = 1.0) -> tuple[Array, NDArray[np.intp]]:
         """Upper triangular R with RᵀR = prior + readings' precision of the coefficients left, and which these are."""
         pairs = zip(self.owners, self.names, strict=True)
         left = np.flatnonzero([owner not in known and name not in known for owner, name in pairs])
-        rows = self.rows(known)[:, left]
+        rows = np.sqrt(times) * (self.rows(known) if known else self._rows)[:, left]
         stacked: Any = np.concatenate([rows, np.diag(self._prior_precision[left])])
         return np.asarray(np.linalg.qr(stacked, mode="r")), left
 
-    def covariance(self, known: Collection[str] = ()) -> Array:
+    def covariance(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
         """Posterior covariance in units of the prior sd, shape (m, m), zero for what is known.
 
         Parameters
         ----------
         known : collection of str
             Terms, nuisance columns and noise alike, and single coefficients taken as known.
+        times : float
+            How often all readings are taken, each time with noise of its own.
         """
-        root, left = self.root(known)
+        root, left = self.root(known, times=times)
         inverse = _inverse_upper(root)
         covariance = np.zeros((len(self.names), len(self.names)))
         covariance[np.ix_(left, left)] = inverse @ inverse.T
         return covariance
 
-    def variances(self, known: Collection[str] = ()) -> Array:
+    def variances(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
         """Posterior variances of the parameters of interest in units of their prior variance, shape (p,)."""
-        return np.diag(self.covariance(known))[self.own]
+        return np.diag(self.covariance(known, times=times))[self.own]
 
     def contributions(self) -> dict[str, Array]:
         """Posterior variance of the parameters by its independent sources, in shares that sum to one, each shape (p,).
@@ -133,44 +146,46 @@ class Information:
     def _prior_precision(self) -> Array:
         return np.array([0.0 if self.flat and owner == OWN else 1.0 for owner in self.owners])
 
-    def _whitened(self, known: Collection[str], block: int) -> Array:
-        values, noise = self.design[block], self.noise[block]
-        left = [part for source, part in noise.items() if source not in known]
-        if not left:
-            raise InputError("reading noise must be left: readings without any would make everything known.")
-        root = np.linalg.cholesky(np.sum(left, axis=0))
-        return np.asarray(scipy.linalg.solve_triangular(root, values * self.scale, lower=True))
+    @cached_property
+    def _rows(self) -> Array:
+        return self.rows()
 
 
 def information_of(bound: BoundModel, phi: Array) -> Information:
     """Of a bound model at φ, shape (h,) [mm]. Set-up shift, discrepancy and random force errors are noise of their test."""
-    value = dict(zip(bound.hyper_prior.names, phi, strict=True))
+    return next(informations_of(bound, phi[None]))
+
+
+def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
+    """The same at several φ in turn, shape (w, h) [mm]; what φ only scales is worked out once."""
     names, owners = list(bound.names), [OWN] * len(bound.names)
-    columns, scale = [bound.interest], [bound.scale]
-    private: list[tuple[str, Array]] = []
+    columns = [bound.interest]
+    scale: list[tuple[Hyper | None, Array]] = [(None, bound.scale)]
+    noise: list[list[tuple[str, Hyper | None, Array]]] = [[(NOISE, "sigma", np.eye(len(test.factor)))] for test in bound.reduced]
     for term in bound.model.nuisances:
         label = type(term).__name__
         for part in term.columns(bound.setting):
-            if isinstance(part, BasisNoise):
-                private.append((label, np.tile(np.diag((part.sd * value[part.hyper]) ** 2), (len(bound.reduced), 1, 1))))
+            if not isinstance(part, BasisNoise) and not part.private:
+                names += part.names
+                owners += [label] * len(part.names)
+                columns.append(part.values)
+                scale.append((part.hyper, part.sd))
                 continue
-            sd = part.sd * (value[part.hyper] if part.hyper else 1.0)
-            if part.private:
-                private.append((label, np.einsum("rik,k,rjk->rij", part.values, sd**2, part.values)))
-                continue
-            names += part.names
-            owners += [label] * len(part.names)
-            columns.append(part.values)
-            scale.append(sd)
+            for r, test in enumerate(bound.reduced):
+                spread = test.factor * part.sd if isinstance(part, BasisNoise) else test.factor @ (part.values[r] * part.sd)
+                noise[r].append((label, part.hyper, spread @ spread.T))
     every = np.concatenate(columns, axis=2)
-    noise = []
-    for r, test in enumerate(bound.reduced):
-        own: dict[str, Array] = {NOISE: np.eye(len(test.factor)) * value["sigma"] ** 2}
-        for label, covariance in private:
-            own[label] = own.get(label, 0.0) + test.factor @ covariance[r] @ test.factor.T
-        noise.append(own)
     design = tuple(test.factor @ every[r] for r, test in enumerate(bound.reduced))
-    return Information(tuple(names), tuple(owners), np.concatenate(scale), bound.model.prior.flat, design, tuple(noise))
+    for values in phi:
+        value: dict[Hyper | None, float] = dict(zip(bound.hyper_prior.names, values, strict=True)) | {None: 1.0}
+        scales = np.concatenate([sd * value[hyper] for hyper, sd in scale])
+        here = []
+        for parts in noise:
+            own: dict[str, Array] = {}
+            for label, hyper, covariance in parts:
+                own[label] = own.get(label, 0.0) + covariance * value[hyper] ** 2
+            here.append(own)
+        yield Information(tuple(names), tuple(owners), scales, bound.model.prior.flat, design, tuple(here))
 
 
 def _inverse_upper(root: Array) -> Array:

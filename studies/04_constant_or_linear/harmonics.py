@@ -207,46 +207,53 @@ class Model:
         return self.parameters.T @ weighted[:, :-1], of_values[:-1], float(of_values[-1] + own)
 
     def given(self, slopes: Sequence[str]) -> tuple[Array, Array, Array]:
-        """At g points: ln p(numbers | φ) (g,) [nat]; mean and covariance of k = 13 parameters and these slopes in prior sd."""
+        """At g points: ln p(numbers | φ) (g,) [nat]; precision (g, k, k) of k = 13 parameters and these slopes in units of the
+        prior sd, and precision times mean (g, k)."""
         size = len(PRIOR_SD)
         kept = [*range(size), *(size + COMPLIANCES.index(name) for name in slopes)]
         information, projected, rest = self.weighed
-        precision = np.eye(len(kept)) + information[:, kept][:, :, kept]
-        covariance = np.linalg.inv(precision)
-        mean = np.einsum("gij,gj->gi", covariance, projected[:, kept])
-        square = np.einsum("gi,gi->g", mean, projected[:, kept])
-        return -0.5 * (rest - square + np.linalg.slogdet(precision)[1]), mean, covariance
+        precision, projected = np.eye(len(kept)) + information[:, kept][:, :, kept], projected[:, kept]
+        root = np.linalg.cholesky(precision)
+        white = np.linalg.solve(root, projected[:, :, None])[:, :, 0]
+        log_det = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        return -0.5 * (rest - (white**2).sum(axis=1) + log_det), precision, projected
 
-    def not_negative(self, slopes: Sequence[str], mean: Array, covariance: Array) -> float:
-        """P(C_XXX, C_YYY, C_CCY ≥ 0 at the lowest and the highest force), of mean and covariance in prior sd."""
+    def not_negative(self, slopes: Sequence[str], mean: Array, covariance: Array) -> Array:
+        """P(C_XXX, C_YYY, C_CCY ≥ 0 at the lowest and the highest force) (n,), of means (n, k) and covariances (n, k, k) in
+        prior sd."""
         rows = []
         for name in NOT_NEGATIVE:
             for end in (-0.5, 0.5) if name in slopes else (0.0,):
-                row = np.zeros(len(mean))
+                row = np.zeros(mean.shape[1])
                 row[list(PRIOR_SD).index(name)] = 1.0
                 if end:
                     row[len(PRIOR_SD) + slopes.index(name)] = end * self.slope_scale
                 rows.append(row)
         ends = np.array(rows)
-        at, spread = ends @ mean, ends @ covariance @ ends.T
-        open_ = at < 5.0 * np.sqrt(np.diag(spread))
-        at, spread = at[open_], spread[np.ix_(open_, open_)]
-        if len(at) < 2:
-            return float(np.prod(norm.cdf(at / np.sqrt(np.diag(spread)))))
-        return float(multivariate_normal.cdf(at, np.zeros(len(at)), spread))
+        at, spread = mean @ ends.T, ends @ covariance @ ends.T
+        far = at / np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+        open_ = far < 5.0
+        found = np.where(open_, norm.cdf(far), 1.0).prod(axis=1)
+        for k in np.flatnonzero(open_.sum(axis=1) > 1):
+            own = open_[k]
+            found[k] = multivariate_normal.cdf(at[k, own], np.zeros(own.sum()), spread[k][np.ix_(own, own)])
+        return found
 
     def evidence(self, slopes: Sequence[str] = ()) -> dict[str, float]:
         """ln Z with truncation [nat], posterior means of the hyper-parameters and sd of κ [mm]."""
-        log_density, mean, covariance = self.given(slopes)
+        log_density, precision, projected = self.given(slopes)
         joint = self.log_prior + log_density
-        for k in np.flatnonzero(joint > joint.max() - _UNLIKELY):
-            joint[k] += np.log(max(self.not_negative(slopes, mean[k], covariance[k]), 1e-300))
+        likely = joint > joint.max() - _UNLIKELY
+        covariance = np.linalg.inv(precision[likely])
+        mean = np.einsum("gij,gj->gi", covariance, projected[likely])
+        joint[likely] += np.log(np.maximum(self.not_negative(slopes, mean, covariance), 1e-300))
         size = len(PRIOR_SD) + len(slopes)
         total = logsumexp(joint)
         weight = np.exp(joint - total)
         means = {name: float(weight @ [point[name] for point in self.points]) for name in self.grid}
         square = float(weight @ [(point["kappa"] - means["kappa"]) ** 2 for point in self.points])
-        before = logsumexp(self.log_prior) + np.log(self.not_negative(slopes, np.zeros(size), np.eye(size)))
+        (inside,) = self.not_negative(slopes, np.zeros((1, size)), np.eye(size)[None])
+        before = logsumexp(self.log_prior) + np.log(inside)
         return {"log_evidence": float(total - before), **means, "sd_of_kappa": square**0.5}
 
     def log_bayes_factor(self) -> float:
