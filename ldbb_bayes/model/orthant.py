@@ -134,7 +134,7 @@ class Orthant:
             points, log_rule = two_ended_rule(d, 2 * _FULL)
         else:
             points, log_rule = qmc.Sobol(d, rng=np.random.default_rng(seed)).random(size), np.zeros(size)
-        log_weight, x = self._propose(np.broadcast_to(points, (self._w, *points.shape)))
+        log_weight, x = self._propose(points[None])
         log_weight = np.where(self._rest_holds(x), log_weight + log_rule, -np.inf)
         weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
         weight /= weight.sum(axis=1, keepdims=True)
@@ -168,7 +168,7 @@ class Orthant:
         if self._bound.shape[1] <= 1:
             return self.log_bound
         points, log_weight = product_rule(counts)
-        return _log_sum(self._propose(np.broadcast_to(points, (self._w, *points.shape)))[0] + log_weight)
+        return _log_sum(self._propose(points[None])[0] + log_weight)
 
     def _by_quasi_random(self, size: int, seed: int) -> tuple[Array, Array]:
         d, half = self._bound.shape[1], size // 2
@@ -176,7 +176,7 @@ class Orthant:
         halves = []
         for _ in range(2):
             points = qmc.Sobol(d, rng=rng).random(half)
-            log_weight, x = self._propose(np.broadcast_to(points, (self._w, half, d)))
+            log_weight, x = self._propose(points[None])
             log_weight = np.where(self._rest_holds(x), log_weight, -np.inf)
             halves.append(_log_mean(log_weight))
         both = np.stack(halves)
@@ -251,18 +251,19 @@ class Orthant:
         return part
 
     def _propose(self, uniform: Array) -> tuple[Array, Array]:
-        """Tilted draws x (w, size, d) from uniform numbers, and their log weights (w, size)."""
-        d = self._bound.shape[1]
+        """Tilted draws x (w, size, d) from uniform numbers (w or 1, size, d), and their log weights (w, size)."""
+        d, size = self._bound.shape[1], uniform.shape[1]
         _, tilt = split_tilt(self._tilt, d)
-        x = np.zeros(uniform.shape)
-        log_weight = np.zeros(uniform.shape[:2])
+        log_uniform = np.log(np.clip(uniform, 1e-300, 1.0))
+        x = np.zeros((self._w, size, d))
+        log_weight = np.zeros((self._w, size))
         for j in range(d):
-            shift = np.einsum("wk,wsk->ws", self._unit[:, j, :j], x[..., :j])
+            # The first row depends on no other: one value for all draws.
+            shift = np.einsum("wk,wsk->ws", self._unit[:, j, :j], x[..., :j]) if j else 0.0
             edge = self._bound[:, j, None] - shift - tilt[:, j, None]
             log_tail = log_ndtr(-edge)
             log_weight += log_tail + 0.5 * tilt[:, j, None] ** 2
-            u = np.clip(uniform[..., j], 1e-300, 1.0)
-            x[..., j] = tilt[:, j, None] - ndtri_exp(np.log(u) + log_tail)
+            x[..., j] = tilt[:, j, None] - ndtri_exp(log_uniform[..., j] + log_tail)
             log_weight -= x[..., j] * tilt[:, j, None]
         return log_weight, x
 

@@ -266,6 +266,7 @@ def fuzz(name: str, inputs: int, seed: int, own: Mapping[str, bytes]) -> Finding
         reader.read(path)
         for k in range(inputs):
             content = change(reader.seeds[int(rng.integers(len(reader.seeds)))], rng)
+            path.unlink(missing_ok=True)  # cheaper than cutting off a file that is there
             path.write_bytes(content)
             start = time.perf_counter()
             signal.setitimer(signal.ITIMER_REAL, 5.0 * LIMIT_S)

@@ -251,6 +251,35 @@ def copied(tmp_path: Path) -> Path:
     return tmp_path / "studies" / "03_confounding"
 
 
+# The one in the docstring of study.py, whole.
+SMALLEST = """
+import sys
+from pathlib import Path
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import ldbb_bayes as lb
+from study import DATA, Study, run
+
+def measure(effort):
+    return {"rmse_um": lb.least_squares(lb.read_campaign(DATA / "recovered_experiment")).quality.rmse_um}
+
+run(Study(HERE, measure))
+"""
+
+
+@pytest.fixture
+def smallest(tmp_path: Path) -> Path:
+    """The smallest study, stated, on data of its own; it may be damaged."""
+    folder = tmp_path / "studies" / "00_smallest"
+    folder.mkdir(parents=True)
+    shutil.copy(STUDIES / "study.py", tmp_path / "studies")
+    shutil.copytree(STUDIES.parent / "data", tmp_path / "data")
+    (folder / "run.py").write_text(SMALLEST, encoding="utf-8")
+    (folder / "README.md.j2").write_text("{{ r.rmse_um | to('.2f') }} µm\n", encoding="utf-8")
+    subprocess.run([sys.executable, str(folder / "run.py"), "--write"], check=True, capture_output=True)
+    return folder
+
+
 def said(folder: Path, *options: str) -> str:
     """What a study says when it fails: never a traceback."""
     done = subprocess.run([sys.executable, str(folder / "run.py"), *options], capture_output=True, text=True, check=False)
@@ -267,26 +296,27 @@ def test_a_number_that_is_not_reproduced_fails(copied: Path) -> None:
     assert "plans/as run/E_C0YX/sd" in said(copied)
 
 
-def test_files_that_are_missing_or_damaged(copied: Path) -> None:
+def test_files_that_are_missing_or_damaged(smallest: Path) -> None:
     """One line that names the file and the cure."""
+    ended = subprocess.run([sys.executable, str(smallest / "run.py")], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
     for name in ("results.json", "README.md", "README.md.j2"):
-        content = (copied / name).read_bytes()
-        (copied / name).unlink()
-        assert name in (text := said(copied))
+        content = (smallest / name).read_bytes()
+        (smallest / name).unlink()
+        assert name in (text := said(smallest))
         assert "git checkout" in text
-        (copied / name).write_bytes(content)
-    (copied / "results.json").write_text('{"parameters": {', encoding="utf-8")
-    assert "damaged" in said(copied)
-    (copied / "results.json").write_text("[]", encoding="utf-8")
-    assert "must hold numbers by name" in said(copied)
-    (copied / "results.json").write_text("{}", encoding="utf-8")
-    shutil.copy(STUDIES / "03_confounding" / "results.json", copied)
-    template = copied / "README.md.j2"
+        (smallest / name).write_bytes(content)
+    stated = (smallest / "results.json").read_bytes()
+    for damage, message in (('{"rmse_um": {', "damaged"), ("[]", "must hold numbers by name"), ("{}", "rmse_um")):
+        (smallest / "results.json").write_text(damage, encoding="utf-8")
+        assert message in said(smallest)
+    (smallest / "results.json").write_bytes(stated)
+    template = smallest / "README.md.j2"
     template.write_text(template.read_text(encoding="utf-8") + "{{ r.nothing }}", encoding="utf-8")
-    assert "'nothing'" in (text := said(copied))
+    assert "'nothing'" in (text := said(smallest))
     assert "a template asks for" in text
-    shutil.rmtree(copied.parents[1] / "data" / "recovered_experiment")
-    assert "recovered_experiment" in said(copied)
+    shutil.rmtree(smallest.parents[1] / "data" / "recovered_experiment")
+    assert "recovered_experiment" in said(smallest)
 
 
 def test_kept_campaigns_that_are_damaged(tmp_path: Path, study: ModuleType) -> None:
