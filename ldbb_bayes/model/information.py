@@ -116,7 +116,7 @@ class Information:
         return covariance
 
     def variances(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
-        """Posterior variances of the parameters of interest in units of their prior variance, shape (p,)."""
+        """Posterior variances of the parameters of interest in units of their prior variance, shape (p,); see `covariance`."""
         return np.diag(self.covariance(known, times=times))[self.own]
 
     def contributions(self) -> dict[str, Array]:
@@ -157,7 +157,7 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
 
 
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
-    """The same at several φ in turn, shape (w, h) [mm]; what φ only scales is worked out once."""
+    """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is worked out once."""
     names, owners = list(bound.names), [OWN] * len(bound.names)
     columns = [bound.interest]
     scale: list[tuple[Hyper | None, Array]] = [(None, bound.scale)]

@@ -10,7 +10,7 @@ from campaigns import oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
+from ldbb_bayes.model.information import NOISE, OWN, Information, information_of, informations_of
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
 PLANS = {
@@ -42,6 +42,25 @@ def test_known_terms_leave_the_oracle(name: str) -> None:
     expected = np.diag(oracle_of(campaign, 1, terms=tuple(left)).given(PHI)[2])
     scale = information.scale[information.own]
     np.testing.assert_allclose(information.variances(known) * scale**2, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_at_several_hyper_parameters(name: str) -> None:
+    """One after the other as each alone; by the dense oracle at both."""
+    campaign = simulated(PLANS[name])
+    several = np.array([PHI, PHI * [2.0, 0.5, 3.0, 0.7]])
+    for phi, information in zip(several, informations_of(lb.HybridModel.default(1).bind(campaign), several), strict=True):
+        expected = np.diag(oracle_of(campaign, 1).given(phi)[2])
+        np.testing.assert_allclose(information.variances() * information.scale[information.own] ** 2, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("known", [(), ("BarLength", "BallForm")])
+def test_readings_taken_several_times_have_less_noise(known: tuple[str, ...]) -> None:
+    information = information_of(lb.HybridModel.default(1).bind(PLANS["arcs"]), PHI)
+    quieter = replace(information, noise=tuple({name: part / 4.0 for name, part in own.items()} for own in information.noise))
+    found = information.variances(known, times=4.0)
+    np.testing.assert_allclose(found, quieter.variances(known), rtol=1e-9)
+    assert (found < information.variances(known)).all()
 
 
 @pytest.mark.parametrize("name", PLANS)
