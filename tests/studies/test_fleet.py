@@ -26,4 +26,5 @@ def test_quick_run(root: Path, tmp_path: Path) -> None:
     }
     assert all(run["reported"] and run["worker_MB"] > 50.0 for run in results["runs"].values())
     assert all(results["same_dataset"].values())
+    assert [pool["machines"] for pool in results["population"]] == [20]
     assert "**A million campaigns.**" in (tmp_path / "README.md").read_text()
