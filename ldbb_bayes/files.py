@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import os
 import re
 import secrets
 import shutil
-import sys
 import tempfile
-import time
+import tomllib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, TypeVar, get_args
 
-from ldbb_bayes.errors import InputError
+from pydantic import BaseModel, ValidationError
 
-__all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "check_target", "staged_folder", "write_whole"]
+from ldbb_bayes.errors import InputError, nearest
+
+__all__ = [
+    "LARGEST_TABLE_BYTES",
+    "LARGEST_TOML_BYTES",
+    "bytes_of",
+    "check_target",
+    "parse_toml",
+    "read_toml",
+    "staged_folder",
+    "validated",
+    "write_whole",
+]
 
 LARGEST_TABLE_BYTES = 64 * 2**20
 _RETIRED = "-old"
-_DAY_S = 86_400.0
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
 def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
@@ -114,8 +123,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
 def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> Iterator[Path]:
     """A scratch folder beside ``target`` that takes its place when the block ends well.
 
-    The old folder is there until the new one is: the two are exchanged in one step where the system can (Linux), else by two
-    renames, of which `check_target` mends the first alone. Of two runs into one folder the later wins whole. A link stays; what
+    The old folder is there until the new one is whole; then the old one is renamed, and the new one. `check_target` gives the old
+    one its name back where a run was killed between the two. Of two runs into one folder the later wins whole. A link stays; what
     it points to is replaced.
 
     Raises
@@ -125,7 +134,6 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
     """
     target = _resolved(target) if target.is_symlink() else target
     check_target(target, force=force, ours=ours)
-    _clear(target)
     staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
         yield staging
@@ -143,61 +151,35 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
 
 
 def _take_place(staging: Path, target: Path, *, force: bool) -> None:
-    """Make ``staging`` the target; what was the target is then ``staging``, or gone."""
-    try:
-        os.rename(staging, target)
-        return
-    except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES) or not target.is_dir():
-            raise
-    if not force:
-        raise InputError(
-            f"{target} must not exist, got one that another run wrote meanwhile. Choose another name or pass --force."
-        )
-    if _exchanged(staging, target):
-        return
+    """Make ``staging`` the target, also where another run does the same at the same time."""
     retired = staging.with_name(staging.name + _RETIRED)
-    target.rename(retired)
-    try:
-        staging.rename(target)
-    except OSError:
-        retired.rename(target)
-        raise
+    while True:
+        try:
+            os.rename(staging, target)
+            break
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES) or not target.is_dir():
+                _put_back(target)
+                raise
+        if not force:
+            raise InputError(
+                f"{target} must not exist, got one that another run wrote meanwhile. Choose another name or pass --force."
+            )
+        shutil.rmtree(retired, ignore_errors=True)
+        with suppress(FileNotFoundError):
+            os.rename(target, retired)
     shutil.rmtree(retired, ignore_errors=True)
 
 
-def _exchanged(one: Path, other: Path) -> bool:
-    """Whether the system exchanged the two names in one step."""
-    if not sys.platform.startswith("linux"):
-        return False
-    try:
-        rename = ctypes.CDLL(None, use_errno=True).renameat2
-    except (OSError, AttributeError):
-        return False
-    return rename(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0
-
-
 def _put_back(target: Path) -> None:
-    """Give the target its name again if a run was killed after taking it and before giving it to the new one."""
+    """Give the target its name again if a run ended between taking it from the old folder and giving it to the new one."""
     if target.exists() or not target.parent.is_dir():
         return
-    left = sorted(_scratch(target, _RETIRED), key=lambda path: path.stat().st_mtime)
-    if left:
-        left[-1].rename(target)
-
-
-def _clear(target: Path) -> None:
-    """Remove what killed runs left beside the target, once it is a day old: no run writes for so long."""
-    for path in _scratch(target):
-        with suppress(OSError):
-            if time.time() - path.stat().st_mtime > _DAY_S:
-                shutil.rmtree(path)
-
-
-def _scratch(target: Path, end: str = "") -> list[Path]:
-    """Folders that `staged_folder` made for a target, which `tempfile` names by eight signs."""
-    own = re.compile(rf"\.{re.escape(target.name)}-[a-z0-9_]{{8}}{end}")
-    return [path for path in target.parent.iterdir() if own.fullmatch(path.name) and path.is_dir() and not path.is_symlink()]
+    scratch = re.compile(rf"\.{re.escape(target.name)}-[a-z0-9_]{{8}}{_RETIRED}")
+    left = [path for path in target.parent.iterdir() if scratch.fullmatch(path.name) and path.is_dir() and not path.is_symlink()]
+    with suppress(OSError):  # another run may do the same
+        if left:
+            max(left, key=lambda path: path.stat().st_mtime).rename(target)
 
 
 def _resolved(path: Path) -> Path:
@@ -238,3 +220,89 @@ def _to_disk(handle: int) -> None:
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
             raise
+
+
+LARGEST_TOML_BYTES = 512 * 2**10
+LONGEST_LINE = 20_000
+# Keys of more parts cost time that grows with the square of their number; none of our files has more than three.
+_DEEP = re.compile(r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a file.
+
+    Raises
+    ------
+    InputError
+        Naming the file, and the place in it.
+    """
+    raw = bytes_of(path, LARGEST_TOML_BYTES, what="a readable TOML file")
+    try:
+        return parse_toml(raw.decode("utf-8-sig"), str(path))
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{path}, line {line}: TOML must be UTF-8, got other bytes. Save it as UTF-8.") from None
+
+
+def parse_toml(text: str, place: str) -> dict[str, Any]:
+    """The content of a text; ``place`` is what a message calls it.
+
+    Raises
+    ------
+    InputError
+    """
+    if len(text) > LARGEST_TOML_BYTES:
+        raise InputError(
+            f"{place} must hold at most {LARGEST_TOML_BYTES // 2**10} kB, got more. Remove what does not belong there."
+        )
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(line) > LONGEST_LINE or _DEEP.search(line):
+            raise InputError(
+                f"{place}, line {number}: lines must be short and keys plain, got {line[:40]!r}…. Correct that line."
+            )
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{place} must be valid TOML, got: {error}. Correct that place.") from None
+    except (RecursionError, ValueError, OverflowError) as error:
+        raise InputError(f"{place} must be valid TOML, got what cannot be read ({type(error).__name__}). Correct it.") from None
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def validated(model: type[M], content: dict[str, Any], place: str) -> M:
+    """Return the content of a file as a pydantic model.
+
+    Raises
+    ------
+    InputError
+        Naming the place and the first thing wrong, a misspelt key, with the nearest known, before the gap it leaves.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        errors = error.errors()
+    first = next((entry for entry in errors if entry["type"] == "extra_forbidden"), errors[0])
+    keys: list[str] = []
+    value: Any = content
+    owner: Any = model
+    for part in first["loc"]:
+        if not isinstance(value, dict | list):
+            break  # what follows names a kind, not a key
+        keys.append(str(part + 1) if isinstance(part, int) else part)
+        value = dict(enumerate(value) if isinstance(value, list) else value).get(part)
+        hints = [field.annotation for name, field in owner.model_fields.items() if part in (name, field.alias)]
+        kinds = [kind for hint in hints for kind in (hint, *get_args(hint))]
+        owner = next((kind for kind in kinds if hasattr(kind, "model_fields")), owner)
+    where = f" in [{' '.join(keys[:-1])}]" if len(keys) > 1 else ""
+    if first["type"] == "extra_forbidden":
+        known = [field.alias or name for name, field in owner.model_fields.items()]
+        raise InputError(
+            f"{place}: keys{where} must be among {', '.join(known)}, got {keys[-1]!r}. Did you mean {nearest(keys[-1], known)!r}?"
+        )
+    if first["type"] == "missing":
+        raise InputError(f"{place}: {keys[-1]!r}{where} must be given, got nothing. Add it.")
+    why = first["msg"].removeprefix("Value error, ")
+    got = f"{keys[-1]!r}{where} must be valid, got {first['input']!r}"
+    raise InputError(f"{place}: {got}: {why[0].lower()}{why[1:]}. Correct it.")

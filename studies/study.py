@@ -44,8 +44,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.executors import EXECUTORS, executor_named
-from ldbb_bayes.work import Lost, done
+from ldbb_bayes.jobs import EXECUTORS, Lost, done, executor_named
 
 __all__ = [
     "DATA",

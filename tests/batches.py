@@ -38,7 +38,10 @@ def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, 
     }
     return row | {
         "status": "done",
+        "stamp": None,
         "converged": True,
+        "state": "doubtful" if job.index % 7 == 0 else "usable",
+        "verdict": "fine",
         "misfits": ["form"] if job.index % 7 == 0 else [],
         "warnings": [],
         "terms": ["Compliance"],
@@ -49,6 +52,5 @@ def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, 
     }
 
 
-def dataset_bytes(out: Path) -> dict[str, bytes]:
-    """Of every part."""
-    return {path.name: path.read_bytes() for path in sorted((out / "campaigns.parquet").iterdir())}
+def dataset_bytes(out: Path) -> bytes:
+    return (out / "campaigns.parquet").read_bytes()

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from oracle import Oracle, OracleTest
 
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.campaign.loading import MountCompensation
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation
 from ldbb_bayes.model.hybrid import HybridModel
 
+# A command in this process: exit code, stdout, stderr.
+Invoke = Callable[..., tuple[int, str, str]]
 TRUTH = {
     "C_XXX": 5.5e-5,
     "C_XYX": 5e-7,

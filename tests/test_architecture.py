@@ -1,10 +1,12 @@
-"""The house: imports flow one way, heavy libraries stay in their rooms, public names are documented."""
+"""The house: imports flow one way, sizes have ceilings, heavy libraries stay in their rooms, public names are documented."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from collections import Counter
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -12,86 +14,115 @@ import pytest
 import ldbb_bayes
 
 PACKAGE = Path(ldbb_bayes.__file__).parent
-ROOMS = ["campaign", "machine", "tables", "model", "inference", "analysis", "report", "fleet", "cli"]
+TESTS = Path(__file__).parent
+ROOMS = ["campaign", "machine", "model", "inference", "analysis", "report", "fleet", "cli"]
 ALLOWED = {
     "machine": {"machine"},
     "campaign": {"campaign", "machine"},
-    "tables": {"tables", "campaign", "machine"},
-    **{room: set(ROOMS[: ROOMS.index(room) + 1]) - {"tables"} for room in ROOMS[3:-1]},
-    "cli": set(ROOMS),
+    **{room: set(ROOMS[: ROOMS.index(room) + 1]) for room in ROOMS[2:]},
 }
-LEAVES = {
-    "ldbb_bayes.errors",
-    "ldbb_bayes.files",
-    "ldbb_bayes.toml",
-    "ldbb_bayes.notebook",
-    "ldbb_bayes.threads",
-    "ldbb_bayes.units",
-    "ldbb_bayes.work",
-    "ldbb_bayes",
+LEAVES = {"errors", "files", "jobs", "result", "table", "units"}
+# What is reached; the aims are 75, 18 000 and 10 000. A change may lower these, not raise them.
+MOST_MODULES, MOST_LINES, MOST_TEST_LINES, MOST_FUNCTION_LINES = 95, 28_600, 17_900, 60
+FORBIDDEN = {"telling", "begun", "known", "found", "told", "hold", "places", "stamps", "own", "said"}
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+NAMES = {
+    path: ".".join(("ldbb_bayes", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__") for path in TREES
 }
-MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
-def imported(path: Path) -> set[str]:
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def imported(tree: ast.AST) -> set[str]:
+    """Modules, wherever the import stands: at the top, for type checkers, in a function."""
+    modules: set[str] = set()
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            assert node.level == 0, f"{path}: relative import"
-            found.add(node.module)
-    return found
+            assert node.level == 0, "relative import"
+            whole = {f"{node.module}.{alias.name}" for alias in node.names}
+            modules |= (whole & set(NAMES.values())) or {node.module}
+    return modules
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_no_arrow_points_back(path: Path) -> None:
-    room = path.relative_to(PACKAGE).parts[0]
-    if room not in ALLOWED:
-        return
-    for name in imported(path):
-        if name.startswith("ldbb_bayes") and name not in LEAVES:
-            assert name.split(".")[1] in ALLOWED[room], f"{path.name} imports {name}"
+def circle(arrows: dict[str, set[str]]) -> list[str]:
+    try:
+        TopologicalSorter(arrows).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
 
 
-def test_a_back_arrow_would_be_seen(tmp_path: Path) -> None:
-    file = tmp_path / "x.py"
-    file.write_text("from ldbb_bayes.inference.sample import sample\n")
-    assert imported(file) == {"ldbb_bayes.inference.sample"}
-    assert "inference" not in ALLOWED["model"]
+def test_no_arrow_points_back() -> None:
+    for path, tree in TREES.items():
+        room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+        allowed = LEAVES | ALLOWED.get(room, set()) if room in ALLOWED or room in LEAVES else {*ROOMS, *LEAVES}
+        for name in imported(tree):
+            parts = name.split(".")
+            assert parts[0] != "ldbb_bayes" or len(parts) == 1 or parts[1] in allowed, f"{path.name} imports {name}"
 
 
-@pytest.mark.parametrize(("library", "homes"), [("emcee", {"inference/ensemble.py"}), ("arviz", {"inference/posterior.py"})])
-def test_heavy_libraries_have_one_importer(library: str, homes: set[str]) -> None:
-    importers = {str(p.relative_to(PACKAGE)) for p in MODULES if any(name.startswith(library) for name in imported(p))}
-    assert importers == homes
+def test_no_circle() -> None:
+    assert circle({"a": {"b"}, "b": {"c"}, "c": {"a"}})
+    arrows = {NAMES[path]: {name for name in imported(tree) if name.startswith("ldbb_bayes.")} for path, tree in TREES.items()}
+    assert circle(arrows) == []
+
+
+def test_ceilings() -> None:
+    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in TREES)
+    tests = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in TESTS.rglob("*.py"))
+    assert len(TREES) <= MOST_MODULES
+    assert lines <= MOST_LINES
+    assert tests <= MOST_TEST_LINES
+
+
+def test_functions_are_short() -> None:
+    """But for signatures and docstrings."""
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) else node.body
+                length = (node.end_lineno or 0) - body[0].lineno + 1 if body else 0
+                assert length <= MOST_FUNCTION_LINES, f"{path.relative_to(PACKAGE)}: {node.name} has {length} lines"
+
+
+def test_names() -> None:
+    """No module of a private name, and no module or class of one name twice."""
+    modules = Counter(path.stem for path in TREES if path.name != "__init__.py")
+    assert {name for name, count in modules.items() if count > 1} == set()
+    assert not {part for name in modules for part in name.split("_")} & FORBIDDEN
+    classes = Counter(node.name for tree in TREES.values() for node in tree.body if isinstance(node, ast.ClassDef))
+    assert {name for name, count in classes.items() if count > 1} == set()
+
+
+@pytest.mark.parametrize(("library", "home"), [("emcee", "inference/mcmc.py"), ("arviz", "inference/posterior.py")])
+def test_heavy_libraries_have_one_importer(library: str, home: str) -> None:
+    importers = {str(p.relative_to(PACKAGE)) for p, tree in TREES.items() if any(n.startswith(library) for n in imported(tree))}
+    assert importers == {home}
 
 
 def test_no_pyplot_and_no_assert() -> None:
-    for path in MODULES:
-        assert not any("pyplot" in name for name in imported(path)), path
-        assert not any(isinstance(node, ast.Assert) for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))), path
+    for path, tree in TREES.items():
+        assert not any("pyplot" in name for name in imported(tree)), path
+        assert not any(isinstance(node, ast.Assert) for node in ast.walk(tree)), path
 
 
 def test_importing_the_package_is_light() -> None:
-    code = "import sys, ldbb_bayes; print([m for m in ('emcee', 'arviz_base', 'arviz_stats', 'matplotlib') if m in sys.modules])"
+    code = "import sys, ldbb_bayes; print([m for m in ('numpy', 'emcee', 'arviz_base', 'matplotlib') if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
 
 
 def test_public_names_resolve_and_are_documented() -> None:
-    assert set(ldbb_bayes.__all__) == {"__version__", *ldbb_bayes._HOMES}
     for name in ldbb_bayes.__all__:
         assert getattr(ldbb_bayes, name) is not None
         assert name == "__version__" or getattr(ldbb_bayes, name).__doc__
-    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+    with pytest.raises(AttributeError, match="nonsense"):
         _ = ldbb_bayes.nonsense
 
 
-@pytest.mark.parametrize("path", [p for p in MODULES if p.name != "__init__.py"], ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_modules_have_docstrings_and_say_what_is_public(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert ast.get_docstring(tree)
-    public = [n for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and not n.name.startswith("_")]
-    for node in public:
-        assert ast.get_docstring(node), f"{path.name}: {node.name}"
+def test_modules_and_public_names_have_docstrings() -> None:
+    for path, tree in TREES.items():
+        assert ast.get_docstring(tree), path
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                assert ast.get_docstring(node), f"{path.name}: {node.name}"

@@ -1,4 +1,4 @@
-"""The README is true: its Python runs, its commands exist, its picture of the house is the house."""
+"""README and docs are true: their Python runs, their commands exist, the picture of the house is the house."""
 
 from __future__ import annotations
 
@@ -13,11 +13,15 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, plan
 
 import ldbb_bayes
-from ldbb_bayes.tables.layout import Layout, TestLayout
+from ldbb_bayes.campaign.layout import Layout, TestLayout
+
+
+def pages(root: Path) -> list[Path]:
+    return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
 
 
 def text(root: Path) -> str:
-    return (root / "README.md").read_text(encoding="utf-8")
+    return "\n".join(path.read_text(encoding="utf-8") for path in pages(root))
 
 
 def shop_floor(place: Path) -> None:
@@ -96,7 +100,7 @@ def test_a_campaign_of_another_machine_reads(root: Path, tmp_path: Path) -> None
 
 
 def test_commands_and_options_exist(root: Path) -> None:
-    section = text(root).split("## Commands")[1].split("```")[1]
+    section = text(root).split("# Commands")[1].split("```")[1]
     entries = re.findall(r"ldbb-bayes (\w+)(.*?)(?=ldbb-bayes|\Z)", section, re.S)
     help_text = subprocess.run([sys.executable, "-m", "ldbb_bayes", "--help"], capture_output=True, text=True, check=True).stdout
     listed = set(re.findall(r"^│ (\w+) ", help_text, re.M))
@@ -109,10 +113,11 @@ def test_commands_and_options_exist(root: Path) -> None:
             assert option in shown.stdout, f"{command} {option}"
 
 
-def test_pictures_exist(root: Path) -> None:
-    pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", text(root))
-    assert pictures
-    assert all((root / picture).is_file() for picture in pictures)
+def test_links_and_pictures_exist(root: Path) -> None:
+    assert len((root / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
+    for page in pages(root):
+        links = [link for link in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")) if "://" not in link]
+        assert all((page.parent / link).exists() for link in links), page
 
 
 @pytest.mark.parametrize("target", ["demo", "test", "lint", "test-slow"])
@@ -121,14 +126,14 @@ def test_make_targets_exist(root: Path, target: str) -> None:
 
 
 def test_the_house_as_drawn(root: Path) -> None:
-    drawn = text(root).split("## The house")[1].split("Imports flow")[0]
+    drawn = (root / "README.md").read_text(encoding="utf-8").split("## The house")[1].split("## ")[0]
     package = Path(ldbb_bayes.__file__).parent
-    rooms = re.findall(r"^      (\w+)/ ", drawn, re.M)
-    assert set(rooms) == {p.name for p in package.iterdir() if (p / "__init__.py").exists()}
-    for room in rooms:
-        line = next(line for line in drawn.splitlines() if line.startswith(f"      {room}/"))
-        for name in re.findall(r"\w+", line.rsplit("  ", 1)[1]) if room != "cli" else []:
-            assert (package / room / f"{name}.py").exists() or (package / room / name).is_dir(), f"{room}/{name}"
+    rooms = {room: set(modules.split()) for room, modules in re.findall(r"^    ([\w/]*)/ .*? · (.*)$", drawn, re.M)}
+    found: dict[str, set[str]] = {}
+    for path in package.rglob("*.py"):
+        if not path.name.startswith("__"):
+            found.setdefault("/".join(("ldbb_bayes", *path.relative_to(package).parts[:-1])), set()).add(path.stem)
+    assert rooms == found
 
 
 def test_digest_of_the_shipped_campaign(root: Path, recovered: ldbb_bayes.Campaign) -> None:

@@ -6,7 +6,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import ldbb_bayes as lb
-from ldbb_bayes.threads import one_blas_thread
+from ldbb_bayes.jobs import one_blas_thread
 
 
 def blas_threads() -> set[int]:

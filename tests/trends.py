@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import date, timedelta
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from campaigns import plan, simulated
 
-from ldbb_bayes.inference.quadrature import HyperPosterior
-from ldbb_bayes.inference.sufficient import SufficientStatistics, sufficient_statistics
+from ldbb_bayes.fleet.statistics import SufficientStatistics, sufficient_statistics
+from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.report.wording import trend_sentences, with_words
 
 
 @cache
@@ -34,7 +36,7 @@ def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
         "force_min_N": 36.0,
         "force_max_N": 742.0,
         "converged": True,
-        "misfits": [],
+        "kinds": [],
         "gaussian_names": list(found.names),
         "gaussian_units": list(found.units),
         "gaussian_mean": found.mean.tolist(),
@@ -103,3 +105,12 @@ def with_prior(rows: pd.DataFrame, prior: dict[str, tuple[float, float]]) -> pd.
             }
         )
     return pd.DataFrame(changed)
+
+
+def doubts(found: Any) -> list[str]:
+    """What is to be minded, in words."""
+    return list(with_words(found)["doubts"])
+
+
+def verdict(found: Any) -> str:
+    return " ".join(trend_sentences(found))

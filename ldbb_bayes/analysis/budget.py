@@ -10,7 +10,7 @@ variance, truncation and unknown hyper-parameters included; without these they a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -18,32 +18,19 @@ import scipy.linalg
 import xarray as xr
 from numpy.typing import NDArray
 
-from ldbb_bayes.inference.origin import bound_of, draws_of
-from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
-from ldbb_bayes.model.terms import ForceError
-from ldbb_bayes.model.wording import inside_unit
-from ldbb_bayes.threads import one_blas_thread
+from ldbb_bayes.model.terms import BasisNoise, Columns, Term
+from ldbb_bayes.result import Result
+from ldbb_bayes.units import ranked
 
 __all__ = ["Budget", "Contribution", "budgets"]
 
 Array = NDArray[Any]
 Kind = Literal["A", "B"]
-_TYPE_A = (NOISE, "SetupShift", "Discrepancy")
-_HYPER = {NOISE: "sigma", "SetupShift": "delta", "Discrepancy": "kappa"}
 _LISTED = 1e-3
-_REMEDIES: Mapping[str, str] = {
-    "BallForm": "Clock both balls between tests, or measure a second radius.",
-    "BarLength": "Calibrate the bar's length.",
-    "Mount": "Measure the mount's deflection.",
-    "ForceError": "Calibrate the force.",
-    "SetupShift": "Run more circles: zero and centre move from one to the next.",
-    "Discrepancy": "Run more circles: what differs from one to the next averages out.",
-    NOISE: "Take more readings per circle, or more circles.",
-    OWN: "The readings hardly tell it: run tests that do (design).",
-    "Hysteresis": "Run both directions at more forces.",
-    "Drift": "Run the forces in an order that has nothing to do with time.",
-}
 
 
 @dataclass(frozen=True)
@@ -79,7 +66,7 @@ class Contribution:
 
 
 @dataclass(frozen=True)
-class Budget:
+class Budget(Result):
     """The budget of one parameter.
 
     Attributes
@@ -89,8 +76,8 @@ class Budget:
         Posterior standard deviation.
     contributions : tuple of Contribution
         The largest first; shares sum to one.
-    improve : str
-        What would improve it most.
+    heaviest : str
+        The term with the largest share.
     u_if_known : float or None
         Standard uncertainty that would be left if the heaviest term were known exactly; None where that is the noise of the
         readings or the parameters' own priors, which nothing makes known.
@@ -100,16 +87,12 @@ class Budget:
     unit: str
     u: float
     contributions: tuple[Contribution, ...]
-    improve: str
+    heaviest: str
     u_if_known: float | None
 
     def share(self, term: str) -> float:
         """Share of a whole term."""
         return sum(line.share for line in self.contributions if line.term == term)
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
 
 @one_blas_thread
@@ -129,9 +112,9 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
         u = float(np.sqrt(covariance[i, i]) * scale[i])
         lines = _lines(bound, information, phi.mean(axis=0), shares, i, u)
         by_term = {term: sum(line.share for line in lines if line.term == term) for term in dict.fromkeys(x.term for x in lines)}
-        heaviest = max(by_term, key=lambda term: by_term[term])
+        heaviest = ranked(by_term, by_term.__getitem__)[0]
         left = u * float(np.sqrt(known[heaviest][i] / plain[i])) if heaviest in known else None
-        found[parameter.name] = Budget(parameter.name, parameter.unit, u, lines, _REMEDIES[heaviest], left)
+        found[parameter.name] = Budget(parameter.name, parameter.unit, u, lines, heaviest, left)
     return found
 
 
@@ -173,21 +156,24 @@ def _lines(
             j = information.names.index(source)
             own_u = float(information.scale[j])
             part = float(np.sqrt(max(share, 0.0))) * u
-            unit = inside_unit(source)
+            unit = Term.owner(source).unit_of(source).inside
             # More of the nuisance than its prior mean moves the estimate the other way than their covariance.
             sign = -float(np.sign(joint[k, j]))
             lines.append(Contribution(source, term, "B", own_u, unit, sign * part / own_u, part, share))
     lines += [Contribution(f"other {term}", term, "B", None, "", None, max(s, 0.0) ** 0.5 * u, s) for term, s in rest.items()]
-    return tuple(sorted(lines, key=lambda line: -line.share))
+    return tuple(ranked(lines, lambda line: line.share))
 
 
 def _noise_line(bound: BoundModel, term: str, value: Mapping[Any, float], share: float, u: float) -> Contribution:
     part = float(np.sqrt(max(share, 0.0))) * u
-    kind: Kind = "A" if term in _TYPE_A else "B"
-    own: float | None = value.get(_HYPER.get(term, ""))
+    columns = bound.columns_of.get(Term.kinds[term], ()) if term in Term.kinds else ()
+    parts = [part for part in columns if isinstance(part, BasisNoise) or part.private]
+    kind: Kind = "A" if term == NOISE or (parts and all(isinstance(part, BasisNoise) for part in parts)) else "B"
+    own: float | None = value["sigma"] if term == NOISE else None
     unit = "mm" if own is not None else ""
-    if term == "ForceError":
-        own = next((t.random_sd_N for t in bound.model.nuisances if isinstance(t, ForceError)), None)
-        unit = "N" if own is not None else ""
+    if len(parts) == 1 and parts[0].hyper is not None:
+        own, unit = value[parts[0].hyper], "mm"
+    elif len(parts) == 1 and isinstance(parts[0], Columns) and len(parts[0].names) == 1:
+        own, unit = float(parts[0].sd[0]), Term.kinds[term].unit_of(parts[0].names[0]).inside
     sensitivity = None if own is None else part / own
     return Contribution(term, term, kind, own, unit, sensitivity, part, share)

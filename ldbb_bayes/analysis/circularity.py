@@ -1,12 +1,13 @@
-"""The quantities of a circular test after ISO 230-4: of readings, and with credible intervals of the machine's path at any force.
+"""Circles that enclose a path: the zone about the least-squares centre and the narrowest one.
 
-The machine's path is Jβ: geometry and compliance, without balls, bar, mount, what differs between circles, and the offsets of the
-tool ball, which are the set-up's. Where a plane is run both ways, each way has its hysteresis too.
+Radial deviations are small beside R: a shift of the centre by (a, b) takes a cos θ + b sin θ from them (to e²/2R: 0.01 µm for a
+circle 50 µm off centre).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -14,30 +15,161 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
-from ldbb_bayes.analysis.zones import Zone, least_squares_zone, minimum_zone, minimum_zone_widths
-from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.inference.nuisances import draw_nuisances
-from ldbb_bayes.inference.origin import bound_of, draws_of
-from ldbb_bayes.inference.summary import check_probability
-from ldbb_bayes.model.basis import SIZE, basis, harmonic_index
-from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.posterior import bound_of, check_probability, draw_nuisances, draws_of
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.fourier import SIZE, basis, harmonic_index
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.setting import geometric_errors_of
-from ldbb_bayes.threads import one_blas_thread
 
 __all__ = [
     "BIDIRECTIONAL",
+    "COMPLIANCE",
+    "GEOMETRY",
     "QUANTITIES",
+    "TOGETHER",
+    "Zone",
     "circularity",
+    "contribution_paths",
+    "contributions",
     "elastic_columns",
     "first_circle",
     "geometric_columns",
+    "least_squares_zone",
     "measured_circularity",
+    "minimum_zone",
+    "minimum_zone_widths",
     "offsets",
     "squareness_name",
 ]
 
 Array = NDArray[Any]
+_FEWEST = 3
+_EXCHANGES = 200
+_LEVEL = 1e-9
+_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Two concentric circles that enclose a path.
+
+    Attributes
+    ----------
+    centre : (a, b)
+        Shift of their centre from the nominal one, in the unit of the deviations.
+    lower, upper : float
+        Smallest and largest radial deviation from the nominal radius about that centre.
+    mean : float
+        Mean of these for the minimum zone; radius of the least-squares circle less the nominal one.
+    """
+
+    centre: tuple[float, float]
+    lower: float
+    upper: float
+    mean: float
+
+    @property
+    def width(self) -> float:
+        """Circular deviation G."""
+        return self.upper - self.lower
+
+
+def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
+    """About the centre of the least-squares circle.
+
+    Parameters
+    ----------
+    angle_rad, deviation : ndarray, shape (n,)
+        Radial deviation of the path from the nominal circle at each angle; any unit.
+    """
+    columns = _columns(angle_rad, deviation)
+    mean, a, b = np.linalg.lstsq(columns, deviation, rcond=None)[0]
+    rest = deviation - columns[:, 1:] @ [a, b]
+    return Zone((float(a), float(b)), float(rest.min()), float(rest.max()), float(mean))
+
+
+def minimum_zone(angle_rad: Array, deviation: Array) -> Zone:
+    """About the centre that makes the zone narrowest: a linear programme, solved exactly."""
+    columns = _columns(angle_rad, deviation)
+    size = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
+    scaled, ones = deviation / size, np.ones(len(deviation))
+    # a, b, lower, upper: lower ≤ ρ − a cos θ − b sin θ ≤ upper.
+    above = np.column_stack([-columns[:, 1:], 0.0 * ones, -ones])
+    below = np.column_stack([columns[:, 1:], ones, 0.0 * ones])
+    solved = linprog(
+        [0.0, 0.0, -1.0, 1.0], np.vstack([above, below]), np.concatenate([-scaled, scaled]), bounds=(None, None), method="highs"
+    )
+    if solved.x is None or not solved.success:
+        raise InputError(f"a minimum zone must exist, got none ({solved.message}). Check the readings.")
+    a, b = solved.x[:2] * size
+    rest = deviation - columns[:, 1:] @ [a, b]
+    lower, upper = float(rest.min()), float(rest.max())
+    return Zone((float(a), float(b)), lower, upper, 0.5 * (lower + upper))
+
+
+def minimum_zone_widths(angle_rad: Array, deviations: Array) -> Array:
+    """Widths of the minimum zones of many full circles at once.
+
+    1, cos θ, sin θ satisfy Haar's condition, so the best fit deviates equally, with alternating sign, at four angles; they are
+    found by exchanging one at a time for where the deviation is largest.
+
+    Parameters
+    ----------
+    angle_rad : ndarray, shape (n,)
+        Different angles, rising, within one turn.
+    deviations : ndarray, shape (traces, n)
+
+    Returns
+    -------
+    ndarray, shape (traces,)
+    """
+    deviations = np.atleast_2d(deviations)
+    columns = _columns(angle_rad, deviations[0])
+    at = np.tile(np.arange(4) * len(angle_rad) // 4, (len(deviations), 1))
+    found = np.zeros(len(deviations))
+    left = np.arange(len(deviations))
+    for _ in range(_EXCHANGES):
+        own, trace = at[left], deviations[left]
+        matrix = np.concatenate([columns[own], np.broadcast_to(_SIGNS[:, None], (len(left), 4, 1))], axis=2)
+        solved = np.linalg.solve(matrix, np.take_along_axis(trace, own, axis=1)[..., None])[..., 0]
+        rest = trace - solved[:, :3] @ columns.T
+        worst = np.abs(rest).argmax(axis=1)
+        largest = np.take_along_axis(np.abs(rest), worst[:, None], axis=1)[:, 0]
+        found[left] = 2.0 * largest
+        open_ = largest > np.abs(solved[:, 3]) * (1.0 + _LEVEL) + _LEVEL * np.abs(trace).max(axis=1)
+        deviation = np.take_along_axis(rest, worst[:, None], axis=1)[:, 0]
+        at[left] = np.where(open_[:, None], _exchanged(own, worst, deviation, solved[:, 3]), own)
+        left = left[open_]
+        if not len(left):
+            break
+    return found
+
+
+def _exchanged(points: Array, new: Array, deviation: Array, level: Array) -> Array:
+    """Four points a trace (n, 4), the one beside ``new`` that deviates to the same side replaced by it; the first deviates by
+    ``level``."""
+    sign = np.where(level < 0.0, -1.0, 1.0)[:, None] * _SIGNS
+    place = (points < new[:, None]).sum(axis=1)
+    before, after = (place - 1) % 4, place % 4
+    rows = np.arange(len(points))
+    replaced = np.where(sign[rows, before] * deviation > 0.0, before, after)
+    points = points.copy()
+    points[rows, replaced] = new
+    return np.sort(points, axis=1)
+
+
+def _columns(angle_rad: Array, deviation: Array) -> Array:
+    if len(deviation) < _FEWEST or len(angle_rad) != len(deviation):
+        raise InputError(
+            f"a zone must have at least {_FEWEST} angles with a deviation each, got {len(deviation)}. Give the trace."
+        )
+    return np.column_stack([np.ones(len(angle_rad)), np.cos(angle_rad), np.sin(angle_rad)])
+
+
 _ANGLE = np.arange(360) * (np.pi / 180.0)
 _CLOSED_DEG = 350.0
 # Minimum zones of two paths at once are a linear programme each.
@@ -81,14 +213,16 @@ def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     second = np.full(2, np.nan)
     if test.arc_deg >= _CLOSED_DEG and len(angle) > SIZE:
         second = np.linalg.lstsq(basis(angle), reading, rcond=None)[0][[_COS2, _SIN2]]
-    mismatch, square = second * _per_second_order(bound, test.name)
+    mismatch, square = second * _per_second_order(bound, bound.test_names.index(test.name))
     return {
         "force_N": test.force_N,
         "direction": test.direction,
         "plane": test.plane,
         "radius_mm": float(test.circle.radius_mm),
         "arc_deg": test.arc_deg,
-        **_zone_numbers(zone),
+        "G": zone.width,
+        "F_max": zone.upper - zone.mean,
+        "F_min": zone.lower - zone.mean,
         "G_minimum_zone": minimum_zone(angle, reading).width,
         "squareness": square,
         "scale_mismatch": mismatch,
@@ -97,10 +231,6 @@ def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
 
 def _trace(test: CircularTest) -> tuple[Array, Array]:
     return test.angles_rad(), np.asarray(test.reading_um, dtype=float)
-
-
-def _zone_numbers(zone: Zone) -> dict[str, float]:
-    return {"G": zone.width, "F_max": zone.upper - zone.mean, "F_min": zone.lower - zone.mean}
 
 
 def _both(one: tuple[Array, Array], other: tuple[Array, Array]) -> dict[str, float]:
@@ -155,40 +285,36 @@ def circularity(
     travel = _travel_draws(bound, beta, phi) if both_ways and bound.setting.both_ways else {}
     beta = np.where(offsets(bound), 0.0, beta)
     forces = list(forces_N) or [0.0, *np.unique(bound.setting.force_N).tolist()]
-    tail = 0.5 - 0.5 * ci_prob
-    rows = []
+    units, rows = QUANTITIES | BIDIRECTIONAL, []
     for plane in bound.setting.planes:
         r = first_circle(bound, plane)
-        for force in forces:
-            path = beta @ (geometric_columns(bound, r) + elastic_columns(bound, r, float(force))).T * 1e3
-            found = _of_paths(path, _per_second_order(bound, bound.test_names[r]))
+        for force in map(float, forces):
+            path = beta @ (geometric_columns(bound, r) + elastic_columns(bound, r, force)).T * 1e3
+            found = _of_paths(path, _per_second_order(bound, r))
             if plane in travel:
                 constant, proportional = travel[plane]
                 found |= _of_both_ways(path, (constant + force * proportional) * 1e3)
-            for quantity, values in found.items():
-                low, median, high = np.quantile(values, [tail, 0.5, 1.0 - tail])
-                rows.append(
-                    {
-                        "plane": plane,
-                        "radius_mm": float(bound.setting.radius_mm[r]),
-                        "force_N": float(force),
-                        "quantity": quantity,
-                        "unit": (QUANTITIES | BIDIRECTIONAL)[quantity],
-                        "mean": float(np.mean(values)),
-                        "sd": float(np.std(values)),
-                        "median": float(median),
-                        "ci_low": float(low),
-                        "ci_high": float(high),
-                    }
-                )
+            where = {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}
+            rows += [
+                {**where, "quantity": quantity, "unit": units[quantity], "mean": float(values.mean()), **_spread(values, ci_prob)}
+                for quantity, values in found.items()
+            ]
     return pd.DataFrame(rows)
+
+
+def _spread(values: Array, ci_prob: float) -> dict[str, float]:
+    low, median, high = np.quantile(values, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob])
+    return {"sd": float(values.std()), "median": float(median), "ci_low": float(low), "ci_high": float(high)}
+
+
+def _centred(path: Array) -> Array:
+    """Basis coefficients without radius and centre, shape (draws, 25)."""
+    return np.where(np.arange(SIZE) < 3, 0.0, path)
 
 
 def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
     """Of many paths, basis coefficients (draws, 25) [µm]."""
-    centred = path.copy()
-    centred[:, :3] = 0.0
-    trace = centred @ basis(_ANGLE).T
+    trace = _centred(path) @ basis(_ANGLE).T
     upper, lower = trace.max(axis=1), trace.min(axis=1)
     return {
         "G": upper - lower,
@@ -202,9 +328,8 @@ def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
 
 def _of_both_ways(path: Array, half: Array) -> dict[str, Array]:
     """Of two paths, path ± half of their difference; the least-squares centre common to both is that of their mean."""
-    centred = path.copy()
-    centred[:, :3] = 0.0
-    traces = np.concatenate([(centred + half) @ basis(_ANGLE).T, (centred - half) @ basis(_ANGLE).T], axis=1)
+    centred, turn = _centred(path), basis(_ANGLE).T
+    traces = np.concatenate([(centred + half) @ turn, (centred - half) @ turn], axis=1)
     some = np.linspace(0, len(traces) - 1, min(len(traces), _ZONES)).astype(int)
     return {
         "G_b": np.ptp(traces, axis=1),
@@ -230,9 +355,8 @@ def _travel_draws(bound: BoundModel, beta: Array, phi: Array) -> dict[str, tuple
     return found
 
 
-def _per_second_order(bound: BoundModel, name: str) -> Array:
+def _per_second_order(bound: BoundModel, r: int) -> Array:
     """Scale mismatch per µm of cos 2θ, squareness per µm of sin 2θ, on the circle of a test, shape (2,) [µm/m per µm]."""
-    r = bound.test_names.index(name)
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
     return np.array([2.0 / radius_m, 1e3 / float(bound.setting.geometric[r][_SIN2, _squareness(bound, r)])])
 
@@ -273,3 +397,59 @@ def elastic_columns(bound: BoundModel, r: int, force_N: float) -> Array:
         if parameter.group != "geometric":
             columns[:, j] = force_N * lever**parameter.degree * bound.setting.wrench[r][:, labels.index(parameter.compliance)]
     return columns
+
+
+_DRAWS = 2000
+TOGETHER, COMPLIANCE, GEOMETRY = "compliance and geometry", "compliance", "geometry"
+
+
+@one_blas_thread
+def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_prob: float = 0.95) -> pd.DataFrame:
+    """Largest, smallest and peak-to-peak contribution to the reading of one circle [µm].
+
+    Parameters
+    ----------
+    force_N : float, optional
+        Default: the highest tested.
+    ci_prob : float
+
+    Returns
+    -------
+    DataFrame
+        One row per plane and source: the two together, compliance, geometry, every compliance (its slope included) and every
+        geometric error; radius_mm, force_N; maximum, minimum and peak_to_peak of the mean path; median, sd, ci_low and ci_high of
+        the peak-to-peak. Where a source is hardly known its median exceeds the peak-to-peak of its mean, which may be zero.
+    """
+    check_probability(ci_prob)
+    bound = bound_of(posterior)
+    beta, _ = draws_of(posterior, bound, _DRAWS)
+    force = float(bound.setting.force_N.max()) if force_N is None else float(force_N)
+    rows = []
+    for plane in bound.setting.planes:
+        r = first_circle(bound, plane)
+        where = {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}
+        for source, path in contribution_paths(bound, r, force, beta).items():
+            mean = path.mean(axis=0)
+            ends = {"maximum": float(mean.max()), "minimum": float(mean.min()), "peak_to_peak": float(np.ptp(mean))}
+            rows.append({**where, "source": source, **ends, **_spread(np.ptp(path, axis=1), ci_prob)})
+    columns = ["maximum", "minimum", "peak_to_peak", "median", "sd", "ci_low", "ci_high"]
+    return pd.DataFrame(rows, columns=["plane", "radius_mm", "force_N", "source", *columns])
+
+
+def contribution_paths(bound: BoundModel, r: int, force_N: float, beta: Array) -> Mapping[str, Array]:
+    """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in `contributions`."""
+    turn = basis(_ANGLE).T * 1e3
+    elastic, geometric = elastic_columns(bound, r, force_N), geometric_columns(bound, r)
+    machine = np.where(offsets(bound), 0.0, geometric)
+    found = {
+        TOGETHER: beta @ (elastic + machine).T @ turn,
+        COMPLIANCE: beta @ elastic.T @ turn,
+        GEOMETRY: beta @ machine.T @ turn,
+    }
+    for name in (compliance.label for compliance in bound.compliances):
+        own = np.array([p.group != "geometric" and p.compliance == name for p in bound.parameters])
+        found[name] = beta[:, own] @ elastic[:, own].T @ turn
+    for j, parameter in enumerate(bound.parameters):
+        if parameter.group == "geometric":
+            found[parameter.name] = np.outer(beta[:, j], geometric[:, j]) @ turn
+    return {name: path for name, path in found.items() if path.any()}

@@ -6,8 +6,11 @@ the others. Models are compared on the same readings, with the same priors where
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -15,40 +18,404 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis.assumptions import (
-    SLOPE_SCALES,
-    compare_under,
-    crossings,
-    discrepancy_assumptions,
-    nuisance_assumptions,
-    with_slope_scale,
-)
-from ldbb_bayes.analysis.belonging import belonging_of, dropping
-from ldbb_bayes.analysis.compared import ComparedModel, ComparedTest, Comparison, ScaledSlopes
-from ldbb_bayes.analysis.evidences import Evidences, Weighed, probabilities
 from ldbb_bayes.analysis.local_fits import local_fits
-from ldbb_bayes.analysis.slopes import count_subsets, model_curves, slope_subsets
-from ldbb_bayes.analysis.weight import verdict_of
+from ldbb_bayes.analysis.outliers import FALSE_ALARMS, Dropped, dropped, outliers
+from ldbb_bayes.analysis.slopes import Curve, SlopeSubset, VaryingSlope, count_subsets, model_curves, slope_subsets
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.collapsed import draw_parameters_given
-from ldbb_bayes.inference.evidence import check_comparable, log_bayes_factor
+from ldbb_bayes.inference.evidence import (
+    Evidences,
+    Weighed,
+    check_comparable,
+    log_bayes_factor,
+    moments,
+    probabilities,
+    savage_dickey,
+)
 from ldbb_bayes.inference.least_squares import least_squares
 from ldbb_bayes.inference.leave_one_out import LeftOut, leave_one_out, pareto_smoothed
-from ldbb_bayes.inference.marginals import moments
-from ldbb_bayes.inference.origin import campaign_of, model_of
-from ldbb_bayes.inference.predictive import FitQuality, fit_quality
-from ldbb_bayes.inference.savage_dickey import savage_dickey
-from ldbb_bayes.inference.summary import check_probability
+from ldbb_bayes.inference.nodes import draw_parameters_given
+from ldbb_bayes.inference.posterior import campaign_of, check_probability, model_of
+from ldbb_bayes.inference.predictive import fit_quality
+from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.wording import joined
-from ldbb_bayes.threads import one_blas_thread
+from ldbb_bayes.model.terms import Covariate, Discrepancy, Drift, Hysteresis, SetupShift, Term
+from ldbb_bayes.result import Number, Records, Result, read_result
+from ldbb_bayes.units import ranked
 
-__all__ = ["compare"]
+__all__ = [
+    "SLOPE_SCALES",
+    "WHITE_NOISE",
+    "Assumed",
+    "ComparedModel",
+    "ComparedTest",
+    "Comparison",
+    "Sign",
+    "compare",
+    "read_comparison",
+]
 
 Array = NDArray[Any]
+Change = Callable[[HybridModel], HybridModel]
+SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
+WHITE_NOISE = "white noise only, no truncation"
+_AS_GIVEN = "as in the model"
+_REJECTED = 5.0
 _QUALITY_DRAWS = 1000
 _FINEST, _COARSEST = 1e-4, 1.0
+_DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
+    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
+    ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
+    ("without discrepancy", Discrepancy, None),
+    ("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
+    ("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
+    ("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
+    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
+    ("without set-up shift", SetupShift, None),
+)
+
+
+class Sign(StrEnum):
+    """How robust the sign of the log Bayes factor is."""
+
+    OPEN = "depends on assumptions that the readings allow"
+    HELD = "holds but for assumptions that the readings reject"
+    FIRM = "holds under every assumption"
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The campaign that was compared on."""
+
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Posterior mean and sd of a parameter, in its inside unit."""
+
+    unit: str
+    mean: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Eq. 34-35 of the paper's least squares (Eq. 31); not a number where the forces do not determine it."""
+
+    rmse_um: Number
+    fitness_percent: dict[str, Number]
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedModel:
+    """One of the models.
+
+    Attributes
+    ----------
+    log_evidence, log_evidence_error : float
+        [nat].
+    posterior_probability : float
+        Among the models compared.
+    elpd_lofo, elpd_lofo_se : float
+        Sum of the leave-one-force-out log densities and its standard error over the tests [nat]; not a number for one test.
+    rmse_um, fitness_percent : float, dict of test to float
+        Eq. 34-35 of the posterior mean prediction, machine and shared nuisances.
+    least_squares : Squares
+        At the same degree.
+    degree : int
+    terms : tuple of str
+    parameters : dict of name to Estimate
+    compliance_against_force : dict of compliance to Curve
+    """
+
+    log_evidence: float
+    log_evidence_error: float
+    posterior_probability: float
+    elpd_lofo: Number
+    elpd_lofo_se: Number
+    rmse_um: float
+    fitness_percent: dict[str, Number]
+    least_squares: Squares
+    degree: int
+    terms: tuple[str, ...]
+    parameters: dict[str, Estimate]
+    compliance_against_force: dict[str, Curve]
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """A left-out log density by importance sampling, and whether that can be trusted."""
+
+    log_density: Number
+    pareto_k: Number
+    trustworthy: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedTest:
+    """One test, left out.
+
+    Attributes
+    ----------
+    force_N : float
+    lofo_log_density, lofo_log_density_error : dict of model to float
+        ln p(y_r | y_−r), exact, and the quadrature's error [nat].
+    lofo_p_value, lofo_family_wise_p_value, lofo_worst_order, lofo_p_value_by_order, flag : as in `Outlier`
+    psis_loo_good_k : float
+        Above this Pareto k importance sampling cannot be trusted.
+    psis_loo : dict of model to Smoothed
+    without_it : dict of model to dict of parameter to Dropped
+    """
+
+    force_N: float
+    lofo_log_density: dict[str, float]
+    lofo_log_density_error: dict[str, float]
+    lofo_p_value: float
+    lofo_family_wise_p_value: float
+    lofo_worst_order: int
+    lofo_p_value_by_order: dict[int, float]
+    flag: bool
+    psis_loo_good_k: float
+    psis_loo: dict[str, Smoothed]
+    without_it: dict[str, dict[str, Dropped]]
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether the family-wise p-value is below 2 %, flagged or not."""
+        return self.lofo_family_wise_p_value < FALSE_ALARMS
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """The comparison under one assumption: log evidence of both models, second over first [nat]."""
+
+    assumption: str
+    log_bayes_factor: float
+    log_bayes_factor_error: float
+    log_evidence: dict[str, float]
+
+    @property
+    def best(self) -> float:
+        """The larger of the log evidences."""
+        return max(self.log_evidence.values())
+
+
+@dataclass(frozen=True)
+class ScaledSlopes:
+    """The comparison with the slopes' prior sd at this multiple of sd(C) over the range of force."""
+
+    slope_scale: float
+    log_bayes_factor: float
+    error: float
+
+
+@dataclass(frozen=True)
+class SavageDickey:
+    """A log Bayes factor by the Savage-Dickey ratio [nat]."""
+
+    log_bayes_factor: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A difference of elpd, and its standard error over the tests [nat]."""
+
+    value: Number
+    se: Number
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison(Result):
+    """Models of one campaign compared; logarithms are natural, parameters in inside units.
+
+    Attributes
+    ----------
+    campaign : Readings
+    models : dict of name to ComparedModel
+    log_bayes_factor, log_bayes_factor_error : dict of "model/first model" to float
+        [nat].
+    savage_dickey, elpd_difference : dict of "model/first model" to SavageDickey, Difference
+        The former where the two are nested.
+    sensitivity_of : str
+        Second model over the first, as all sensitivities are.
+    prior_sensitivity : tuple of ScaledSlopes
+    prior_sensitivity_crossings : tuple of float
+        Slope scales at which the log Bayes factor changes sign.
+    discrepancy_sensitivity, nuisances : tuple of Assumed
+    white_noise_overstates_by_nats : float
+        By how much white noise alone moves the log Bayes factor; not a number where it leaves no difference.
+    slopes : dict of compliance to VaryingSlope
+        Empty where no model has slopes, or evidence alone was asked for.
+    slope_subsets : tuple of SlopeSubset
+        The most probable first.
+    slope_subsets_possible : int, or None
+    compliance_against_force : dict of compliance to Curve
+        Averaged over the subsets.
+    tests : dict of name to ComparedTest
+        Empty for one test.
+    local_fits : DataFrame
+        Of windows of two force levels; empty where there is one level.
+    tolerance, largest_error : float
+        Asked of every log evidence, and the largest seen [nat].
+    differing_priors : tuple of str
+        Parameters and scales to which the models give different priors: the Bayes factor compares these too.
+    """
+
+    campaign: Readings
+    models: dict[str, ComparedModel]
+    log_bayes_factor: dict[str, float]
+    log_bayes_factor_error: dict[str, float]
+    savage_dickey: dict[str, SavageDickey]
+    elpd_difference: dict[str, Difference]
+    sensitivity_of: str
+    prior_sensitivity: tuple[ScaledSlopes, ...]
+    prior_sensitivity_crossings: tuple[float, ...]
+    discrepancy_sensitivity: tuple[Assumed, ...]
+    nuisances: tuple[Assumed, ...]
+    white_noise_overstates_by_nats: Number
+    slopes: dict[str, VaryingSlope]
+    slope_subsets: tuple[SlopeSubset, ...]
+    slope_subsets_possible: int | None
+    compliance_against_force: dict[str, Curve]
+    tests: dict[str, ComparedTest]
+    local_fits: Records
+    tolerance: float
+    largest_error: float
+    differing_priors: tuple[str, ...] = ()
+
+    @property
+    def pair(self) -> tuple[str, str]:
+        """The first two models, which sensitivities compare."""
+        first, second, *_ = self.models
+        return first, second
+
+    @property
+    def within_tolerance(self) -> bool:
+        """Whether every log evidence is as exact as was asked."""
+        return self.largest_error <= self.tolerance
+
+    @property
+    def assumptions(self) -> dict[str, Assumed]:
+        """Every assumption once, by name: nuisances on and off, then ideas of discrepancy."""
+        return {a.assumption: a for a in (*self.nuisances, *self.discrepancy_sensitivity)}
+
+    def gain(self, assumed: Assumed) -> float:
+        """How much more evidence an assumption has than the models' own [nat]."""
+        return assumed.best - self.nuisances[0].best
+
+    def turning(self) -> list[Assumed]:
+        """Assumptions that turn the sign of the log Bayes factor, the best supported first."""
+        sign = np.sign(self.log_bayes_factor[self.sensitivity_of])
+        every = {a.assumption: a for a in (*self.discrepancy_sensitivity, *self.nuisances)}
+        distinct = {a.log_bayes_factor: a for a in reversed(every.values())}
+        turned = [a for a in distinct.values() if np.sign(a.log_bayes_factor) == -sign and a.assumption != WHITE_NOISE]
+        return ranked(turned, self.gain)
+
+    def allowed(self, assumed: Assumed) -> bool:
+        """Whether the readings do not reject an assumption."""
+        return self.gain(assumed) > -_REJECTED
+
+    @property
+    def sign(self) -> Sign:
+        """How robust the sign of the log Bayes factor is."""
+        turning = self.turning()
+        if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):
+            return Sign.OPEN
+        return Sign.HELD if turning else Sign.FIRM
+
+    def preferred_assumption(self) -> Assumed | None:
+        """The assumption with most evidence, where the models' own would be rejected for it."""
+        best = ranked((*self.discrepancy_sensitivity, *self.nuisances), lambda a: a.best)[0]
+        return best if self.gain(best) > _REJECTED else None
+
+
+def read_comparison(path: Path) -> Comparison:
+    """Return the comparison in a folder written by ``ldbb-bayes compare --out``, or in its comparison.json.
+
+    Raises
+    ------
+    InputError
+        When the file is missing, damaged, or not one of ours.
+    """
+    return read_result(path, "comparison", "compare", Comparison.from_dict)
+
+
+def _discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
+    """How circles may differ from one another: what the models say, then one idea after the other changed."""
+    ideas = [(label, kind, term) for label, kind, term in _DISCREPANCIES if any(_term(model, kind) != term for model in models)]
+    return {_AS_GIVEN: _unchanged, **{label: partial(_with_term, kind=kind, term=term) for label, kind, term in ideas}}
+
+
+def _nuisance_assumptions(models: Collection[HybridModel], campaign: Campaign) -> dict[str, Change]:
+    """Every nuisance that can act on the campaign switched over, the truncation switched over, and nothing but white noise."""
+    found: dict[str, Change] = {_AS_GIVEN: _unchanged}
+    for kind in Term.kinds.values():
+        words = kind.words
+        if kind is Hysteresis and not _both_ways(campaign):
+            continue
+        if any(_term(model, kind) is not None for model in models):
+            found[f"without {words}"] = partial(_with_term, kind=kind, term=None)
+        elif kind is Drift:
+            for over in _recorded(campaign):
+                found[f"with {words} over {over}"] = partial(_with_term, kind=kind, term=Drift(over))
+        elif not kind.on_demand:
+            found[f"with {words}"] = partial(_with_term, kind=kind, term=kind())
+    truncated = any(model.prior.truncated for model in models)
+    found["without truncation" if truncated else "with truncation"] = partial(_with_truncation, truncated=not truncated)
+    return found | {WHITE_NOISE: lambda model: replace(model.without("truncation"), nuisances=())}
+
+
+def _unchanged(model: HybridModel) -> HybridModel:
+    return model
+
+
+def _term(model: HybridModel, kind: type[Term]) -> Term | None:
+    return next((term for term in model.nuisances if isinstance(term, kind)), None)
+
+
+def _with_term(model: HybridModel, kind: type[Term], term: Term | None) -> HybridModel:
+    """The model with this term in the place of its own of that kind, in the order of all."""
+    rest = replace(model, nuisances=tuple(own for own in model.nuisances if not isinstance(own, kind)))
+    return rest if term is None else rest.including(term)
+
+
+def _with_truncation(model: HybridModel, truncated: bool) -> HybridModel:
+    return replace(model, prior=replace(model.prior, truncated=truncated))
+
+
+def _both_ways(campaign: Campaign) -> bool:
+    return any({"CW", "CCW"} <= {t.direction for t in campaign.tests if t.plane == plane} for plane in campaign.machine().planes)
+
+
+def _recorded(campaign: Campaign) -> list[Covariate]:
+    """What every test records and could drive a drift."""
+    values: dict[Covariate, list[float | None]] = {
+        "time": [test.time_s for test in campaign.tests],
+        "temperature": [test.temperature_C for test in campaign.tests],
+    }
+    return [over for over, own in values.items() if None not in own and len(set(own)) > 1]
+
+
+def _under(pair: Mapping[str, HybridModel], changes: Mapping[str, Change], evidences: Evidences) -> tuple[Assumed, ...]:
+    """The two models compared under every assumption that leaves a difference between them."""
+    found = []
+    for label, change in changes.items():
+        first, second = (change(model) for model in pair.values())
+        if first != second:
+            one, two = evidences.of(first).evidence, evidences.of(second).evidence
+            values = dict(zip(pair, (one.log_value, two.log_value), strict=True))
+            found.append(Assumed(label, *log_bayes_factor(two, one), values))
+    return tuple(found)
+
+
+def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
+    """Scales at which the log Bayes factor changes sign, interpolated in the logarithm of the scale."""
+    x, y = np.log(scale), log_bayes_factor
+    i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
+    return tuple(np.exp(x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])).tolist())
 
 
 @one_blas_thread
@@ -102,11 +469,12 @@ def compare(
     steps = _Steps(progress)
     evidences = Evidences(campaign, tolerance=tolerance, progress=steps)
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
+    by_scale = {f"slope scale {s:g}": partial(HybridModel.with_slope_scale, scale=s) for s in scales}
+    discrepancies, nuisances = _discrepancy_assumptions(pair.values()), _nuisance_assumptions(pair.values(), campaign)
     several = len(campaign.tests) > 1 and not evidence_only
     subsets = bool(selected.degree) and not evidence_only
     windows = campaign.force_levels > 1 and not evidence_only
-    steps.total = len(chosen) * (1 + several * len(campaign.tests))
-    steps.total += 2 * len([*scales, *discrepancy_assumptions(pair), *nuisance_assumptions(pair, campaign)])
+    steps.total = len(chosen) * (1 + several * len(campaign.tests)) + 2 * len([*by_scale, *discrepancies, *nuisances])
     steps.total += count_subsets(selected, evidences, quadratic=quadratic) if subsets else 0
 
     weighed = {name: evidences.of(model) for name, model in chosen.items()}
@@ -114,31 +482,38 @@ def compare(
         name: leave_one_out(one.posterior, one.evidence, tolerance=tolerance, progress=steps) if several else {}
         for name, one in weighed.items()
     }
-    scaled = compare_under(pair, (with_slope_scale(scale) for scale in scales), evidences)
-    found = Comparison(
-        campaign=campaign.name,
-        sha256=campaign.sha256,
-        pair=(first, second),
+    factors = {f"{n}/{first}": log_bayes_factor(o.evidence, weighed[first].evidence) for n, o in weighed.items() if n != first}
+    ratio = f"{second}/{first}"
+    scaled = _under(pair, by_scale, evidences)
+    under = _under(pair, discrepancies, evidences)
+    switched = _under(pair, nuisances, evidences)
+    overstated = [a.log_bayes_factor - factors[ratio][0] for a in switched if a.assumption == WHITE_NOISE]
+    found = slope_subsets(selected, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if subsets else None
+    return Comparison(
+        campaign=Readings(campaign.name, campaign.sha256),
         models=_models(weighed, left, seed, ci_prob),
-        log_bayes_factor={
-            f"{name}/{first}": log_bayes_factor(one.evidence, weighed[first].evidence)
-            for name, one in weighed.items()
-            if name != first
-        },
+        log_bayes_factor={name: value for name, (value, _) in factors.items()},
+        log_bayes_factor_error={name: error for name, (_, error) in factors.items()},
         savage_dickey=_nested(weighed, first),
         elpd_difference={f"{name}/{first}": _difference(left[name], left[first]) for name in chosen if several and name != first},
-        prior_sensitivity=tuple(ScaledSlopes(s, a.log_bayes_factor, a.error) for s, a in zip(scales, scaled, strict=True)),
-        crossings=crossings(np.array(scales), np.array([assumed.log_bayes_factor for assumed in scaled])),
-        discrepancy_sensitivity=compare_under(pair, discrepancy_assumptions(pair), evidences),
-        nuisances=compare_under(pair, nuisance_assumptions(pair, campaign), evidences),
-        slopes=slope_subsets(selected, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if subsets else None,
+        sensitivity_of=ratio,
+        prior_sensitivity=tuple(
+            ScaledSlopes(s, a.log_bayes_factor, a.log_bayes_factor_error) for s, a in zip(scales, scaled, strict=True)
+        ),
+        prior_sensitivity_crossings=_crossings(np.array(scales), np.array([a.log_bayes_factor for a in scaled])),
+        discrepancy_sensitivity=under,
+        nuisances=switched,
+        white_noise_overstates_by_nats=overstated[0] if overstated else np.nan,
+        slopes={} if found is None else found.slopes,
+        slope_subsets=() if found is None else found.subsets,
+        slope_subsets_possible=None if found is None else found.possible,
+        compliance_against_force={} if found is None else found.curves,
         tests=_tests(weighed, left, seed, tolerance) if several else {},
         local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if windows else pd.DataFrame(),
-        verdict=(),
         tolerance=tolerance,
         largest_error=max([evidences.largest_error, *(one.evidence.error for tests in left.values() for one in tests.values())]),
+        differing_priors=_differing_priors(weighed),
     )
-    return replace(found, verdict=verdict_of(found, tuple(_prior_notes(weighed))))
 
 
 class _Steps:
@@ -208,32 +583,30 @@ def _models(
         rng = np.random.default_rng(seed)
         free = one.lattice.pick(_QUALITY_DRAWS, rng)
         quality = fit_quality(bound, bound.hyper_prior.phi(free), draw_parameters_given(one.posterior, free, rng))
-        squares = _least_squares_quality(bound.model, bound.campaign)
         mean, sd = moments(one.posterior, one.lattice)
         densities = np.array([test.log_density for test in left[name].values()])
         found[name] = ComparedModel(
-            name,
-            bound.model.degree,
-            bound.terms,
-            one.evidence,
-            float(probability),
-            float(densities.sum()) if densities.size else np.nan,
-            _standard_error(densities),
-            quality.rmse_um,
-            quality.fitness_percent,
-            np.nan if squares is None else squares.rmse_um,
-            {} if squares is None else squares.fitness_percent,
-            {p.name: (p.unit, float(m), float(s)) for p, m, s in zip(bound.parameters, mean, sd, strict=True)},
-            model_curves(one, seed, ci_prob),
+            log_evidence=one.evidence.log_value,
+            log_evidence_error=one.evidence.error,
+            posterior_probability=float(probability),
+            elpd_lofo=float(densities.sum()) if densities.size else np.nan,
+            elpd_lofo_se=_standard_error(densities),
+            rmse_um=quality.rmse_um,
+            fitness_percent=quality.fitness_percent,
+            least_squares=_least_squares(bound.model, bound.campaign),
+            degree=bound.model.degree,
+            terms=bound.terms,
+            parameters={p.name: Estimate(p.unit, float(m), float(s)) for p, m, s in zip(bound.parameters, mean, sd, strict=True)},
+            compliance_against_force=model_curves(one, seed, ci_prob),
         )
     return found
 
 
-def _least_squares_quality(model: HybridModel, campaign: Campaign) -> FitQuality | None:
-    """RMSE and fitness of the paper's least squares at the same degree; None where the forces do not determine it."""
+def _least_squares(model: HybridModel, campaign: Campaign) -> Squares:
     if campaign.force_levels < model.degree + 2:
-        return None
-    return least_squares(campaign, model.degree, reference_force_N=model.reference_force_N, fixed=model.fixed).quality
+        return Squares(np.nan, {})
+    found = least_squares(campaign, model.degree, reference_force_N=model.reference_force_N, fixed=model.fixed).quality
+    return Squares(found.rmse_um, found.fitness_percent)
 
 
 def _standard_error(densities: Array) -> float:
@@ -241,24 +614,22 @@ def _standard_error(densities: Array) -> float:
     return float(np.sqrt(len(densities) * densities.var(ddof=1))) if len(densities) > 1 else np.nan
 
 
-def _difference(left: Mapping[str, LeftOut], other: Mapping[str, LeftOut]) -> tuple[float, float]:
+def _difference(left: Mapping[str, LeftOut], other: Mapping[str, LeftOut]) -> Difference:
     differences = np.array([left[name].log_density - other[name].log_density for name in left])
-    return float(differences.sum()), _standard_error(differences)
+    return Difference(float(differences.sum()), _standard_error(differences))
 
 
-def _nested(weighed: Mapping[str, Weighed], first: str) -> dict[str, tuple[float, float]]:
-    """Savage-Dickey ratios over the first model, where one of the two is the other with parameters fixed at zero."""
+def _nested(weighed: Mapping[str, Weighed], first: str) -> dict[str, SavageDickey]:
+    """Over the first model, where one of the two is the other with parameters fixed at zero."""
     found = {}
     for name, one in weighed.items():
-        pair = (weighed[first], one)
-        smaller, larger = sorted(pair, key=lambda own: len(own.posterior.bound.names))
+        smaller, larger = sorted((weighed[first], one), key=lambda own: len(own.posterior.bound.names))
         inner, outer = smaller.posterior.bound, larger.posterior.bound
         extra = [parameter for parameter in outer.names if parameter not in inner.names]
         alike = replace(inner.model, degree=outer.model.degree, fixed=outer.model.fixed, preset=outer.model.preset) == outer.model
-        if name == first or not extra or not alike or not set(inner.names) < set(outer.names):
-            continue
-        value, error = savage_dickey(larger.posterior, larger.evidence, extra)
-        found[f"{name}/{first}"] = (-value if larger is one else value, error)
+        if name != first and extra and alike and set(inner.names) < set(outer.names):
+            value, error = savage_dickey(larger.posterior, larger.evidence, extra)
+            found[f"{name}/{first}"] = SavageDickey(-value if larger is one else value, error)
     return found
 
 
@@ -266,30 +637,34 @@ def _tests(
     weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int, tolerance: float
 ) -> dict[str, ComparedTest]:
     """Every test against the others."""
-    names = list(next(iter(left.values())))
-    if not names:
-        return {}
-    belongs = belonging_of(weighed, left, seed=seed, tolerance=tolerance)
-    dropped = {model: dropping(one, left[model]) for model, one in weighed.items()}
+    odd = outliers(weighed, left, seed=seed, tolerance=tolerance)
+    without = {model: dropped(one, left[model]) for model, one in weighed.items()}
     smoothed = {model: pareto_smoothed(one.posterior, one.lattice, seed=seed) for model, one in weighed.items()}
+    good_k = min(own[2] for own in smoothed.values())
     forces = next(iter(weighed.values())).posterior.bound.setting.force_N
     return {
         name: ComparedTest(
-            float(forces[r]),
-            {model: tests[name].log_density for model, tests in left.items()},
-            {model: tests[name].error for model, tests in left.items()},
-            {model: float(log_density[r]) for model, (log_density, _, _) in smoothed.items()},
-            {model: float(pareto_k[r]) for model, (_, pareto_k, _) in smoothed.items()},
-            min(good_k for _, _, good_k in smoothed.values()),
-            belongs[name],
-            {model: by_test[name] for model, by_test in dropped.items()},
+            force_N=float(forces[r]),
+            lofo_log_density={model: tests[name].log_density for model, tests in left.items()},
+            lofo_log_density_error={model: tests[name].error for model, tests in left.items()},
+            lofo_p_value=own.p_value,
+            lofo_family_wise_p_value=own.family_wise_p_value,
+            lofo_worst_order=own.worst_order,
+            lofo_p_value_by_order=dict(enumerate(own.order_p_values)),
+            flag=own.flag,
+            psis_loo_good_k=good_k,
+            psis_loo={
+                model: Smoothed(float(density[r]), float(k[r]), bool(k[r] <= good_k))
+                for model, (density, k, _) in smoothed.items()
+            },
+            without_it={model: by_test[name] for model, by_test in without.items()},
         )
-        for r, name in enumerate(names)
+        for r, (name, own) in enumerate(odd.items())
     }
 
 
-def _prior_notes(weighed: Mapping[str, Weighed]) -> Iterator[str]:
-    """Shared parameters with different priors: their Bayes factor compares these too."""
+def _differing_priors(weighed: Mapping[str, Weighed]) -> tuple[str, ...]:
+    """What the models share and give different priors."""
     seen: dict[str, tuple[float, float]] = {}
     differing: dict[str, None] = {}
     for one in weighed.values():
@@ -299,5 +674,4 @@ def _prior_notes(weighed: Mapping[str, Weighed]) -> Iterator[str]:
         for name, mean, sd in [*own, *((str(n), 0.0, float(s)) for n, s in hyper)]:
             if not np.allclose(seen.setdefault(name, (mean, sd)), (mean, sd), rtol=1e-9, atol=0.0):
                 differing[name] = None
-    if differing:
-        yield f"The models give {joined(list(differing))} different priors: the Bayes factor compares these too."
+    return tuple(differing)

@@ -7,26 +7,120 @@ balls, mount and force device: their errors cancel (`instrument`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import comb
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy.linalg
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import offsets
-from ldbb_bayes.analysis.instrument import same_instrument_means
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.origin import bound_of, draws_of, record_of
-from ldbb_bayes.inference.summary import check_probability
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.threads import one_blas_thread
+from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, record_of
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.information import Information, information_of
+from ldbb_bayes.model.terms import Columns, Term
+from ldbb_bayes.units import ranked
 
 __all__ = ["differences"]
 
 Array = NDArray[Any]
+_LEARNT = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class _Together:
+    """What both campaigns say: means (2, names), second less first with its covariance, and where they disagree most about the
+    instrument, with the p-value of that (allowing for the number of coefficients; None where neither says anything)."""
+
+    means: Array
+    difference: Array
+    covariance: Array
+    conflict: tuple[str, float] | None
+
+
+def _of_one_instrument(bounds: tuple[BoundModel, BoundModel], phi: tuple[Array, Array], read: Sequence[Array]) -> _Together:
+    """Two campaigns run with one instrument; ``read``: rows that take β of each to the parameters compared, each (names, p)."""
+    if len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for own in bounds for test in own.campaign.tests}) > 1:
+        bounds = (bounds[0].with_two_balls(), bounds[1].with_two_balls())
+    one, two = bounds
+    if "tau" in one.hyper_prior.names and "tau" in two.hyper_prior.names:
+        i, j = one.hyper_prior.names.index("tau"), two.hyper_prior.names.index("tau")
+        phi[0][i] = phi[1][j] = 0.5 * (phi[0][i] + phi[1][j])
+    information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
+    if any(own.flat for own in information):
+        raise InputError("same_instrument must go with proper priors, got flat ones. Fit with the default preset.")
+    told = [[_physical(name, bound) for name in own.names] for bound, own in zip(bounds, information, strict=True)]
+    pairs = zip(told[0], information[0].owners, strict=True)
+    alike = [name for name, owner in pairs if owner in Term.kinds and Term.kinds[owner].instrument and name in told[1]]
+    place: dict[tuple[int, str], int] = {}
+    for k, names in enumerate(told):
+        for name in names:
+            place[k, name] = place[0, name] if k and name in alike else len(set(place.values()))
+    means = [_mean(bound, values) for bound, values in zip(bounds, phi, strict=True)]
+    size = len(set(place.values()))
+    precision, weighted, scale = np.zeros((size, size)), np.zeros(size), np.ones(size)
+    for k, own in enumerate(information):
+        at = [place[k, name] for name in told[k]]
+        root, _ = own.root()
+        inside = (root.T @ root) / np.outer(own.scale, own.scale)
+        precision[np.ix_(at, at)] += inside
+        weighted[at] += inside @ means[k]
+        scale[at] = own.scale
+    again = [place[0, name] for name in alike]
+    precision[again, again] -= scale[again] ** -2.0
+    cholesky = np.linalg.cholesky(precision * np.outer(scale, scale))
+    covariance = scipy.linalg.cho_solve((cholesky, True), np.eye(size)) * np.outer(scale, scale)
+    mean = covariance @ weighted
+    rows = np.zeros((2, len(read[0]), size))
+    for k, bound in enumerate(bounds):
+        rows[k][:, [place[k, name] for name in bound.names]] = read[k]
+    apart = rows[1] - rows[0]
+    return _Together(rows @ mean, apart @ mean, apart @ covariance @ apart.T, _conflict(alike, told, information, means))
+
+
+def _conflict(
+    alike: Sequence[str], told: Sequence[Sequence[str]], information: Sequence[Information], means: Sequence[Array]
+) -> tuple[str, float] | None:
+    """Where the readings of both, each by itself, disagree most about a coefficient: what they say of it beyond its prior,
+    n ± 1/√l with l = 1/Var(ν | y) − 1/S, must be the same number."""
+    found = []
+    covariances = [np.diag(own.covariance()) for own in information]
+    for name in alike:
+        said, precision = [], []
+        for names, own, variance, mean in zip(told, information, covariances, means, strict=True):
+            j = names.index(name)
+            learnt = 1.0 / variance[j] - 1.0
+            precision.append(learnt / own.scale[j] ** 2)
+            said.append(mean[j] / (variance[j] * max(learnt, _LEARNT)))
+        if min(precision) * information[0].scale[told[0].index(name)] ** 2 > _LEARNT:
+            apart = (said[0] - said[1]) / np.sqrt(1.0 / precision[0] + 1.0 / precision[1])
+            found.append((name, float(abs(apart))))
+    if not found:
+        return None
+    worst, apart = ranked(found, lambda pair: pair[1])[0]
+    return worst, min(1.0, float(2.0 * ndtr(-apart)) * len(found))
+
+
+def _physical(name: str, bound: BoundModel) -> str:
+    """The coefficient's name, with the radius that a bar length is of."""
+    return f"bar_length_{bound.setting.radii_mm[0]:g}" if name == "bar_length" else name
+
+
+def _mean(bound: BoundModel, phi: Array) -> Array:
+    """Posterior mean of parameters and shared nuisances at φ, in the order of `information_of`."""
+    beta = bound.given(phi[None])[1].mean[0]
+    if not any(isinstance(term, Columns) and not term.private for term in bound.nuisance_columns):
+        return np.asarray(beta)
+    _, nuisances = bound.given_interest.conditional(phi[None], (beta - bound.centre)[None])
+    return np.concatenate([beta, nuisances.mean[0]])
+
+
 _DRAWS = 20_000
 
 
@@ -66,7 +160,7 @@ def differences(
     conflict = None
     if same_instrument:
         phi = (draws_of(posterior, one)[1].mean(axis=0), draws_of(other, two)[1].mean(axis=0))
-        shared = same_instrument_means((one, two), phi, read)
+        shared = _of_one_instrument((one, two), phi, read)
         means, mean, sd = shared.means, shared.difference, np.sqrt(np.diag(shared.covariance))
         conflict = shared.conflict
         reach = float(ndtri(high)) * sd

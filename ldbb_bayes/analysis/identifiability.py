@@ -1,40 +1,257 @@
 """Which numbers come from the readings, which from the prior, and which are two names for one thing.
 
-Everything is of the linear Gaussian model at one value of the hyper-parameters φ, truncation set aside: no readings are needed,
-and a plan can be asked before it is run. With readings φ is its posterior mean, without them its prior median.
+Everything is of the linear Gaussian model at one value of the hyper-parameters φ, without truncation: no readings are needed, and
+a plan can be asked before it is run. With readings φ is its posterior mean, without them its prior median.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from math import factorial
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.special import ndtr
 
-from ldbb_bayes.analysis.confounding import Confounding
-from ldbb_bayes.analysis.identified import Direction, Identifiability, ParameterIdentifiability
-from ldbb_bayes.analysis.verdict import TENTH, verdict_of
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.inference.origin import bound_of, draws_of
-from ldbb_bayes.inference.quadrature import HyperPosterior
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.cures import cures
-from ldbb_bayes.model.degeneracies import Degeneracy, degeneracies, standing_degeneracies
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.aliases import Cure, Degeneracy, Standing, cures, degeneracies, standing_degeneracies
 from ldbb_bayes.model.gaussian import least_squares
-from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.information import Information, information_of
-from ldbb_bayes.threads import one_blas_thread
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.information import NOISE, Information, information_of
+from ldbb_bayes.result import ByRow, Finite, Number, Result
+from ldbb_bayes.units import ranked
 
-__all__ = ["identify", "overlap", "verdicts"]
+__all__ = [
+    "Confounding",
+    "Direction",
+    "Identifiability",
+    "ParameterIdentifiability",
+    "Verdict",
+    "identify",
+    "overlap",
+    "verdicts",
+]
 
 Array = NDArray[Any]
-
-_HALF = 0.5
+_TENTH, _HALF, _CONTRACTED, _NAMED = 0.1, 0.5, 0.75, 0.05
 _SHOWN = 3
 _ROUNDING = 1e-12
+
+
+class Verdict(StrEnum):
+    """What is known of one parameter. The rule, in this order:
+
+    1. *confounded*, when a nuisance that the model leaves out looks exactly like it: nothing bounds it then.
+    2. *confounded*, when more than half of its variance lies along directions in which the priors outweigh the readings, and more
+       than half would vanish if something else were known: the nuisance terms, and with them the parameters that no reading
+       separates from it; or, where the priors outweigh the readings tenfold, the parameter it is correlated with most.
+    3. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of the prior sd.
+    4. *identified* otherwise.
+    """
+
+    IDENTIFIED = "identified"
+    PRIOR_LIMITED = "prior-limited"
+    CONFOUNDED = "confounded"
+
+
+@dataclass(frozen=True, eq=False)
+class Confounding:
+    """Posterior variances of the parameters of interest under everything one could know.
+
+    Attributes
+    ----------
+    information : Information
+    """
+
+    information: Information
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The nuisance terms."""
+        return self.information.terms
+
+    @cached_property
+    def variance(self) -> Array:
+        """Var(β | y) in units of the prior variance, shape (p,)."""
+        return self.information.variances()
+
+    @cached_property
+    def fraction(self) -> dict[str, Array]:
+        """Confounding fraction 1 − Var(β | y, g) / Var(β | y) of every term g, each shape (p,)."""
+        return {term: self.lost_by_knowing([term]) for term in self.terms}
+
+    def lost_by_knowing(self, terms: Sequence[str]) -> Array:
+        """Share of the variance that vanishes when these terms are known, shape (p,)."""
+        return np.clip(1.0 - self.information.variances(terms) / self.variance, 0.0, 1.0)
+
+    @cached_property
+    def shares(self) -> dict[str, Array]:
+        """Shapley shares of the terms and of the reading noise with the parameters' own prior; they sum to one.
+
+        A term's share is what knowing it takes from the variance, averaged over all orders in which terms become known
+        (Shapley 1953; Owen 2014). What stays when all are known goes to ``ReadingNoise``.
+        """
+        terms, count = self.terms, len(self.terms)
+        known = [frozenset(term for i, term in enumerate(terms) if number >> i & 1) for number in range(2**count)]
+        worth = [1.0 - self.information.variances(subset) / self.variance for subset in known]
+        found = {}
+        for i, term in enumerate(terms):
+            total = np.zeros(len(self.variance))
+            for number, subset in enumerate(known):
+                if number >> i & 1:
+                    continue
+                weight = factorial(len(subset)) * factorial(count - len(subset) - 1) / factorial(count)
+                total = total + weight * (worth[number | 1 << i] - worth[number])
+            found[term] = total
+        found[NOISE] = 1.0 - worth[-1]
+        return found
+
+    @cached_property
+    def sensitivity(self) -> dict[str, Array]:
+        """d ln sd(β) / d ln(prior scale of the term), each shape (p,); parameters' own priors and reading noise too."""
+        return self.information.contributions()
+
+    def unseen_share(self, least: float = 1.0) -> Array:
+        """Share of the variance along directions in which the readings add less than ``least`` times the prior, shape (p,).
+
+        Directions of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors of the
+        whitened design, along which the readings add the squared singular value to a prior precision of one.
+        """
+        rows = self.information.rows()
+        missing = max(rows.shape[1] - len(rows), 0)
+        _, singular, right = np.linalg.svd(np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False)
+        gain = singular[:, None] ** 2
+        parts = right[:, self.information.own] ** 2 / (1.0 + gain)
+        return np.asarray(np.where(gain < least, parts, 0.0).sum(axis=0) / parts.sum(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterIdentifiability(Result):
+    """What readings and priors each say about one parameter.
+
+    Attributes
+    ----------
+    name, unit : str
+        Inside unit.
+    verdict : Verdict
+    partners : tuple of str
+        Terms (then parameters) that it is confounded with, the heaviest first; of a parameter that is not confounded the terms
+        that hold at least 5 % of its variance all the same.
+    partner_shares : dict of partner to float
+        Share of its variance that would vanish if the partner were known; what the model leaves out has none.
+    prior_mean, prior_sd : float
+        Not a number, and infinite, when flat.
+    mean, sd : float
+        Of the Gaussian posterior; a plan's mean is the prior's.
+    contraction : float
+        1 − Var(β | y) / Var(β); not a number when flat, as `information_gain` and `overlap`.
+    information_gain : float
+        Mutual information of parameter and readings, ½ ln(Var(β) / Var(β | y)) [nat].
+    overlap : float
+        Area common to prior and posterior density, 0 … 1.
+    confounding : dict of term to float
+        1 − Var(β | y, term) / Var(β | y).
+    shapley : dict of source to float
+        Fair shares of the variance; they sum to one.
+    sensitivity : dict of source to float
+        d ln sd(β) / d ln(scale of the source), ``Parameters`` being the parameters' own priors. They sum to one.
+    variance_inflation : float
+        Var(β | y) over what it would be if every other coefficient were known.
+    correlations : dict of name to float
+        The largest posterior correlations with parameters and nuisances.
+    unseen_share : float
+        Share of the variance along directions in which the priors outweigh the readings.
+    """
+
+    name: str
+    verdict: Verdict
+    partners: Annotated[tuple[str, ...], Field(alias="with")]
+    partner_shares: dict[str, float]
+    unit: str
+    prior_mean: Number
+    prior_sd: Finite
+    mean: float
+    sd: float
+    contraction: Number
+    information_gain: Number
+    overlap: Number
+    confounding: dict[str, float]
+    shapley: dict[str, float]
+    sensitivity: dict[str, float]
+    variance_inflation: float
+    correlations: dict[str, float]
+    unseen_share: float
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction of the parameters of interest along which the readings add to the prior.
+
+    Attributes
+    ----------
+    gain : float
+        λ of F v = λ S⁻¹ v, F the Fisher information with nuisances integrated out and S the prior covariance: precision grows
+        by the factor 1 + λ.
+    loadings : dict of parameter to float
+        In units of the prior sd, of length one.
+    """
+
+    gain: float
+    loadings: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Identifiability(Result):
+    """What a model can learn from a campaign or plan.
+
+    Attributes
+    ----------
+    parameters : dict of name to ParameterIdentifiability
+    degeneracies : tuple of Degeneracy
+    cures : tuple of tuple of Cure
+        Of each degeneracy, found by adding the tests to the plan and looking again.
+    standing : tuple of Standing
+        Degeneracies with effects that are not terms of the model.
+    alias : DataFrame
+        Change of the least-squares estimate of each parameter (rows) per prior sd of a nuisance (columns) left out; inside
+        units.
+    correlation : DataFrame
+        Posterior correlations of parameters and shared nuisances.
+    directions : tuple of Direction
+        Likelihood-informed directions, the best known first; none when the prior is flat.
+    effective_parameters : float
+        Σ λ / (1 + λ): how many parameters the readings determine.
+    condition_number, scaled_condition_number : float
+        Of the design of the parameters of interest, in inside units (as the paper quotes it) and in units of the prior sd;
+        infinite when columns depend on one another.
+    hyper_um : dict of name to float
+        φ it holds at [µm].
+    measured : bool
+        Whether φ and the means come from readings.
+    """
+
+    parameters: dict[str, ParameterIdentifiability]
+    degeneracies: tuple[Degeneracy, ...]
+    cures: tuple[tuple[Cure, ...], ...]
+    standing: tuple[Standing, ...]
+    effective_parameters: float
+    directions: tuple[Direction, ...]
+    alias: ByRow
+    correlation: ByRow
+    condition_number: Finite
+    scaled_condition_number: Finite
+    hyper_um: dict[str, float]
+    measured: bool
 
 
 @one_blas_thread
@@ -62,18 +279,18 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     directions, effective = _directions(information, covariance[np.ix_(own, own)])
     rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
     return Identifiability(
-        entries,
-        found,
-        cures(bound, found),
-        standing_degeneracies(bound, found),
-        _alias_matrix(information, rows),
-        _correlation(information, covariance),
-        directions,
-        effective,
-        _condition(rows),
-        _condition(rows * bound.scale),
-        {name: float(value * 1e3) for name, value in zip(bound.hyper_prior.names, phi, strict=True)},
-        not campaign.is_plan,
+        parameters=entries,
+        degeneracies=found,
+        cures=cures(bound, found),
+        standing=standing_degeneracies(bound, found),
+        effective_parameters=effective,
+        directions=directions,
+        alias=_alias_matrix(information, rows),
+        correlation=_correlation(information, covariance),
+        condition_number=_condition(rows),
+        scaled_condition_number=_condition(rows * bound.scale),
+        hyper_um={name: float(value * 1e3) for name, value in zip(bound.hyper_prior.names, phi, strict=True)},
+        measured=not campaign.is_plan,
     )
 
 
@@ -112,7 +329,7 @@ def _parameters(
     confounding = Confounding(information)
     covariance = information.covariance()
     own, proper = information.own, not information.flat
-    unseen = np.stack([confounding.unseen_share(least) if proper else np.zeros(len(own)) for least in (1.0, TENTH)])
+    unseen = np.stack([confounding.unseen_share(least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)])
     root, _ = information.root()
     precision = (root**2).sum(axis=0)
     correlation = _correlation(information, covariance)
@@ -122,31 +339,65 @@ def _parameters(
         if drawn is not None:
             prior_sd, sd = float(drawn[0][i]), float(drawn[1][i])
         ratio = (sd / prior_sd) ** 2
-        fraction = {term: float(values[i]) for term, values in confounding.fraction.items()}
         others = correlation[parameter.name].drop(parameter.name)
-        largest = others.reindex(others.abs().sort_values(ascending=False).index)[:_SHOWN]
         rivals = {name: float(others[name] ** 2) for name in bound.names if name != parameter.name}
         mine = tuple(d for d in found if parameter.name in d.parameters)
-        verdict = verdict_of(confounding, i, rivals, unseen[:, i], 1.0 - ratio, mine)
+        verdict, partners = _verdict(confounding, i, rivals, unseen[:, i], 1.0 - ratio, mine)
+        shares = {term: float(values[i]) for term, values in confounding.fraction.items()}
+        every = shares | rivals
         entries[parameter.name] = ParameterIdentifiability(
-            parameter.name,
-            parameter.unit,
-            prior_sd,
-            float(mean[i]),
-            sd,
-            1.0 - ratio,
-            float(-0.5 * np.log(ratio)) if proper else np.inf,
-            overlap((float(mean[i]) - parameter.prior_mean) / prior_sd, np.sqrt(ratio)) if proper else 0.0,
-            fraction,
-            {source: float(values[i]) for source, values in confounding.shares.items()},
-            {source: float(values[i]) for source, values in confounding.sensitivity.items()},
-            float(covariance[k, k] * precision[k]),
-            {str(name): float(value) for name, value in largest.items()},
-            float(unseen[0, i]),
-            verdict,
-            parameter.prior_mean,
+            name=parameter.name,
+            verdict=verdict,
+            partners=partners,
+            partner_shares={partner: every[partner] for partner in partners if partner in every},
+            unit=parameter.unit,
+            prior_mean=parameter.prior_mean if proper else np.nan,
+            prior_sd=prior_sd,
+            mean=float(mean[i]),
+            sd=sd,
+            contraction=1.0 - ratio if proper else np.nan,
+            information_gain=float(-0.5 * np.log(ratio)) if proper else np.nan,
+            overlap=overlap((float(mean[i]) - parameter.prior_mean) / prior_sd, np.sqrt(ratio)) if proper else np.nan,
+            confounding=shares,
+            shapley={source: float(values[i]) for source, values in confounding.shares.items()},
+            sensitivity={source: float(values[i]) for source, values in confounding.sensitivity.items()},
+            variance_inflation=float(covariance[k, k] * precision[k]),
+            correlations={str(n): float(others[n]) for n in ranked(others.index, others.abs().__getitem__)[:_SHOWN]},
+            unseen_share=float(unseen[0, i]),
         )
     return entries
+
+
+def _verdict(
+    confounding: Confounding,
+    i: int,
+    rivals: Mapping[str, float],
+    unseen: Array,
+    contraction: float,
+    mine: tuple[Degeneracy, ...],
+) -> tuple[Verdict, tuple[str, ...]]:
+    """See `Verdict` for the rule; with the partners.
+
+    ``i``: its number among the parameters; ``rivals``: squared correlations with the other parameters; ``unseen``: shares of the
+    variance where the priors outweigh the readings, once and tenfold, shape (2,); ``mine``: its degeneracies.
+    """
+    shared = confounding.information.shared_terms
+    share = {term: float(values[i]) for term, values in confounding.fraction.items()} | dict(rivals)
+    heavy = tuple(ranked((t for t in shared if share[t] > _NAMED), share.__getitem__))
+    alike = {d.term for d in mine if d.modelled}
+    exact = tuple(term for term in heavy if term in alike)
+    left_out = tuple(dict.fromkeys(d.term for d in mine if not d.modelled))
+    if left_out:
+        return Verdict.CONFOUNDED, (*left_out, *exact)
+    same = {n: None for d in mine if not d.term for n in d.parameters if n in rivals}
+    twins = ranked(same, rivals.__getitem__)
+    partners = tuple(name for name in (*(exact or heavy), *twins) if share[name] > _NAMED)
+    if unseen[0] > _HALF and partners and confounding.lost_by_knowing((*shared, *twins))[i] > _HALF:
+        return Verdict.CONFOUNDED, partners
+    rival = next(iter(ranked(rivals, rivals.__getitem__)), "")
+    if unseen[1] > _HALF and rival and rivals[rival] > _HALF:
+        return Verdict.CONFOUNDED, (rival,)
+    return (Verdict.PRIOR_LIMITED if contraction < _CONTRACTED else Verdict.IDENTIFIED), heavy
 
 
 def overlap(mean: float, sd: float) -> float:
@@ -170,7 +421,7 @@ def _directions(information: Information, covariance: Array) -> tuple[tuple[Dire
     kept = np.clip(kept, np.finfo(float).tiny, 1.0)
     found = []
     for value, vector in zip(kept, vectors.T, strict=True):
-        sign = np.sign(vector[np.argmax(np.abs(vector))])
+        sign = np.sign(vector[ranked(range(len(vector)), np.abs(vector).__getitem__)[0]])
         found.append(Direction(float(1.0 / value - 1.0), dict(zip(names, (sign * vector).tolist(), strict=True))))
     return tuple(found), float((1.0 - kept).sum())
 

@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.evidence import check_comparable
+from ldbb_bayes.inference.evidence import check_comparable, moments, quantiles
 from ldbb_bayes.inference.least_squares import least_squares
-from ldbb_bayes.inference.marginals import moments, quantiles
-from ldbb_bayes.inference.quadrature import HyperPosterior
-from ldbb_bayes.inference.summary import check_probability
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.posterior import check_probability
+from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.threads import one_blas_thread
 
 __all__ = ["local_fits", "windows"]
 

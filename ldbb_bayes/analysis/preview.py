@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from enum import StrEnum
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.model.basis import SIZE, basis
-from ldbb_bayes.model.reduction import reduce_readings
-from ldbb_bayes.notebook import table_html
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.model.fourier import SIZE, basis, reduce_readings
+from ldbb_bayes.result import Result
+from ldbb_bayes.units import ranked
 
-__all__ = ["CampaignPreview", "TestPreview", "preview", "resolution_of"]
+__all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", "resolution_of"]
 
 Array = NDArray[np.float64]
 _FULL = 359.0
@@ -23,6 +23,48 @@ _MOST_READINGS = 200_000
 _LEAST_FORCE_N = 5.0
 # Steps that few readings repeat: not below this size, nor in fewer values.
 _FINEST_UM, _ENOUGH = 0.005, 50
+
+
+class RemarkKind(StrEnum):
+    """What a preview sees: of one test, of the campaign, and what a fit will assume of it."""
+
+    TRAVEL = "travel"
+    ARC = "arc"
+    GAP = "gap"
+    OPEN = "open trace"
+    EQUAL = "equal readings"
+    SMALL = "small readings"
+    LARGE = "large readings"
+    FORCE_LAW = "force law"
+    SPIKES = "spikes"
+    STEP = "step"
+    ONE_LEVEL = "one force level"
+    TWO_LEVELS = "two force levels"
+    SMALL_FORCE = "small force"
+    COPY = "copy"
+    ONE_WAY = "one way"
+    SORTED = "sorted"
+    NO_DIRECTION = "no direction"
+    CENTRES = "centres of one set-up"
+    PLANES = "planes of one set-up"
+    MACHINE = "machine"
+    FRAMES = "frames"
+    SETUPS = "set-ups"
+    BOTH_WAYS = "both ways"
+    COVARIATE = "covariate"
+    READINGS = "readings"
+    MOUNT = "mount"
+    FORCES = "forces"
+    REFERENCE = "reference force"
+    BALLS = "balls"
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Something seen, and its numbers and names."""
+
+    kind: RemarkKind
+    values: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -46,7 +88,7 @@ class TestPreview:
     start_end_um : float or None
         Last reading minus first, where the circle closes [µm].
     peak_to_peak_um : float or None
-    remarks : tuple of str
+    remarks : tuple of Remark
     """
 
     __test__ = False
@@ -71,11 +113,11 @@ class TestPreview:
     noise_um: float | None
     start_end_um: float | None
     peak_to_peak_um: float | None
-    remarks: tuple[str, ...]
+    remarks: tuple[Remark, ...]
 
 
 @dataclass(frozen=True)
-class CampaignPreview:
+class CampaignPreview(Result):
     """The tests of a campaign and the assumptions a fit would make."""
 
     name: str
@@ -84,16 +126,8 @@ class CampaignPreview:
     plane: str
     is_plan: bool
     tests: tuple[TestPreview, ...]
-    assumptions: tuple[str, ...]
-    remarks: tuple[str, ...]
-
-    def _repr_html_(self) -> str:
-        rows = [{key: value for key, value in asdict(test).items() if key != "remarks"} for test in self.tests]
-        return table_html(f"{self.name}: {' '.join(self.remarks)}", rows)
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"schema": 1, **asdict(self)}
+    assumptions: tuple[Remark, ...]
+    remarks: tuple[Remark, ...]
 
 
 def preview(campaign: Campaign) -> CampaignPreview:
@@ -161,25 +195,28 @@ def _test_remarks(
     usual: float,
     noise: float | None,
     start_end: float | None,
-) -> list[str]:
+) -> list[Remark]:
     found = []
     if not campaign.is_plan and test.direction and travel and test.direction != travel and not _sorted(campaign):
-        found.append(f"stated {test.direction}, but the angles run {travel}")
+        found.append(Remark(RemarkKind.TRAVEL, {"stated": test.direction, "travel": travel}))
     if test.arc_deg < _FULL:
-        found.append(f"arc of {test.arc_deg:.0f}° only: harmonics mix")
+        found.append(Remark(RemarkKind.ARC, {"arc_deg": test.arc_deg}))
     elif gap > 10.0 * usual:
-        found.append(f"gap of {gap:.1f}°")
+        found.append(Remark(RemarkKind.GAP, {"gap_deg": gap}))
     if noise is not None and start_end is not None and abs(start_end) > 10.0 * max(noise, campaign.resolution_um):
-        found.append(f"start and end differ by {start_end:+.1f} µm: drift, or a trace that does not close")
-    if test.reading_um is not None and float(np.ptp(test.reading_um)) == 0.0:
-        found.append("all readings equal")
-    if test.reading_um is not None and 0.0 < float(np.ptp(test.reading_um)) < 3.0 * campaign.resolution_um:
-        found.append("readings hardly exceed the resolution: check their unit")
-    if test.reading_um is not None and float(np.ptp(test.reading_um)) > 1000.0:
-        found.append("readings span more than 1 mm: check their unit")
-    law = campaign.force_law.force_N(float(test.pressure_bar or 0.0))
-    if abs(law - float(test.force_N or 0.0)) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
-        found.append(f"force {test.force_N:g} N, but the force law gives {law:.0f} N at {test.pressure_bar:g} bar")
+        found.append(Remark(RemarkKind.OPEN, {"start_end_um": start_end}))
+    if test.reading_um is not None:
+        span = float(np.ptp(test.reading_um))
+        if span == 0.0:
+            found.append(Remark(RemarkKind.EQUAL, {}))
+        elif span < 3.0 * campaign.resolution_um:
+            found.append(Remark(RemarkKind.SMALL, {}))
+        elif span > 1000.0:
+            found.append(Remark(RemarkKind.LARGE, {}))
+    force, pressure = float(test.force_N or 0.0), float(test.pressure_bar or 0.0)
+    law = campaign.force_law.force_N(pressure)
+    if abs(law - force) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
+        found.append(Remark(RemarkKind.FORCE_LAW, {"force_N": force, "law_N": law, "pressure_bar": pressure}))
     return found
 
 
@@ -199,16 +236,16 @@ def _spikes(test: CircularTest) -> dict[int, float]:
     return {int(k): float(rest[k]) for k in np.flatnonzero(np.abs(rest) > 8.0 * max(scatter, 1e-9))}
 
 
-def _spike_remark(test: CircularTest, spikes: dict[int, float]) -> list[str]:
+def _spike_remark(test: CircularTest, spikes: dict[int, float]) -> list[Remark]:
     if not spikes:
         return []
-    worst = max(spikes, key=lambda k: abs(spikes[k]))
-    many = "" if len(spikes) == 1 else f"; {len(spikes)} readings do so"
-    return [f"reading {worst + 1} at {test.angle_deg[worst]:g}° stands {spikes[worst]:+.1f} µm off its neighbours{many}"]
+    worst = ranked(spikes, lambda k: abs(spikes[k]))[0]
+    values = {"reading": worst + 1, "angle_deg": float(test.angle_deg[worst]), "off_um": spikes[worst], "count": len(spikes)}
+    return [Remark(RemarkKind.SPIKES, values)]
 
 
 def resolution_of(reading_um: Array) -> float | None:
-    """Step by which readings differ [µm]: the smallest difference, if all differences are whole multiples of it within 5 %.
+    """Return the step by which readings differ [µm]: the smallest difference, if all are whole multiples of it within 5 %.
 
     None where fewer than a tenth of the readings repeat another and the step is below 0.005 µm: a number of digits then.
     """
@@ -223,13 +260,11 @@ def resolution_of(reading_um: Array) -> float | None:
     return step if float(off.max()) < 0.05 else None
 
 
-def _step_remark(step: float | None, campaign: Campaign) -> list[str]:
-    if step is None or 0.5 * campaign.resolution_um < step < 1.5 * campaign.resolution_um:
+def _step_remark(step: float | None, campaign: Campaign) -> list[Remark]:
+    stated = campaign.resolution_um
+    if step is None or 0.5 * stated < step < 1.5 * stated:
         return []
-    return [
-        f"readings go in steps of {step:.3g} µm, the campaign states a resolution of {campaign.resolution_um:g} µm, below whose "
-        "√12th part no noise is looked for: state the step (--resolution-um, or resolution_um in campaign.toml)"
-    ]
+    return [Remark(RemarkKind.STEP, {"step_um": step, "stated_um": stated})]
 
 
 def _noise_um(test: CircularTest) -> float | None:
@@ -240,84 +275,60 @@ def _noise_um(test: CircularTest) -> float | None:
     return float(np.sqrt(reduced.residual_ss / (reduced.readings - SIZE)) * 1e3)
 
 
-def _assumptions(campaign: Campaign) -> tuple[str, ...]:
-    mount, law = campaign.mount, campaign.force_law
-    state = "already compensated" if mount.compensated else "not compensated: the nominal deflection will be subtracted"
-    clocked = len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in campaign.tests}) > 1
-    forces = campaign.forces_N
+def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
+    mount, law, forces, machine = campaign.mount, campaign.force_law, campaign.forces_N, campaign.machine()
     radii = sorted({float(test.radius_mm or 0.0) for test in campaign.tests})
-    frames = "; ".join(f"{axis} ({', '.join(f'{x:g}' for x in at)})" for axis, at in campaign.frames_mm.items())
+    setups = sorted({test.setup or 1 for test in campaign.tests})
+    both = [plane for plane in machine.planes if {"CW", "CCW"} <= _directions(campaign, plane)]
+    clocked = len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in campaign.tests}) > 1
+    recorded = {"time": [t.time_s for t in campaign.tests], "temperature": [t.temperature_C for t in campaign.tests]}
+    kinds = RemarkKind
     return (
-        f"Machine {campaign.topology}, plane {campaign.machine().plane}, R = {', '.join(f'{r:g}' for r in radii)} mm"
-        + (", each with a length of its own." if len(radii) > 1 else "."),
-        *([f"Joint frames stand at {frames} mm."] if frames else []),
-        *_several(campaign),
-        f"Readings are actual ball distance − R; readout resolution {campaign.resolution_um:g} µm.",
-        f"Mount (Eq. 32) {mount.deflection_um_per_bar:g} µm/bar, {state}.",
-        f"Force law F = {law.slope_N_per_bar:g} N/bar · P {law.offset_N:+g} N, where a test gives only one of the two.",
-        f"Reference force F0 = {(forces.min() + forces.max()) / 2:g} N, the middle of the tested range.",
-        "Balls clocked between tests: two forms."
-        if clocked
-        else "No ball clocked between tests: one form, the sum of both balls.",
+        Remark(kinds.MACHINE, {"topology": campaign.topology, "plane": machine.plane, "radii_mm": radii}),
+        *([Remark(kinds.FRAMES, {"frames_mm": dict(campaign.frames_mm)})] if campaign.frames_mm else []),
+        *([Remark(kinds.SETUPS, {"setups": setups})] if len(setups) > 1 else []),
+        *([Remark(kinds.BOTH_WAYS, {"planes": both})] if both else []),
+        *(Remark(kinds.COVARIATE, {"over": over}) for over, v in recorded.items() if None not in v and len(set(v)) > 1),
+        Remark(kinds.READINGS, {"resolution_um": campaign.resolution_um}),
+        Remark(kinds.MOUNT, {"deflection_um_per_bar": mount.deflection_um_per_bar, "compensated": mount.compensated}),
+        Remark(kinds.FORCES, {"slope_N_per_bar": law.slope_N_per_bar, "offset_N": law.offset_N}),
+        Remark(kinds.REFERENCE, {"force_N": float(forces.min() + forces.max()) / 2}),
+        Remark(kinds.BALLS, {"clocked": clocked}),
     )
 
 
-def _several(campaign: Campaign) -> list[str]:
-    """What a fit makes of set-ups, directions, times and temperatures."""
-    said = []
-    setups = sorted({test.setup or 1 for test in campaign.tests})
-    if len(setups) > 1:
-        said.append(f"Set-ups {', '.join(map(str, setups))}: tool offsets of each; everything else is shared.")
-    both = [p for p in campaign.machine().planes if {"CW", "CCW"} <= {t.direction for t in campaign.tests if t.plane == p}]
-    if both:
-        said.append(f"Both directions of travel in {', '.join(both)}: hysteresis is a term of the model.")
-    for what, values in (
-        ("times", [test.time_s for test in campaign.tests]),
-        ("temperatures", [test.temperature_C for test in campaign.tests]),
-    ):
-        if None not in values and len(set(values)) > 1:
-            said.append(f"Tests record {what}; a drift over them is modelled only when asked for (--drift {what[:-1]}).")
-    return said
+def _directions(campaign: Campaign, plane: str) -> set[str | None]:
+    return {test.direction for test in campaign.tests if test.plane == plane}
 
 
-def _remarks(campaign: Campaign) -> tuple[str, ...]:
-    found = []
-    levels = np.unique(campaign.forces_N)
-    if len(levels) == 1:
-        found.append(
-            "One force level: constant compliance and geometry are told apart by their priors alone; "
-            "degree 0 only. Test a second force."
-        )
-    elif len(levels) == 2:
-        found.append("Two force levels: constant compliance only is checked by the readings; a slope needs a third.")
-    if campaign.forces_N.max() < _LEAST_FORCE_N:
-        found.append(f"The largest force is {campaign.forces_N.max():g} N: check the unit of force_N.")
+def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
+    found, kinds = [], RemarkKind
+    planes, force = campaign.machine().planes, float(campaign.forces_N.max())
+    levels = len(np.unique(campaign.forces_N))
+    if levels <= 2:
+        found.append(Remark(kinds.ONE_LEVEL if levels == 1 else kinds.TWO_LEVELS, {}))
+    if force < _LEAST_FORCE_N:
+        found.append(Remark(kinds.SMALL_FORCE, {"force_N": force}))
     found += [
-        f"Tests {first.name} and {second.name} hold the same readings: a file read twice?"
+        Remark(kinds.COPY, {"first": first.name, "second": second.name})
         for first, second in combinations(campaign.tests, 2)
         if first.reading_um is not None and np.array_equal(first.reading_um, second.reading_um)
     ]
-    for plane in campaign.machine().planes:
-        if not {"CW", "CCW"} <= {test.direction for test in campaign.tests if test.plane == plane}:
-            first, second = sorted(plane)
-            cross = f"C_{first}{second}{first}"
-            where = f" in plane {plane}" if len(campaign.machine().planes) > 1 else ""
-            found.append(f"One direction of travel (or none stated){where}: friction in the bar cannot be told from {cross}.")
+    for plane in planes:
+        if not {"CW", "CCW"} <= _directions(campaign, plane):
+            first_axis, second_axis = sorted(plane)
+            cross = f"C_{first_axis}{second_axis}{first_axis}"
+            found.append(Remark(kinds.ONE_WAY, {"compliance": cross, "plane": plane if len(planes) > 1 else ""}))
     if not campaign.is_plan and _sorted(campaign):
-        found.append("Angles rise in all tests, those stated CW among them: taken as sorted, and the directions as stated.")
-    for plane in campaign.machine().planes:
+        found.append(Remark(kinds.SORTED, {}))
+    for plane in planes:
         own = [test for test in campaign.tests if test.plane == plane]
         silent = [test.name for test in own if test.direction is None]
-        if silent and {"CW", "CCW"} <= {test.direction for test in own}:
-            found.append(f"Test {silent[0]} states no direction while others run both ways: a fit will refuse it. State it.")
+        if silent and {"CW", "CCW"} <= _directions(campaign, plane):
+            found.append(Remark(kinds.NO_DIRECTION, {"test": silent[0]}))
         for setup in sorted({test.setup or 1 for test in own}):
             if len({test.circle.centre_mm for test in own if (test.setup or 1) == setup}) > 1:
-                found.append(
-                    f"Several centres in set-up {setup}: the tool ball's offsets are shared, as if the work ball had been moved "
-                    "by exactly what the axes say. If it was mounted anew, number the set-ups."
-                )
-    if len({test.setup for test in campaign.tests}) == 1 and len(campaign.machine().planes) > 1:
-        found.append(
-            "Several planes in one set-up: the tool ball's offsets are shared. If the bar was mounted anew, number the set-ups."
-        )
-    return tuple(dict.fromkeys(found))
+                found.append(Remark(kinds.CENTRES, {"setup": setup}))
+    if len({test.setup for test in campaign.tests}) == 1 and len(planes) > 1:
+        found.append(Remark(kinds.PLANES, {}))
+    return tuple(own for k, own in enumerate(found) if own not in found[:k])

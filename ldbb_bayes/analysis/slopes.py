@@ -9,18 +9,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_serializer, model_validator
 
-from ldbb_bayes.analysis.evidences import Evidences, Weighed, probabilities
-from ldbb_bayes.inference.collapsed import draw_parameters_given
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.inference.evidence import Evidences, Weighed, probabilities
+from ldbb_bayes.inference.nodes import draw_parameters_given
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.result import Numbers
+from ldbb_bayes.units import ranked
 
-__all__ = ["Curve", "SlopeSubset", "SlopeSubsets", "averaged_curves", "count_subsets", "model_curves", "slope_subsets"]
+__all__ = ["Curve", "SlopeSubset", "SlopeSubsets", "VaryingSlope", "count_subsets", "model_curves", "slope_subsets"]
 
 Array = NDArray[Any]
 _DRAWS = 8000
@@ -32,7 +34,7 @@ _EVERY, _SEARCHED = 729, 100
 class SlopeSubset:
     """One subset: the power of force up to which each compliance varies, its log evidence and posterior probability."""
 
-    powers: Mapping[str, int]
+    powers: dict[str, int]
     log_evidence: float
     probability: float
 
@@ -41,10 +43,13 @@ class SlopeSubset:
         """Compliances that vary with force."""
         return tuple(name for name, power in self.powers.items() if power)
 
-    @property
-    def words(self) -> tuple[str, ...]:
-        """The same, with ² where the compliance varies quadratically."""
-        return tuple(f"{name}{'²' if self.powers[name] > 1 else ''}" for name in self.varying)
+
+@dataclass(frozen=True)
+class VaryingSlope:
+    """Posterior probability that a compliance varies with force; with a quadratic part, where that was asked."""
+
+    inclusion_probability: float
+    quadratic_probability: Annotated[float | None, Field(exclude_if=lambda value: value is None)] = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,17 +57,26 @@ class Curve:
     """C(F) of one compliance: mean, median and equal-tailed credible band at each force, in inside units."""
 
     unit: str
+    force_N: Numbers
+    mean: Numbers
+    median: Numbers
+    low: Numbers
+    high: Numbers
     ci_prob: float
-    force_N: Array
-    mean: Array
-    median: Array
-    low: Array
-    high: Array
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+    @model_serializer
+    def _band_named(self) -> dict[str, Any]:
         values = {name: getattr(self, name).tolist() for name in ("force_N", "mean", "median")}
         return {"unit": self.unit, **values, f"ci{100 * self.ci_prob:g}": [self.low.tolist(), self.high.tolist()]}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _band_read(cls, values: Any) -> Any:
+        key = next((key for key in values if key.startswith("ci")), "") if isinstance(values, dict) else ""
+        if not key:
+            return values
+        low, high = values[key]
+        return {**values, "low": low, "high": high, "ci_prob": float(key[2:]) / 100.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,29 +85,23 @@ class SlopeSubsets:
 
     Attributes
     ----------
+    slopes : dict of compliance to VaryingSlope
     subsets : tuple of SlopeSubset
-    inclusion, quadratic : mapping of compliance to float
-        Posterior probability that it varies with force; that it varies with a quadratic part (empty unless asked for).
-    curves : mapping of compliance to Curve
+    curves : dict of compliance to Curve
         Averaged over the subsets.
     possible : int
         How many subsets there are; more than ``subsets`` where only the best were searched for.
-    error : float
-        Largest of the log evidences [nat].
     """
 
+    slopes: dict[str, VaryingSlope]
     subsets: tuple[SlopeSubset, ...]
-    inclusion: Mapping[str, float]
-    quadratic: Mapping[str, float]
-    curves: Mapping[str, Curve]
-    error: float
+    curves: dict[str, Curve]
     possible: int
 
 
 def count_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool) -> int:
-    """How many models `slope_subsets` weighs."""
-    options = _options(model.bind(evidences.campaign), quadratic=quadratic)
-    possible = int(np.prod([len(own) for own in options.values()]))
+    """Return how many models `slope_subsets` weighs."""
+    possible = _possible(_options(model.bind(evidences.campaign), quadratic=quadratic))
     return possible if possible <= _EVERY else _SEARCHED
 
 
@@ -109,33 +117,53 @@ def slope_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool, 
     """
     bound = model.bind(evidences.campaign)
     options = _options(bound, quadratic=quadratic)
-    possible = int(np.prod([len(own) for own in options.values()]))
+    slopes = [p for p in bound.parameters if p.group == "slope"]
 
     def of(powers: tuple[int, ...]) -> Weighed:
-        return evidences.of(model.fixing(*_fixed(bound, dict(zip(options, powers, strict=True)))))
+        highest = dict(zip(options, powers, strict=True))
+        return evidences.of(model.fixing(*(p.name for p in slopes if p.degree > highest[p.compliance])))
 
-    every = itertools.product(*options.values())
-    found = {powers: of(powers) for powers in every} if possible <= _EVERY else _best_first(list(options.values()), of)
-    choices = [dict(zip(options, powers, strict=True)) for powers in found]
-    weighed = list(found.values())
-    log_evidence = np.array([one.evidence.log_value for one in weighed])
+    every = list(options.values())
+    few = _possible(options) <= _EVERY
+    found = {powers: of(powers) for powers in itertools.product(*every)} if few else _best_first(every, of)
+    log_evidence = np.array([one.evidence.log_value for one in found.values()])
     share = probabilities(log_evidence)
-    powers = np.array([list(choice.values()) for choice in choices])
-    labels = list(choices[0])
-    subsets = [SlopeSubset(*parts) for parts in zip(choices, log_evidence.tolist(), share.tolist(), strict=True)]
+    powers = np.array(list(found))
+    subsets = [
+        SlopeSubset(dict(zip(options, own, strict=True)), *values)
+        for own, *values in zip(found, log_evidence.tolist(), share.tolist(), strict=True)
+    ]
+    quadratics = (share @ (powers > 1)).tolist() if quadratic else [None] * len(options)
+    inclusion = zip((share @ (powers > 0)).tolist(), quadratics, strict=True)
     return SlopeSubsets(
-        tuple(sorted(subsets, key=lambda subset: -subset.probability)),
-        dict(zip(labels, (share @ (powers > 0)).tolist(), strict=True)),
-        dict(zip(labels, (share @ (powers > 1)).tolist(), strict=True)) if quadratic else {},
-        averaged_curves(weighed, share, np.random.default_rng(seed), ci_prob),
-        max(one.evidence.error for one in weighed),
-        possible,
+        {name: VaryingSlope(*both) for name, both in zip(options, inclusion, strict=True)},
+        tuple(ranked(subsets, lambda subset: subset.probability)),
+        _averaged_curves(list(found.values()), share, seed, ci_prob),
+        _possible(options),
     )
 
 
+def model_curves(weighed: Weighed, seed: int, ci_prob: float = 0.95) -> dict[str, Curve]:
+    """Return C(F) of one model."""
+    return _averaged_curves([weighed], np.ones(1), seed, ci_prob)
+
+
+def _options(bound: BoundModel, *, quadratic: bool) -> dict[str, tuple[int, ...]]:
+    """Powers of force to choose from, of every compliance that has slopes."""
+    highest: dict[str, int] = {}
+    for parameter in bound.parameters:
+        if parameter.group == "slope":
+            highest[parameter.compliance] = max(highest.get(parameter.compliance, 0), parameter.degree)
+    return {name: tuple(range(top + 1)) if quadratic else (0, top) for name, top in highest.items()}
+
+
+def _possible(options: Mapping[str, Sequence[int]]) -> int:
+    return int(np.prod([len(own) for own in options.values()]))
+
+
 def _best_first(options: Sequence[Sequence[int]], of: Callable[[tuple[int, ...]], Weighed]) -> dict[tuple[int, ...], Weighed]:
-    """From no slope and from all: the neighbours (one compliance changed) of the best subset whose neighbours are not yet known,
-    until there are ``_SEARCHED``."""
+    """From no slope and from all: the neighbours (one compliance changed) of the best subset not yet expanded, until there are
+    ``_SEARCHED``."""
     found = {powers: of(powers) for powers in (tuple(own[0] for own in options), tuple(own[-1] for own in options))}
     expanded: set[tuple[int, ...]] = set()
     while len(found) < _SEARCHED and len(expanded) < len(found):
@@ -148,44 +176,24 @@ def _best_first(options: Sequence[Sequence[int]], of: Callable[[tuple[int, ...]]
     return found
 
 
-def averaged_curves(
-    weighed: Sequence[Weighed], share: Array, rng: np.random.Generator, ci_prob: float = 0.95
-) -> dict[str, Curve]:
+def _averaged_curves(weighed: Sequence[Weighed], share: Array, seed: int, ci_prob: float) -> dict[str, Curve]:
     """C(F) over the tested forces, averaged over models with these probabilities."""
+    rng = np.random.default_rng(seed)
     bound = weighed[0].posterior.bound
     forces = bound.campaign.forces_N
     force = np.linspace(forces.min(), forces.max(), _POINTS) if np.ptp(forces) > 0 else forces[:1]
     counts = np.floor(share * _DRAWS + rng.random()).astype(int)
-    parts = [_compliances(one, int(count), force, rng) for one, count in zip(weighed, counts, strict=True) if count]
-    values = np.concatenate(parts)
+    values = np.concatenate([_draws(one, int(count), force, rng) for one, count in zip(weighed, counts, strict=True) if count])
     low, median, high = np.quantile(values, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob], axis=0)
     mean = values.mean(axis=0)
     return {
-        name.label: Curve(compliance_unit(name), ci_prob, force, mean[:, j], median[:, j], low[:, j], high[:, j])
+        name.label: Curve(compliance_unit(name), force, mean[:, j], median[:, j], low[:, j], high[:, j], ci_prob)
         for j, name in enumerate(bound.compliances)
     }
 
 
-def model_curves(weighed: Weighed, seed: int, ci_prob: float = 0.95) -> dict[str, Curve]:
-    """C(F) of one model."""
-    return averaged_curves([weighed], np.ones(1), np.random.default_rng(seed), ci_prob)
-
-
-def _compliances(weighed: Weighed, size: int, force_N: Array, rng: np.random.Generator) -> Array:
-    """Draws of C(F), shape (size, forces, compliances)."""
+def _draws(weighed: Weighed, size: int, force_N: Array, rng: np.random.Generator) -> Array:
+    """Of C(F), shape (size, forces, compliances)."""
     beta = draw_parameters_given(weighed.posterior, weighed.lattice.pick(size, rng), rng)
     rows = np.stack([weighed.posterior.bound.compliance_at(force) for force in force_N])
     return np.einsum("fcp,wp->wfc", rows, beta)
-
-
-def _options(bound: BoundModel, *, quadratic: bool) -> dict[str, tuple[int, ...]]:
-    """Powers of force to choose from, of every compliance that has slopes."""
-    highest: dict[str, int] = {}
-    for parameter in bound.parameters:
-        if parameter.group == "slope":
-            highest[parameter.compliance] = max(highest.get(parameter.compliance, 0), parameter.degree)
-    return {name: tuple(range(top + 1)) if quadratic else (0, top) for name, top in highest.items()}
-
-
-def _fixed(bound: BoundModel, powers: Mapping[str, int]) -> list[str]:
-    return [p.name for p in bound.parameters if p.group == "slope" and p.degree > powers[p.compliance]]

@@ -4,24 +4,265 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
-from typing import Any
+from itertools import count
+from typing import Any, Literal, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ldbb_bayes.campaign.circular_test import LARGEST_LENGTH_MM, CircularTest, check_positive
-from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.machine.chain import Machine
-from ldbb_bayes.notebook import table_html
+from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.table import table_html
 
-__all__ = ["Campaign", "Plan", "check_campaign"]
+__all__ = [
+    "LARGEST_LENGTH_MM",
+    "PER_TEST",
+    "Campaign",
+    "CircularTest",
+    "Direction",
+    "ForceLaw",
+    "MountCompensation",
+    "Plan",
+    "check_campaign",
+    "check_positive",
+]
+
+
+@dataclass(frozen=True)
+class ForceLaw:
+    """F = slope · P + offset: what the regulator pressure does to the force (default: the paper's bar)."""
+
+    slope_N_per_bar: float = 126.04
+    offset_N: float = -14.2
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.slope_N_per_bar) and self.slope_N_per_bar > 0 and np.isfinite(self.offset_N)):
+            raise InputError(
+                f"force law must have a positive finite slope and a finite offset, got {self.slope_N_per_bar} N/bar and "
+                f"{self.offset_N} N. Correct the [force] table."
+            )
+
+    def force_N(self, pressure_bar: float) -> float:
+        """Force at a pressure [N]."""
+        return self.slope_N_per_bar * pressure_bar + self.offset_N
+
+    def pressure_bar(self, force_N: float) -> float:
+        """Pressure for a force [bar]."""
+        return (force_N - self.offset_N) / self.slope_N_per_bar
+
+
+@dataclass(frozen=True)
+class MountCompensation:
+    """Deflection of the work ball's mount per bar (Eq. 32) and whether the readings are already free of it."""
+
+    deflection_um_per_bar: float = 2.33
+    compensated: bool = True
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.deflection_um_per_bar) and self.deflection_um_per_bar >= 0):
+            raise InputError(
+                f"mount deflection must be a number ≥ 0 in µm/bar, got {self.deflection_um_per_bar}. Correct the [mount] table."
+            )
+
 
 Array = NDArray[np.float64]
+Direction = Literal["CW", "CCW"]
+MINIMUM_READINGS = 9
+MINIMUM_ARC_DEG = 180.0
+LARGEST_READING_UM = 1e5
+LARGEST_FORCE_N = 1e6
+LARGEST_LENGTH_MM = 1e5
+LARGEST_SETUP = 1000
+_CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
+# Fields of a test that a table may hold in columns, and campaign.toml in its [[test]], by these very names.
+PER_TEST = (
+    *("work_ball_deg", "tool_ball_deg", "radius_mm", "plane", "centre_x_mm", "centre_y_mm", "centre_z_mm"),
+    *("setup", "temperature_C", "time_s"),
+)
+SAFE_NAME = re.compile(r"[\w+\-][\w+\-. ]{0,99}")
+
+
+@dataclass(frozen=True, eq=False)
+class CircularTest:
+    """One circle at one force. Without readings it is a planned test.
+
+    Parameters
+    ----------
+    force_N : float, optional
+        Radial force F [N]. Either force or pressure must be given; the campaign's force law supplies the other.
+    angle_deg, angle_rad : array-like, shape (n,), one of the two
+        Angle θ of the bar's sensitive direction from the plane's first axis, any number of turns.
+    reading_um, reading_mm : array-like, shape (n,), at most one of the two
+        ρ: actual ball distance − R.
+    pressure_bar : float, optional
+        Regulator pressure P [bar].
+    name : str, optional
+        Default: ``f036`` for 36 N; the campaign numbers repeats.
+    direction : {"CW", "CCW"}, optional
+    work_ball_deg, tool_ball_deg : float
+        Clocking ψ: how far each ball is turned in its socket [deg].
+    radius_mm, plane, centre_x_mm, centre_y_mm, centre_z_mm : optional
+        Default: the campaign's. The centre is the work ball in machine coordinates, whatever the plane.
+    setup : int, optional
+        Number of the set-up, 1, 2, …: tests of one set-up share the tool ball's offsets. Default 1.
+    temperature_C : float, optional
+    time_s : float, optional
+        Start of the test on any common clock [s].
+
+    Raises
+    ------
+    InputError
+        For missing, non-finite, too few or unequal numbers of angles and readings, or a force that is not positive.
+    """
+
+    force_N: float | None = None
+    angle_deg: Any = None
+    reading_um: Any = None
+    pressure_bar: float | None = None
+    name: str = ""
+    direction: Direction | None = None
+    work_ball_deg: float = 0.0
+    tool_ball_deg: float = 0.0
+    radius_mm: float | None = None
+    plane: str | None = None
+    centre_x_mm: float | None = None
+    centre_y_mm: float | None = None
+    centre_z_mm: float | None = None
+    setup: int | None = None
+    temperature_C: float | None = None
+    time_s: float | None = None
+    angle_rad: Any = None
+    reading_mm: Any = None
+
+    def __post_init__(self) -> None:
+        angle = _one_of(self, "angle_deg", "angle_rad", np.rad2deg)
+        reading = _one_of(self, "reading_um", "reading_mm", lambda x: x * 1e3)
+        if angle is None:
+            raise InputError(f"{self.label} must have angles, got none. Give angle_deg (or angle_rad).")
+        if len(angle) < MINIMUM_READINGS:
+            self._refuse(f"at least {MINIMUM_READINGS} readings, got {len(angle)}. Leave the test out or record more.")
+        if reading is not None and len(reading) != len(angle):
+            got = f"{len(angle)} angles and {len(reading)} readings"
+            self._refuse(f"one reading per angle, got {got}. Check the two columns.")
+        if self.force_N is None and self.pressure_bar is None:
+            self._refuse("a force or a pressure, got neither. Give force_N or pressure_bar.")
+        if _arc_deg(angle) < MINIMUM_ARC_DEG:
+            raise InputError(
+                f"{self.label} must cover an arc of at least {MINIMUM_ARC_DEG:g}°, got {_arc_deg(angle):.3g}°. "
+                "Check the unit of the angle (degrees or radians) or leave the test out."
+            )
+        check_positive(self, "force_N", self.force_N, "N", LARGEST_FORCE_N)
+        check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
+        if self.pressure_bar is not None and self.pressure_bar < 0:
+            self._refuse(f"pressure_bar ≥ 0, got {self.pressure_bar}. Correct it.")
+        if reading is not None and (largest := np.abs(reading).max()) > LARGEST_READING_UM:
+            got = f"{largest * 1e-3:.4g} mm"
+            self._refuse(f"readings below {LARGEST_READING_UM * 1e-3:g} mm, got {got}. Check the unit of the readings.")
+        if self.name and not SAFE_NAME.fullmatch(self.name):
+            raise InputError(
+                f"a test's name must be letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot, "
+                f"got {self.name!r}. Rename it: the name becomes a file's."
+            )
+        for key in ("pressure_bar", "work_ball_deg", "tool_ball_deg", *_CENTRE, "temperature_C", "time_s"):
+            value = getattr(self, key)
+            if value is not None and not abs(value) <= (LARGEST_LENGTH_MM if key in _CENTRE else np.finfo(float).max):
+                self._refuse(f"a finite {key}, got {value}. Correct or remove it.")
+        if self.setup is not None and (self.setup != int(self.setup) or not 1 <= self.setup <= LARGEST_SETUP):
+            self._refuse(f"a setup of 1, 2, …, got {self.setup}. Number the set-ups, or leave it out.")
+        if self.direction not in (None, "CW", "CCW"):
+            self._refuse(f"direction CW or CCW, got {self.direction!r}. Correct or remove it.")
+        setup = None if self.setup is None else int(self.setup)
+        _set(self, setup=setup, angle_deg=angle, reading_um=reading, angle_rad=None, reading_mm=None)
+
+    def _refuse(self, what: str) -> NoReturn:
+        raise InputError(f"{self.label} must have {what}")
+
+    @property
+    def label(self) -> str:
+        """How messages call it."""
+        return f"test {self.name!r}" if self.name else "a circular test"
+
+    def angles_rad(self) -> Array:
+        """θ in radians, shape (n,)."""
+        return np.deg2rad(self.angle_deg)
+
+    def readings_mm(self) -> Array:
+        """ρ in millimetres, shape (n,).
+
+        Raises
+        ------
+        ValueError
+            For a planned test.
+        """
+        if self.reading_um is None:
+            raise InputError(f"{self.label} must have readings here, got a planned test. Use a campaign, or simulate the plan.")
+        return np.asarray(self.reading_um) * 1e-3
+
+    def with_reading_um(self, reading_um: ArrayLike | None) -> CircularTest:
+        """The same test with other readings [µm]."""
+        return replace(self, reading_um=reading_um)
+
+    def select(self, keep: NDArray[np.bool_]) -> CircularTest:
+        """The same test with only the readings where ``keep`` is true."""
+        reading = None if self.reading_um is None else self.reading_um[keep]
+        return replace(self, angle_deg=self.angle_deg[keep], reading_um=reading)
+
+    @property
+    def circle(self) -> Circle:
+        """Radius, centre and plane; the campaign's defaults must have been filled in."""
+        x, y, z = (float(getattr(self, key) or 0.0) for key in _CENTRE)
+        return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")
+
+    @property
+    def arc_deg(self) -> float:
+        """Covered arc [deg]: 360° minus the largest gap between neighbouring angles, or 360° where it is an ordinary step."""
+        return _arc_deg(self.angle_deg)
+
+
+def _arc_deg(angle_deg: Array) -> float:
+    wrapped = np.unique(np.mod(angle_deg, 360.0))
+    if len(wrapped) < 2:
+        return 0.0
+    gaps = np.diff(np.append(wrapped, wrapped[0] + 360.0))
+    largest = float(gaps.max())
+    return 360.0 if largest <= 3.0 * float(np.median(gaps)) else 360.0 - largest
+
+
+def _one_of(test: CircularTest, plain: str, other: str, convert: Callable[[Array], Array]) -> Array | None:
+    """The column as one of two units gives it, in the first."""
+    given = {name: value for name in (plain, other) if (value := getattr(test, name)) is not None}
+    if len(given) > 1:
+        raise InputError(f"{test.label} must have {plain} or {other}, got both. Keep one of them.")
+    for name, value in given.items():
+        array = np.array(value, dtype=float)
+        if array.ndim != 1:
+            raise InputError(f"{test.label} must have {name} of shape (n,), got shape {array.shape}. Pass one value per reading.")
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            got = f"{array[bad[0]]} at reading {bad[0] + 1}"
+            raise InputError(f"{test.label} must have finite {name}, got {got}. Remove or correct that reading.")
+        array = array if name == plain else convert(array)
+        array.setflags(write=False)
+        return array
+    return None
+
+
+def _set(frozen: object, **values: Any) -> None:
+    for name, value in values.items():
+        object.__setattr__(frozen, name, value)
+
+
+def check_positive(owner: Any, field: str, value: float | None, unit: str, largest: float) -> None:
+    """Refuse a field of ``owner`` that is not a positive number, or absurdly large."""
+    if value is not None and value > largest:
+        raise InputError(f"{owner.label} must have {field} ≤ {largest:g} {unit}, got {value}. Check the unit.")
+    if value is not None and not (np.isfinite(value) and value > 0):
+        raise InputError(f"{owner.label} must have {field} > 0 {unit}, got {value}. Correct it.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,22 +322,21 @@ class Campaign:
         if not (np.isfinite(self.resolution_um) and self.resolution_um > 0):
             raise InputError(f"resolution_um must be a positive number, got {self.resolution_um}. Give the readout's step in µm.")
         check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
-        object.__setattr__(self, "tests", _named(self._resolved(test) for test in tests))
         foreseen = tuple(self._resolved(replace(test.with_reading_um(None), name="")) for test in self.foreseen)
-        object.__setattr__(self, "foreseen", foreseen)
-        with_readings = [test.reading_um is not None for test in self.tests]
-        if any(with_readings) and not all(with_readings):
-            missing = next(test.name for test in self.tests if test.reading_um is None)
+        _set(self, tests=_named([self._resolved(test) for test in tests]), foreseen=foreseen)
+        planned = [test.name for test in self.tests if test.reading_um is None]
+        if 0 < len(planned) < len(self.tests):
             raise InputError(
-                f"campaign must have readings in all tests or in none, got test {missing!r} without. "
+                f"campaign must have readings in all tests or in none, got test {planned[0]!r} without. "
                 "Add its file or plan it apart."
             )
-        object.__setattr__(self, "frames_mm", dict(self.machine().frames_mm))
+        _set(self, frames_mm=dict(self.machine().frames_mm))
 
     label = "campaign"
 
     def _resolved(self, test: CircularTest) -> CircularTest:
-        x, y, z = (*self.centre_mm, 0.0)[:3]
+        default = zip(_CENTRE, (*self.centre_mm, 0.0)[:3], strict=True)
+        centre: dict[str, Any] = {key: usual if (own := getattr(test, key)) is None else float(own) for key, usual in default}
         force, pressure = test.force_N, test.pressure_bar
         if force is None:
             force = self.force_law.force_N(float(pressure or 0.0))
@@ -110,10 +350,8 @@ class Campaign:
             pressure_bar=self.force_law.pressure_bar(force) if pressure is None else float(pressure),
             radius_mm=self.radius_mm if test.radius_mm is None else float(test.radius_mm),
             plane=self.plane if test.plane is None else test.plane,
-            centre_x_mm=x if test.centre_x_mm is None else float(test.centre_x_mm),
-            centre_y_mm=y if test.centre_y_mm is None else float(test.centre_y_mm),
-            centre_z_mm=z if test.centre_z_mm is None else float(test.centre_z_mm),
             setup=1 if test.setup is None else test.setup,
+            **centre,
         )
 
     def machine(self) -> Machine:
@@ -172,20 +410,19 @@ class Campaign:
         return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
 
     def _repr_html_(self) -> str:
+        shown = {
+            "test": "name",
+            "force (N)": "force_N",
+            "pressure (bar)": "pressure_bar",
+            "arc (°)": "arc_deg",
+            "direction": "direction",
+            "plane": "plane",
+            "radius (mm)": "radius_mm",
+            "work ball (°)": "work_ball_deg",
+            "tool ball (°)": "tool_ball_deg",
+        }
         rows = [
-            {
-                "test": test.name,
-                "force (N)": test.force_N,
-                "pressure (bar)": test.pressure_bar,
-                "readings": len(test.angle_deg),
-                "arc (°)": test.arc_deg,
-                "direction": test.direction,
-                "plane": test.plane,
-                "radius (mm)": test.radius_mm,
-                "work ball (°)": test.work_ball_deg,
-                "tool ball (°)": test.tool_ball_deg,
-            }
-            for test in self.tests
+            {head: getattr(test, key) for head, key in shown.items()} | {"readings": len(test.angle_deg)} for test in self.tests
         ]
         kind = "Plan" if self.is_plan else "Campaign"
         return table_html(f"{kind} {self.name}: {self.topology}, plane {self.machine().plane}, R = {self.radius_mm:g} mm", rows)
@@ -231,36 +468,28 @@ def _check_origin(machine_id: str | None, date: str | None) -> None:
 
 def _digested(test: CircularTest) -> list[Any]:
     """What the model uses of a test beside its readings, numbers as floats."""
-    fields: list[Any] = [test.name, _float(test.force_N), _float(test.pressure_bar), test.direction]
-    fields += [_float(test.work_ball_deg), _float(test.tool_ball_deg), _float(test.radius_mm)]
-    fields += [test.plane, _float(test.centre_x_mm), _float(test.centre_y_mm)]
-    usual = {"centre_z_mm": 0.0, "setup": 1.0, "temperature_C": None, "time_s": None}
-    return fields + [[name, _float(getattr(test, name))] for name, value in usual.items() if _float(getattr(test, name)) != value]
+    always = ("force_N", "pressure_bar", "direction", "work_ball_deg", "tool_ball_deg", "radius_mm", "plane", *_CENTRE[:2])
+    unless = {"centre_z_mm": 0.0, "setup": 1.0, "temperature_C": None, "time_s": None}
+    fields = {key: _plain(getattr(test, key)) for key in (*always, *unless)}
+    extra = [[key, fields[key]] for key, usual in unless.items() if fields[key] != usual]
+    return [test.name, *(fields[key] for key in always), *extra]
 
 
-def _float(value: float | None) -> float | None:
-    return None if value is None else float(value)
+def _plain(value: Any) -> Any:
+    return value if value is None or isinstance(value, str) else float(value)
 
 
-def _named(tests: Iterable[CircularTest]) -> tuple[CircularTest, ...]:
+def _named(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Give unnamed tests names after their force, numbering repeats; refuse repeated given names."""
-    named: list[CircularTest] = []
-    tests = tuple(tests)
-    taken = [test.name for test in tests if test.name]
-    repeated = next((name for name in taken if taken.count(name) > 1), None)
+    given = [test.name for test in tests if test.name]
+    repeated = next((name for name in given if given.count(name) > 1), None)
     if repeated is not None:
         raise InputError(f"test names must differ, got {repeated!r} twice. Give each test its own name.")
-    used = set(taken)
-    repeats: dict[str, int] = {}
+    named, used = [], set(given)
     for test in tests:
         if not test.name:
             stem = f"f{test.force_N:03.0f}"
-            count = repeats.get(stem, 0) + 1
-            name = stem if count == 1 else f"{stem}_{count}"
-            while name in used:
-                count += 1
-                name = f"{stem}_{count}"
-            repeats[stem] = count
+            name = next(name for k in count(1) if (name := stem if k == 1 else f"{stem}_{k}") not in used)
             used.add(name)
             test = replace(test, name=name)
         named.append(test)

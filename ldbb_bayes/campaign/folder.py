@@ -1,43 +1,107 @@
-"""A campaign on disk: a folder with campaign.toml and one CSV per test, read, checked and written."""
+"""Campaign folders and tidy tables: campaign.toml and CSVs into a campaign or plan, and back."""
 
 from __future__ import annotations
 
 import datetime as dt
 import os
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, fields
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
-from ldbb_bayes.campaign.table import READING_COLUMNS, read_columns, read_tidy, readings_of
+from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.spreadsheet import columns_of, read_strict_table
 from ldbb_bayes.errors import InputError, check_known, nearest
-from ldbb_bayes.files import staged_folder
-from ldbb_bayes.toml import read_toml
+from ldbb_bayes.files import read_toml, staged_folder, validated
 
 __all__ = [
     "IMPORT_NAME",
     "LARGEST_PLAN",
     "TOML_NAME",
     "TRUTH_NAME",
+    "embedded_campaign",
     "files_of",
     "iso",
+    "labels_of",
     "read_campaign",
     "write_campaign",
     "write_campaign_into",
 ]
 
+Array = NDArray[np.float64]
 SCHEMA = 1
-TOML_NAME = "campaign.toml"
-TRUTH_NAME = "truth.json"
-IMPORT_NAME = "import.toml"
+TOML_NAME, TRUTH_NAME, IMPORT_NAME = "campaign.toml", "truth.json", "import.toml"
 PLANNED_READINGS, LARGEST_PLAN = 720, 2_000_000
+_LARGEST_COLUMNS, _LONGEST_LABEL = 1000, 200
+_READINGS = ("angle_deg", "angle_rad", "reading_um", "reading_mm")
+_OF_TEST = ("force_N", "pressure_bar", "direction", *PER_TEST)
+_TEXTS = ("test", "direction", "plane")
+
+
+def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
+    """Return the campaign, or the plan, of a folder or file.
+
+    Parameters
+    ----------
+    path : path
+        A campaign folder, a campaign.toml, or one tidy CSV.
+    **options
+        For a tidy CSV only: what campaign.toml would say (`radius_mm=150`, `mount=MountCompensation(...)`, …).
+
+    Raises
+    ------
+    InputError
+        One message that names the file, the place and the cure.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / TOML_NAME
+    if not path.is_file():
+        raise InputError(
+            f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path}, "
+            f"which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path."
+        )
+    check_known("option", options, [field.name for field in fields(Campaign) if field.name != "tests"])
+    if path.suffix.lower() != ".toml":
+        tests = _tests_of_table(path)
+        options = {"name": path.stem} | options
+    elif options:
+        raise InputError(f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them into {path.name}.")
+    else:
+        tests, options = _tests_of_folder(path)
+    try:
+        return Campaign(tests, **options)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
+    """Write a campaign (or plan) folder, whole or not at all, and return its path.
+
+    Numbers are written so that they read back to the same doubles.
+
+    Parameters
+    ----------
+    force : bool
+        Replace an existing folder.
+
+    Raises
+    ------
+    InputError
+        When the folder exists and ``force`` is false, or it cannot be written.
+    """
+    folder = Path(folder)
+    with staged_folder(folder, force=force, ours=files_of(folder)) as staging:
+        write_campaign_into(campaign, staging)
+    return folder
 
 
 class _Strict(BaseModel):
@@ -91,154 +155,209 @@ class _CampaignFile(_Strict):
     test: list[_TestFile] = Field(min_length=1, max_length=1000)
 
 
-def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
-    """Read a campaign or a plan.
-
-    Parameters
-    ----------
-    path : path
-        A campaign folder, a campaign.toml, or one tidy CSV.
-    **options
-        For a tidy CSV only: what campaign.toml would say (`radius_mm=150`, `mount=MountCompensation(...)`, …).
-
-    Raises
-    ------
-    InputError
-        One message that names the file, the place and the cure.
-    """
-    path = Path(path)
-    if path.is_dir():
-        path = path / TOML_NAME
-    if not path.is_file():
-        raise InputError(
-            f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path}, "
-            f"which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path."
-        )
-    check_known("option", options, [field.name for field in fields(Campaign) if field.name != "tests"])
-    if path.suffix.lower() != ".toml":
-        return read_tidy(path, **options)
-    if options:
-        raise InputError(f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them into {path.name}.")
-    described = _parse(path)
-    planned = sum(entry.readings or PLANNED_READINGS for entry in described.test if entry.file is None)
+def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, Any]]:
+    """The tests of a campaign.toml, and the other fields of its campaign."""
+    content = read_toml(path)
+    schema = content.get("schema")
+    if isinstance(schema, int) and schema > SCHEMA:
+        raise InputError(f"{path}: schema must be {SCHEMA}, got {schema}, written by a newer version. Upgrade ldbb-bayes.")
+    file = validated(_CampaignFile, content, str(path))
+    planned = sum(entry.readings or PLANNED_READINGS for entry in file.test if entry.file is None)
     if planned > LARGEST_PLAN:
         raise InputError(
             f"{path}: a plan must have at most {LARGEST_PLAN} readings, got {planned}. Plan fewer readings a circle."
         )
-    tests = tuple(_test(path, i, entry) for i, entry in enumerate(described.test, start=1))
+    tests = tuple(_test(path, i, entry) for i, entry in enumerate(file.test, start=1))
+    options = file.model_dump(exclude={"schema_", "mount", "force", "test"}) | {
+        "name": file.name or path.resolve().parent.name,
+        "date": iso(file.date),
+        "mount": MountCompensation(**file.mount.model_dump()),
+        "force_law": _placed(path, ForceLaw, **file.force.model_dump()),
+        "frames_mm": {axis: tuple(frame) for axis, frame in file.frames_mm.items()},
+    }
+    return tests, options
+
+
+def _placed(place: object, make: Any, **given: Any) -> Any:
+    """What is made of what was given; a message names the place."""
     try:
-        return Campaign(
-            tests,
-            topology=described.topology,
-            plane=described.plane,
-            radius_mm=described.radius_mm,
-            name=described.name or path.resolve().parent.name,
-            feed_mm_per_min=described.feed_mm_per_min,
-            machine_id=described.machine_id,
-            date=iso(described.date),
-            resolution_um=described.resolution_um,
-            mount=MountCompensation(described.mount.deflection_um_per_bar, described.mount.compensated),
-            force_law=ForceLaw(described.force.slope_N_per_bar, described.force.offset_N),
-            frames_mm={axis: tuple(frame) for axis, frame in described.frames_mm.items()},  # type: ignore[misc]
-        )
+        return make(**given)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{place}: {error}") from None
 
 
-def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write a campaign (or plan) folder, whole or not at all.
-
-    Numbers are written so that they read back to the same doubles.
-
-    Parameters
-    ----------
-    force : bool
-        Replace an existing folder.
-
-    Raises
-    ------
-    InputError
-        When the folder exists and ``force`` is false, or it cannot be written.
-    """
-    folder = Path(folder)
-    with staged_folder(folder, force=force, ours=files_of(folder)) as staging:
-        write_campaign_into(campaign, staging)
-    return folder
+def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
+    own = entry.model_dump(exclude={"file", "name", "readings", "start_deg", "arc_deg"})
+    name = entry.name or (Path(entry.file).stem if entry.file else "")
+    if entry.file is None:
+        n, arc = entry.readings or PLANNED_READINGS, entry.arc_deg or 360.0
+        angle = (entry.start_deg or 0.0) + arc * (np.arange(n) / (n if abs(arc) == 360.0 else n - 1))
+        return _placed(f"{toml}, test {k}", CircularTest, name=name, angle_deg=angle, **own)
+    planned = [key for key in ("readings", "start_deg", "arc_deg") if getattr(entry, key) is not None]
+    if planned:
+        raise InputError(
+            f"{toml}, test {k}: {planned[0]} must stand in planned tests only, got it beside 'file'. Remove one of them."
+        )
+    path = _inside(toml, k, entry.file)
+    return _placed(path, CircularTest, name=name, **_checked(path, _read_columns(path, _READINGS)), **own)
 
 
-def files_of(folder: Path) -> set[str]:
-    """Names in a folder that belong to the campaign in it: what may go when the campaign is replaced."""
+def _inside(toml: Path, k: int, file: str) -> Path:
+    """The referenced file, which must lie inside the campaign's folder, links followed."""
+    root = toml.parent.resolve()
     try:
-        content = read_toml(folder / TOML_NAME)
-        listed = {str(entry.get("file", "")) for entry in content.get("test", [])}
-    except (InputError, AttributeError, TypeError):
-        return set()
-    return {TOML_NAME, TRUTH_NAME, IMPORT_NAME, *listed}
+        path = (root / file).resolve()
+    except (OSError, RuntimeError, ValueError):
+        raise InputError(
+            f"{toml}, test {k}: file must be the name of one, got {file[:80]!r}, which leads nowhere. Check the name."
+        ) from None
+    if Path(file).is_absolute() or not path.is_relative_to(root):
+        raise InputError(
+            f"{toml}, test {k}: file must lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name."
+        )
+    if not path.is_file():
+        got = "is no ordinary file" if path.exists() else f"is not in {toml.parent}"
+        raise InputError(f"{toml}, test {k}: file must exist, got {file!r}, which {got}. Check the name.")
+    return toml.parent / file
+
+
+def _tests_of_table(path: Path) -> tuple[CircularTest, ...]:
+    """The tests of a tidy CSV: columns test, force_N (or pressure_bar), angle_deg, reading_um, optionally others."""
+    columns = _read_columns(path, ("test", *_READINGS, *_OF_TEST))
+    if "test" not in columns:
+        raise InputError(f"{path}, line 1: columns must hold 'test', got none. Name the test each row belongs to.")
+    readings = _checked(path, columns)
+    tests = []
+    for name in dict.fromkeys(columns["test"].tolist()):
+        rows = columns["test"] == name
+        own: dict[str, Any] = {key: values[rows] for key, values in readings.items()}
+        for key in (key for key in _OF_TEST if key in columns):
+            values = columns[key][rows]
+            if len(set(values.tolist())) > 1:
+                raise InputError(
+                    f"{path}: {key} must be the same in all rows of a test, got {values.min()} to {values.max()} in {name!r}. "
+                    "Split the test or correct the rows."
+                )
+            own[key] = (values[0] or None) if key in _TEXTS else float(values[0])
+        tests.append(_placed(path, CircularTest, name=name, **own))
+    return tuple(tests)
+
+
+def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
+    """Columns of a CSV by name: numbers, or texts. Where semicolons or tabs separate and no point stands, commas are decimal."""
+    rows, separator = read_strict_table(path)
+    names = [name.strip() for name in rows[0][1]] if rows[0][0] == 1 else [""]
+    if len(names) > _LARGEST_COLUMNS:
+        many = f"a table must have at most {_LARGEST_COLUMNS} columns, got {len(names)}"
+        raise InputError(f"{path}, line 1: {many}. Export it again.")
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"{path}, line 1: columns must be among {', '.join(known)}, got {name[:60]!r}. "
+                f"Did you mean {nearest(name[:60], known)!r}? Rename or remove the column, "
+                "or let ldbb-bayes import read the file."
+            )
+        if names.count(name) > 1:
+            raise InputError(f"{path}, line 1: columns must differ, got {name!r} twice. Remove one.")
+    filled = [row for row in rows[1:] if any(row[1])]
+    if not filled:
+        raise InputError(f"{path} must hold readings below its header, got none. Fill the file or remove the test.")
+    if all(any(cells[len(names) :]) for _, cells in filled):
+        raise InputError(
+            f"{path}, line 1: the header must name every column, got fewer names than columns. Name them all; "
+            "with decimal commas separate the cells by semicolons."
+        )
+    lines, cells = columns_of(str(path), filled, len(names))
+    columns = dict(zip(names, cells, strict=True))
+    points = any("." in cell for name in names if name not in _TEXTS for cell in columns[name])
+    decimal = "," if separator != "," and not points else "."
+    return {
+        name: np.array(own, dtype=object) if name in _TEXTS else _numbers(path, name, lines, own, decimal)
+        for name, own in columns.items()
+    }
+
+
+def _numbers(path: Path, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str) -> Array:
+    """One column of finite numbers; unlike in an import, marks between thousands are refused."""
+    values = np.full(len(cells), np.nan)
+    for k, cell in enumerate(cells):
+        with suppress(ValueError):
+            values[k] = float(cell.replace(decimal, "."))
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        got = f"{name} must be a finite number, got {cells[bad[0]][:60]!r}"
+        raise InputError(f"{path}, line {lines[bad[0]]}: {got}. Correct or remove the line.")
+    return values
+
+
+def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
+    """The columns of angles and readings; a span that contradicts the angle's unit is refused."""
+    found: dict[str, Array] = {}
+    for pair in (_READINGS[:2], _READINGS[2:]):
+        present = [name for name in pair if name in columns]
+        if len(present) != 1:
+            got = "both" if present else "neither"
+            raise InputError(f"{path}, line 1: columns must hold {pair[0]} or {pair[1]}, got {got}. Correct the header.")
+        found[present[0]] = columns[present[0]]
+    (angle, values), _ = found.items()
+    span = float(np.ptp(values))
+    if angle == "angle_deg" and span < 7.0:
+        raise InputError(
+            f"{path}: angle_deg must span more than 7°, got {span:.3g}°. If the angles are radians, name the column angle_rad."
+        )
+    if angle == "angle_rad" and span > 4 * 2 * np.pi:
+        raise InputError(
+            f"{path}: angle_rad must span at most 4 turns, got {span:.4g} rad. "
+            "If the angles are degrees, name the column angle_deg."
+        )
+    return found
 
 
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and the CSVs into an existing folder."""
-    head: dict[str, Any] = {
-        "schema": SCHEMA,
-        "topology": campaign.topology,
-        "plane": campaign.plane,
-        "radius_mm": campaign.radius_mm,
-        "name": campaign.name,
-        "machine_id": campaign.machine_id,
-        "date": campaign.date,
-        "feed_mm_per_min": campaign.feed_mm_per_min,
-        "resolution_um": campaign.resolution_um,
-        "mount": {
-            "deflection_um_per_bar": campaign.mount.deflection_um_per_bar,
-            "compensated": campaign.mount.compensated,
-        },
-        "force": {"slope_N_per_bar": campaign.force_law.slope_N_per_bar, "offset_N": campaign.force_law.offset_N},
-        "frames_mm": {axis: list(frame) for axis, frame in campaign.frames_mm.items()} or None,
-    }
-    entries = [f"\n[[test]]\n{tomli_w.dumps(_test_entry(campaign, test))}" for test in campaign.tests]
-    (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")
+    head = {key: getattr(campaign, key) for key in ("topology", "plane", "radius_mm", "name", "machine_id", "date")}
+    head |= {"feed_mm_per_min": campaign.feed_mm_per_min, "resolution_um": campaign.resolution_um}
+    head |= {"mount": asdict(campaign.mount), "force": asdict(campaign.force_law)}
+    head["frames_mm"] = {axis: list(frame) for axis, frame in campaign.frames_mm.items()} or None
+    entries = [f"\n[[test]]\n{tomli_w.dumps(_entry(campaign, test))}" for test in campaign.tests]
+    (folder / TOML_NAME).write_text(tomli_w.dumps(_given({"schema": SCHEMA} | head)) + "".join(entries), encoding="utf-8")
     for test in campaign.tests:
         if test.reading_um is not None:
             frame = pd.DataFrame({"angle_deg": test.angle_deg, "reading_um": test.reading_um})
             frame.to_csv(folder / f"{test.name}.csv", index=False, lineterminator="\n")
 
 
-def _test_entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "file": None if test.reading_um is None else f"{test.name}.csv",
-        "force_N": test.force_N,
-        "pressure_bar": test.pressure_bar,
-        "name": test.name,
-        "direction": test.direction,
-        "work_ball_deg": test.work_ball_deg or None,
-        "tool_ball_deg": test.tool_ball_deg or None,
-        "radius_mm": None if test.radius_mm == campaign.radius_mm else test.radius_mm,
-        "plane": None if test.plane == campaign.plane else test.plane,
-        "centre_x_mm": test.centre_x_mm or None,
-        "centre_y_mm": test.centre_y_mm or None,
-        "centre_z_mm": test.centre_z_mm or None,
-        "setup": None if test.setup == 1 else test.setup,
-        "temperature_C": test.temperature_C,
-        "time_s": test.time_s,
-    }
-    if test.reading_um is None:
-        entry |= _uniform(test)
-    return _given(entry)
-
-
-def _uniform(test: CircularTest) -> dict[str, Any]:
-    """How a planned test's angles are written: number, start and arc."""
-    n = len(test.angle_deg)
-    step = float(test.angle_deg[1] - test.angle_deg[0])
+def _entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
+    """A [[test]] of campaign.toml, without what is as usual."""
+    usual = {"radius_mm": campaign.radius_mm, "plane": campaign.plane, "setup": 1, "temperature_C": None, "time_s": None}
+    entry: dict[str, Any] = {"file": None if test.reading_um is None else f"{test.name}.csv"}
+    entry |= {key: getattr(test, key) for key in ("force_N", "pressure_bar", "name", "direction")}
+    entry |= {key: own for key in PER_TEST if (own := getattr(test, key)) != usual.get(key, 0.0)}
+    if test.reading_um is not None:
+        return _given(entry)
+    n, step = len(test.angle_deg), float(test.angle_deg[1] - test.angle_deg[0])
     if not np.allclose(np.diff(test.angle_deg), step, rtol=1e-6):
         raise InputError(f"a plan's angles must be evenly spaced to be written, got test {test.name!r}. Plan even angles.")
     full = abs(abs(n * step) - 360.0) < 1e-6 * 360.0
-    arc = np.copysign(360.0, step) if full else (n - 1) * step
+    arc = float(np.copysign(360.0, step) if full else (n - 1) * step)
     if abs(arc) > 360.0:
         raise InputError(
             f"a plan's angles must span one turn to be written, got {arc:g}° in test {test.name!r}. Plan one turn a test."
         )
-    return {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": float(arc)}
+    return _given(entry | {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": arc})
+
+
+def _given(entry: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in entry.items() if value is not None}
+
+
+def files_of(folder: Path) -> set[str]:
+    """Names in a folder that belong to the campaign in it: what may go when the campaign is replaced."""
+    try:
+        listed = {str(entry.get("file", "")) for entry in read_toml(folder / TOML_NAME).get("test", [])}
+    except (InputError, AttributeError, TypeError):
+        return set()
+    return {TOML_NAME, TRUTH_NAME, IMPORT_NAME, *listed}
 
 
 def iso(date: dt.date | str | None) -> str | None:
@@ -246,83 +365,30 @@ def iso(date: dt.date | str | None) -> str | None:
     return date.isoformat() if isinstance(date, dt.date) else date
 
 
-def _given(entry: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in entry.items() if value is not None}
-
-
-def _parse(path: Path) -> _CampaignFile:
-    content = read_toml(path)
-    schema = content.get("schema")
-    if isinstance(schema, int) and schema > SCHEMA:
-        raise InputError(f"{path}: schema must be {SCHEMA}, got {schema}, written by a newer version. Upgrade ldbb-bayes.")
+def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
+    """Name, machine_id and date [ISO 8601] of a campaign folder or campaign.toml, those that are there; of a tidy CSV none."""
+    file = Path(path) / TOML_NAME if os.path.isdir(path) else Path(path)
     try:
-        return _CampaignFile.model_validate(content)
-    except ValidationError as error:
-        raise InputError(f"{path}: {_first_error(error)}") from None
+        content = read_toml(file) if file.suffix.lower() == ".toml" else {}
+    except InputError:
+        return {}
+    found = {label: iso(content.get(label)) for label in ("name", "machine_id", "date")}
+    texts = {label: value for label, value in found.items() if isinstance(value, str)}
+    return {label: value for label, value in texts.items() if value.isprintable() and 0 < len(value) <= _LONGEST_LABEL}
 
 
-_KEYS: dict[str, type[BaseModel]] = {"mount": _MountFile, "force": _ForceFile, "test": _TestFile}
+def embedded_campaign(name: str = "recovered_experiment") -> Path:
+    """Folder of an embedded campaign, from the installed wheel or from the checkout.
 
-
-def _first_error(error: ValidationError) -> str:
-    """One sentence for the first thing pydantic found, a misspelt key before the gap it leaves."""
-    errors = error.errors()
-    first = next((entry for entry in errors if entry["type"] == "extra_forbidden"), errors[0])
-    where = [str(part + 1) if isinstance(part, int) else part for part in first["loc"]]
-    table = f" in [{' '.join(where[:-1])}]" if len(where) > 1 else ""
-    if first["type"] == "extra_forbidden":
-        owner = _KEYS.get(where[0], _CampaignFile) if len(where) > 1 else _CampaignFile
-        known = [field.alias or name for name, field in owner.model_fields.items()]
-        nearest_key = nearest(where[-1], known)
-        return f"keys{table} must be among {', '.join(known)}, got {where[-1]!r}. Did you mean {nearest_key!r}?"
-    if first["type"] == "missing":
-        return f"{where[-1]!r}{table} must be given, got nothing. Add it."
-    message = first["msg"][0].lower() + first["msg"][1:]
-    return f"{where[-1]!r}{table} must be valid, got {first['input']!r}: {message}. Correct it."
-
-
-def _test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
-    name = entry.name or (Path(entry.file).stem if entry.file else "")
-    fields = entry.model_dump(exclude={"file", "name", "readings", "start_deg", "arc_deg"})
-    if entry.file is None:
-        return _guarded(f"{toml}, test {number}", name, {"angle_deg": _planned_angles(entry)}, fields)
-    planned = [key for key in ("readings", "start_deg", "arc_deg") if getattr(entry, key) is not None]
-    if planned:
-        raise InputError(
-            f"{toml}, test {number}: {planned[0]} must stand in planned tests only, got it beside 'file'. Remove one of them."
-        )
-    path = _inside(toml, number, entry.file)
-    return _guarded(str(path), name, dict(readings_of(path, read_columns(path, READING_COLUMNS))), fields)
-
-
-def _planned_angles(entry: _TestFile) -> Any:
-    n = entry.readings or PLANNED_READINGS
-    arc = entry.arc_deg or 360.0
-    steps = np.arange(n) / (n if abs(arc) == 360.0 else n - 1)
-    return (entry.start_deg or 0.0) + arc * steps
-
-
-def _guarded(place: str, name: str, readings: dict[str, Any], fields: dict[str, Any]) -> CircularTest:
-    try:
-        return CircularTest(name=name, **readings, **fields)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
-
-
-def _inside(toml: Path, number: int, file: str) -> Path:
-    """The referenced file, which must lie inside the campaign's folder, links followed."""
-    root = toml.parent.resolve()
-    try:
-        path = (root / file).resolve()
-    except (OSError, RuntimeError, ValueError):
-        raise InputError(
-            f"{toml}, test {number}: file must be the name of one, got {file[:80]!r}, which leads nowhere. Check the name."
-        ) from None
-    if Path(file).is_absolute() or not path.is_relative_to(root):
-        raise InputError(
-            f"{toml}, test {number}: file must lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name."
-        )
-    if not path.is_file():
-        got = "is no ordinary file" if path.exists() else f"is not in {toml.parent}"
-        raise InputError(f"{toml}, test {number}: file must exist, got {file!r}, which {got}. Check the name.")
-    return toml.parent / file
+    Raises
+    ------
+    InputError
+        When the installation came without its data.
+    """
+    package = Path(str(files("ldbb_bayes")))
+    for folder in (package / "_data" / name, package.parent / "data" / name):
+        if (folder / TOML_NAME).is_file():
+            return folder
+    raise InputError(
+        f"embedded campaign must be one of those installed, got {name!r}, which is missing. Install the package again."
+    )

@@ -10,21 +10,10 @@ from typing import Annotated
 import typer
 
 from ldbb_bayes import __version__
-from ldbb_bayes.cli.batch import batch
-from ldbb_bayes.cli.check import check
-from ldbb_bayes.cli.compare import compare
-from ldbb_bayes.cli.demo import demo
-from ldbb_bayes.cli.design import design
-from ldbb_bayes.cli.fit import fit
-from ldbb_bayes.cli.identify import identify
-from ldbb_bayes.cli.import_ import import_
-from ldbb_bayes.cli.machine import machine
-from ldbb_bayes.cli.population import population
-from ldbb_bayes.cli.report import report
-from ldbb_bayes.cli.simulate import simulate
-from ldbb_bayes.cli.summarize import summarize
-from ldbb_bayes.cli.trend import trend
-from ldbb_bayes.cli.validate import validate
+from ldbb_bayes.cli.analyses import compare, design, identify, validate
+from ldbb_bayes.cli.campaigns import check, import_, machine, simulate
+from ldbb_bayes.cli.fits import demo, fit, report, summarize
+from ldbb_bayes.cli.fleets import batch, population, trend
 
 __all__ = ["app", "main"]
 

@@ -7,9 +7,9 @@ import inspect
 import math
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
@@ -23,35 +23,24 @@ if TYPE_CHECKING:
 __all__ = [
     "EXIT_INTERRUPTED",
     "CampaignArgument",
+    "ChosenModel",
     "CiOption",
-    "DegreeOption",
-    "DriftOption",
     "ExecutorOption",
-    "ForceOffsetOption",
     "ForceOption",
-    "ForceSlopeOption",
+    "GivenCampaign",
     "JsonOption",
-    "ModelOption",
-    "MountOption",
-    "OutOption",
-    "PlaneOption",
-    "PresetOption",
+    "Output",
     "PriorFromOption",
     "QuietOption",
-    "RadiusOption",
-    "RawOption",
-    "ResolutionOption",
     "SchedulerOption",
     "SeedOption",
-    "TopologyOption",
-    "WithoutOption",
+    "TableFields",
     "WorkersOption",
-    "campaign_fields",
     "campaign_from",
+    "command",
     "fail",
-    "guarded",
-    "model_from",
-    "of_campaign",
+    "names_in",
+    "pairs_in",
     "three_numbers",
     "with_population",
 ]
@@ -60,24 +49,6 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 CampaignArgument = Annotated[Path, typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN")]
-DegreeOption = Annotated[
-    int | None, typer.Option(help="Compliance constant (0), linear (1) or quadratic (2) in force. Default 1.", min=0, max=2)
-]
-PresetOption = Annotated[str | None, typer.Option(help="default: all nuisances and priors. paper: plain least squares (Eq. 31).")]
-WithoutOption = Annotated[
-    str,
-    typer.Option(
-        help="Comma-separated terms to leave out: ball-form, bar-length, mount, force-error, setup-shift, discrepancy, "
-        "hysteresis, drift, truncation."
-    ),
-]
-DriftOption = Annotated[
-    str | None,
-    typer.Option(
-        "--drift", help="Centre and length drift with time or temperature, as the tests record it.", metavar="time|temperature"
-    ),
-]
-ModelOption = Annotated[Path | None, typer.Option("--model", help="Model as TOML (priors, terms, degree).", metavar="FILE.toml")]
 PriorFromOption = Annotated[
     Path | None,
     typer.Option(
@@ -87,7 +58,6 @@ PriorFromOption = Annotated[
         metavar="POPULATION",
     ),
 ]
-OutOption = Annotated[Path | None, typer.Option(help="Folder to write results to. Without it nothing is written.", metavar="DIR")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing results.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 SeedOption = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0, max=2**63 - 1)]
@@ -108,38 +78,122 @@ SchedulerOption = Annotated[
 WorkersOption = Annotated[
     int, typer.Option("--workers", help="Processes, one BLAS thread each; 0: one per core. None is started for 1.", min=0)
 ]
-_TABLE = "For a tidy CSV"
-RadiusOption = Annotated[float | None, typer.Option(help="Nominal radius (mm). Default 150.", rich_help_panel=_TABLE)]
-TopologyOption = Annotated[str | None, typer.Option(help="Joints from workpiece to tool.", rich_help_panel=_TABLE)]
-PlaneOption = Annotated[str | None, typer.Option(help="XY, YZ or ZX.", rich_help_panel=_TABLE)]
-ResolutionOption = Annotated[float | None, typer.Option(help="Step of the readout (µm). Default 0.24.", rich_help_panel=_TABLE)]
-RawOption = Annotated[bool, typer.Option("--raw", help="The readings are not compensated for the mount.", rich_help_panel=_TABLE)]
-MountOption = Annotated[
-    float | None, typer.Option("--mount-um-per-bar", help="Deflection of the mount. Default 2.33.", rich_help_panel=_TABLE)
-]
-ForceSlopeOption = Annotated[
-    float | None, typer.Option("--force-slope", help="Force law, N per bar. Default 126.04.", rich_help_panel=_TABLE)
-]
-ForceOffsetOption = Annotated[
-    float | None,
-    typer.Option("--force-offset", help="Force law, force at zero pressure (N). Default -14.2.", rich_help_panel=_TABLE),
-]
 
-_TABLE_OPTIONS: Mapping[str, tuple[Any, Any]] = MappingProxyType(
-    {
-        "topology": (TopologyOption, None),
-        "plane": (PlaneOption, None),
-        "radius_mm": (RadiusOption, None),
-        "resolution_um": (ResolutionOption, None),
-        "raw": (RawOption, False),
-        "mount_um_per_bar": (MountOption, None),
-        "force_slope": (ForceSlopeOption, None),
-        "force_offset": (ForceOffsetOption, None),
-    }
-)
+_CAMPAIGN: Mapping[str, tuple[Any, Any]] = {"campaign": (CampaignArgument, inspect.Parameter.empty)}
+_MODEL: Mapping[str, tuple[Any, Any]] = {
+    "degree": (
+        Annotated[
+            int | None,
+            typer.Option(help="Compliance constant (0), linear (1) or quadratic (2) in force. Default 1.", min=0, max=2),
+        ],
+        None,
+    ),
+    "preset": (
+        Annotated[str | None, typer.Option(help="default: all nuisances and priors. paper: plain least squares (Eq. 31).")],
+        None,
+    ),
+    "without": (
+        Annotated[
+            str,
+            typer.Option(
+                help="Comma-separated terms to leave out: ball-form, bar-length, mount, force-error, setup-shift, discrepancy, "
+                "hysteresis, drift, truncation."
+            ),
+        ],
+        "",
+    ),
+    "drift": (
+        Annotated[
+            str | None,
+            typer.Option(
+                help="Centre and length drift with time or temperature, as the tests record it.", metavar="time|temperature"
+            ),
+        ],
+        None,
+    ),
+    "model": (
+        Annotated[Path | None, typer.Option(help="Model as TOML (priors, terms, degree).", metavar="FILE.toml")],
+        None,
+    ),
+}
 
 
-def model_from(degree: int | None, preset: str | None, without: str, file: Path | None, drift: str | None = None) -> HybridModel:
+def _of_table(kind: Any, name: str, text: str, default: Any = None) -> tuple[Any, Any]:
+    return Annotated[kind, typer.Option(name, help=text, rich_help_panel="For a tidy CSV")], default
+
+
+_TABLE: Mapping[str, tuple[Any, Any]] = {
+    "topology": _of_table(str | None, "--topology", "Joints from workpiece to tool."),
+    "plane": _of_table(str | None, "--plane", "XY, YZ or ZX."),
+    "radius_mm": _of_table(float | None, "--radius-mm", "Nominal radius (mm). Default 150."),
+    "resolution_um": _of_table(float | None, "--resolution-um", "Step of the readout (µm). Default 0.24."),
+    "raw": _of_table(bool, "--raw", "The readings are not compensated for the mount.", False),
+    "mount_um_per_bar": _of_table(float | None, "--mount-um-per-bar", "Deflection of the mount. Default 2.33."),
+    "force_slope": _of_table(float | None, "--force-slope", "Force law, N per bar. Default 126.04."),
+    "force_offset": _of_table(float | None, "--force-offset", "Force law, force at zero pressure (N). Default -14.2."),
+}
+_OUTPUT: Mapping[str, tuple[Any, Any]] = {
+    "out": (
+        Annotated[Path | None, typer.Option(help="Folder to write results to. Without it nothing is written.", metavar="DIR")],
+        None,
+    ),
+    "force": (ForceOption, False),
+    "as_json": (JsonOption, False),
+    "quiet": (QuietOption, False),
+}
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where a result goes: files into a folder, all or none, and stdout, as JSON or for reading."""
+
+    out: Path | None
+    force: bool
+    as_json: bool
+    quiet: bool
+
+    def check(self, files: Collection[str]) -> None:
+        """Refuse a folder that must not be replaced, before any work is done; ``files`` may be.
+
+        Raises
+        ------
+        InputError
+        """
+        from ldbb_bayes.files import check_target
+
+        if self.out is not None:
+            check_target(self.out, force=self.force, ours=files)
+
+    def deliver(
+        self,
+        record: Mapping[str, Any],
+        files: Collection[str],
+        write: Callable[[Path], None],
+        show: Callable[[], None],
+        written: str = "",
+    ) -> None:
+        """Write a result into the folder, then print its record or show it, and what was written (default: the files).
+
+        Raises
+        ------
+        InputError
+            When it cannot be written.
+        """
+        from ldbb_bayes.cli.show import print_json
+        from ldbb_bayes.files import staged_folder
+
+        if self.out is not None:
+            with staged_folder(self.out, force=self.force, ours=files) as staging:
+                write(staging)
+        if self.as_json:
+            print_json(record)
+            return
+        show()
+        if self.out is not None and not self.quiet:
+            typer.echo(f"Written: {written or ', '.join(f'{self.out}/{name}' for name in files)}")
+
+
+def model_from(degree: int | None, preset: str | None, without: str, model: Path | None, drift: str | None = None) -> HybridModel:
     """The model the options describe.
 
     Raises
@@ -148,17 +202,18 @@ def model_from(degree: int | None, preset: str | None, without: str, file: Path 
         For unknown names, or a preset beside a model file.
     """
     from ldbb_bayes.model.hybrid import HybridModel
-    from ldbb_bayes.model.spec import read_model
+    from ldbb_bayes.model.specification import read_model
+    from ldbb_bayes.model.terms import Drift
 
-    if file is not None and preset is not None:
+    if model is not None and preset is not None:
         raise InputError("the model must come from --model or --preset, got both. Write preset = … into the file.")
-    if file is None:
-        model = HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
+    if model is None:
+        chosen = HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
     else:
-        model = read_model(file, degree=1)
-        model = model if degree is None else model.with_degree(degree)
-    names = [name.strip() for name in without.split(",") if name.strip()]
-    return _drifting(model.without(*names), drift)
+        chosen = read_model(model, degree=1)
+        chosen = chosen if degree is None else chosen.with_degree(degree)
+    chosen = chosen.without(*names_in(without))
+    return chosen if drift is None else chosen.including(Drift(drift))  # type: ignore[arg-type]
 
 
 def with_population(model: HybridModel, population: Path | None, campaign: Campaign) -> tuple[HybridModel, dict[str, Any] | None]:
@@ -179,12 +234,6 @@ def with_population(model: HybridModel, population: Path | None, campaign: Campa
         typer.echo(f"--prior-from: {doubt}", err=True)
     said = {"path": str(population), "machines": prior.machines, "campaigns": prior.campaigns}
     return prior.model(model), said | {"sha256": prior.sha256, "doubts": list(doubts)}
-
-
-def _drifting(model: HybridModel, drift: str | None) -> HybridModel:
-    from ldbb_bayes.model.terms import Drift
-
-    return model if drift is None else model.including(Drift(drift))  # type: ignore[arg-type]
 
 
 def campaign_from(
@@ -221,7 +270,7 @@ def campaign_fields(
     **fields: Any,
 ) -> dict[str, Any]:
     """What the options say of a campaign that no table says: those given, as fields of `Campaign`."""
-    from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
+    from ldbb_bayes.campaign.campaign import ForceLaw, MountCompensation
 
     given = {name: value for name, value in fields.items() if value is not None}
     if given.get("name") == "":
@@ -246,29 +295,69 @@ def campaign_fields(
     return given
 
 
-def of_campaign(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command CAMPAIGN as its first argument, and the options that say of a tidy CSV what campaign.toml would say.
+@dataclass(frozen=True)
+class _Group:
+    """Options that together make one argument of a command."""
 
-    The command itself gets the campaign read. Wrapped in `guarded`.
-    """
-    first, *others = inspect.signature(command).parameters
-    known = inspect.get_annotations(command, eval_str=True, globals={**command.__globals__, "Campaign": object})
-    own = inspect.signature(command).parameters
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    parameters = [
-        inspect.Parameter("campaign", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=CampaignArgument),
-        *(inspect.Parameter(name, keyword, default=own[name].default, annotation=known[name]) for name in others),
-        *(inspect.Parameter(name, keyword, default=default, annotation=kind) for name, (kind, default) in _TABLE_OPTIONS.items()),
-    ]
+    options: Mapping[str, tuple[Any, Any]]
+    make: Callable[..., Any]
 
-    @functools.wraps(command)
-    def run(campaign: Path, **given: Any) -> None:
-        table = {name: given.pop(name) for name in _TABLE_OPTIONS}
-        command(**{first: campaign_from(campaign, **table)}, **given)
 
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return guarded(run)
+# In a command's signature each of these stands for a group of options; the command gets what they make.
+if TYPE_CHECKING:
+    GivenCampaign = Campaign
+    ChosenModel = HybridModel
+    TableFields = dict[str, Any]
+else:
+    GivenCampaign = _Group({**_CAMPAIGN, **_TABLE}, lambda campaign, **table: campaign_from(campaign, **table))
+    ChosenModel = _Group(_MODEL, model_from)
+    TableFields = _Group(_TABLE, campaign_fields)
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """A function as a command: groups of options spelled out, bad input answered with one message, never a traceback."""
+    groups: dict[str, _Group] = {}
+    parameters: list[inspect.Parameter] = []
+    kinds = inspect.get_annotations(function, eval_str=True)
+    for name, own in inspect.signature(function).parameters.items():
+        kind = _Group(_OUTPUT, Output) if kinds[name] is Output else kinds[name]
+        if isinstance(kind, _Group):
+            groups[name] = kind
+        options = kind.options if isinstance(kind, _Group) else {name: (kind, own.default)}
+        parameters += [
+            inspect.Parameter(option, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for option, (annotation, default) in options.items()
+        ]
+
+    @functools.wraps(function)
+    def run(**given: Any) -> None:
+        for name, group in groups.items():
+            made = group.make(**{option: given.pop(option) for option in group.options})
+            given[name] = made
+        function(**given)
+
+    guarded = _guarded(run)
+    guarded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    guarded.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return guarded
+
+
+def names_in(text: str | None) -> tuple[str, ...]:
+    """Comma-separated names."""
+    return tuple(name.strip() for name in (text or "").split(",") if name.strip())
+
+
+def pairs_in(entries: list[str] | None, option: str, form: str) -> dict[str, str]:
+    """NAME=VALUE of an option that may be repeated, each name once."""
+    pairs: dict[str, str] = {}
+    for entry in entries or ():
+        name, sign, value = entry.partition("=")
+        if not (name and sign and value):
+            raise InputError(f"{option} must be {form}, got {entry!r}. Put a name, '=' and what belongs to it.")
+        if name in pairs:
+            raise InputError(f"{option} must give each name once, got {name!r} again. Remove one.")
+        pairs[name] = value
+    return pairs
 
 
 def three_numbers(text: str, option: str) -> tuple[float, float, float]:
@@ -288,7 +377,7 @@ def fail(message: str, code: int) -> NoReturn:
     raise typer.Exit(code)
 
 
-def guarded(command: Callable[..., None]) -> Callable[..., None]:
+def _guarded(command: Callable[..., None]) -> Callable[..., None]:
     """Answer bad input with one message and exit code 2, an interruption with 130; never a traceback for either."""
 
     @functools.wraps(command)

@@ -1,54 +1,374 @@
-"""Many campaigns into one table: hundreds to a million, on any executor, whatever stops it and whatever some of them are."""
+"""Many campaigns into one table: each fitted by itself into a row, rows kept in SQLite as they come and exported as Parquet."""
 
 from __future__ import annotations
 
+import json
 import operator
 import os
+import re
+import shutil
+import sqlite3
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, closing, nullcontext
-from dataclasses import asdict, dataclass
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
+from dataclasses import asdict, dataclass, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.fleet.begun import DATASET, JOURNAL, POSTERIORS, RECORD, batch_record, begin, held
-from ldbb_bayes.fleet.dataset import check_pyarrow, write_dataset
-from ldbb_bayes.fleet.gather import Gathered, gather
-from ldbb_bayes.fleet.journal import Journal
-from ldbb_bayes.fleet.reading import read_batch, tally
-from ldbb_bayes.fleet.row import STAMP, Job, Settings, failed_row, fit_row, posterior_name
-from ldbb_bayes.fleet.stamps import stamp_of
-from ldbb_bayes.inference.samplers import SAMPLERS
-from ldbb_bayes.inference.summary import check_probability
+import numpy as np
+from pydantic import Field
+
+from ldbb_bayes.campaign.folder import TOML_NAME
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.files import bytes_of, write_whole
+from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART, check_pyarrow, read_batch, write_dataset
+from ldbb_bayes.fleet.row import Job, Settings, failed_row, fit_row, posterior_name, stamp_of
+from ldbb_bayes.inference.posterior import State, check_probability
+from ldbb_bayes.inference.sample import check_sampler, versions
+from ldbb_bayes.jobs import Lost, done
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.population_prior import PopulationPrior
-from ldbb_bayes.model.spec import model_from_toml, model_to_toml
-from ldbb_bayes.work import Lost, done
+from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
+from ldbb_bayes.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Batch", "batch"]
+__all__ = ["Batch", "Doubt", "Failure", "batch", "gather"]
+
+LIST, POSTERIORS = "campaigns.txt", "posteriors"
+_OURS = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm", f"{JOURNAL}-journal", LIST, DATASET, POSTERIORS, PART)
+_POSTERIOR = re.compile(r"\d{7,}-[0-9a-f]{12}\.nc|\..*\.part")
+
+# ---- which campaigns
+
+_LARGEST_LIST = 2**30
+_COMMENT = re.compile(r"(^|\s)#.*")
+_QUOTED = re.compile(r'"(.+)"')
 
 
 @dataclass(frozen=True)
-class Batch:
+class Gathered:
+    """Paths of campaigns in the order given, and those that were given again."""
+
+    paths: tuple[str, ...]
+    repeated: tuple[str, ...]
+
+
+def gather(given: Iterable[str | os.PathLike[str]]) -> Gathered:
+    """Return the campaigns that folders of campaigns and lists stand for.
+
+    Parameters
+    ----------
+    given : iterable of path
+        A campaign folder, a campaign.toml or a tidy CSV stands for itself; any other folder for its direct subfolders with a
+        campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a line, ' #' beginning a comment but for paths in
+        double quotes, which are taken as they are. What does not exist stays: the batch says so in its row.
+
+    Raises
+    ------
+    InputError
+        For no campaign, none that exists, or a path that cannot stand on a line.
+    """
+    seen: dict[str, str] = {}
+    repeated = []
+    for path in _opened([given] if isinstance(given, str | os.PathLike) else given):
+        if not (path.isprintable() and path == path.strip() and path):
+            raise InputError(f"paths of campaigns must be printable and stand on one line, got {path!r}. Rename it.")
+        key = os.path.abspath(path)
+        key = os.path.dirname(key) if os.path.basename(key) == TOML_NAME else key
+        if seen.setdefault(key, path) is not path:
+            repeated.append(path)
+    paths = tuple(seen.values())
+    if not paths:
+        raise InputError("a batch must have at least one campaign, got none. Name campaigns, folders of them, or a list (@FILE).")
+    if not any(os.path.isfile(os.path.join(path, TOML_NAME)) or os.path.isfile(path) for path in paths):
+        raise InputError(
+            f"a batch must have campaigns that exist, got none among {len(paths)} ({paths[0]}). "
+            f"Name folders with {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE)."
+        )
+    return Gathered(paths, tuple(repeated))
+
+
+def _opened(given: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
+    for entry in (os.fspath(each) for each in given):
+        if entry.startswith("@") or (entry.lower().endswith(".txt") and os.path.isfile(entry)):
+            for line in _lines(Path(entry.removeprefix("@"))):
+                yield from _inside(line)
+        else:
+            yield from _inside(entry)
+
+
+def _inside(path: str) -> list[str]:
+    """The path itself, or the campaigns right in a folder of campaigns."""
+    if not os.path.isdir(path) or os.path.isfile(os.path.join(path, TOML_NAME)):
+        return [path]
+    try:
+        with os.scandir(path) as entries:
+            names = sorted(entry.name for entry in entries if os.path.isfile(os.path.join(entry.path, TOML_NAME)))
+    except OSError as error:
+        raise InputError(f"{path} must be a readable folder, got: {error.strerror}. Check its permissions.") from None
+    return [os.path.join(path, name) for name in names] or [path]
+
+
+def _lines(file: Path) -> Iterator[str]:
+    try:
+        text = bytes_of(file, _LARGEST_LIST, what="a list of campaigns, one path a line").decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{file} must be UTF-8 text, got another encoding. Save it as UTF-8.") from None
+    for line in map(str.strip, text.splitlines()):
+        quoted = _QUOTED.fullmatch(line)
+        path = quoted[1] if quoted else _COMMENT.sub("", line).strip()
+        quoted = _QUOTED.fullmatch(path)
+        if path:
+            yield quoted[1] if quoted and line != f'"{path}"' else path
+
+
+def listed(paths: Iterable[str]) -> bytes:
+    """Return a list that is read as these paths: quoted where a part would be a comment."""
+    return "".join(f'"{path}"\n' if _COMMENT.search(path) or _QUOTED.fullmatch(path) else f"{path}\n" for path in paths).encode()
+
+
+# ---- the journal
+
+_TABLES = """
+CREATE TABLE IF NOT EXISTS batch (record TEXT);
+CREATE TABLE IF NOT EXISTS campaigns (number INTEGER PRIMARY KEY, path TEXT, status TEXT, state TEXT, row TEXT);
+"""
+_MOST_NAMED = 10_000
+_WORDS = {
+    "ci_prob": "probability of the intervals",
+    "compare": "comparison",
+    "ess": "effective sample size",
+    "prior_from": "population",
+    "here": "folder that relative paths start from",
+}
+
+
+@contextmanager
+def _journal(out: Path) -> Iterator[sqlite3.Connection]:
+    """The database of a folder, made if need be; SQLite's lock keeps other runs out while the block lasts."""
+    made = not out.exists()
+    if not made and not out.is_dir():
+        raise InputError(f"{out} must be a folder, got a file. Choose another name.")
+    foreign = [] if made else sorted(path.name for path in out.iterdir() if path.name not in _OURS)
+    if foreign:
+        raise InputError(f"{out} must hold nothing but a batch, got {foreign[0]!r}. Move it away or choose another name.")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        connection = sqlite3.connect(out / JOURNAL, timeout=0.0, isolation_level=None)
+    except (OSError, sqlite3.Error) as error:
+        raise InputError(f"{out} must be writable, got: {error}. Choose another place.") from None
+    begun = not made
+    with closing(connection):
+        try:
+            connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.executescript(f"PRAGMA synchronous = NORMAL; BEGIN EXCLUSIVE; {_TABLES} COMMIT;")
+            yield connection
+            begun = True
+        except sqlite3.Error as error:
+            raise _unusable(out, error) from None
+        finally:
+            with suppress(sqlite3.Error):
+                begun = begun or connection.execute("SELECT count(*) FROM batch").fetchone()[0] > 0
+            if not begun:
+                shutil.rmtree(out, ignore_errors=True)
+
+
+def _unusable(out: Path, error: sqlite3.Error) -> InputError:
+    if error.sqlite_errorcode in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        return InputError(f"{out} must not be in use, got another run at work there. Wait for it, or choose another --out.")
+    if error.sqlite_errorcode in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
+        return InputError(f"{out / JOURNAL} must be the journal of a batch, got a damaged file. Remove {out}, and begin anew.")
+    return InputError(
+        f"{out / JOURNAL} must be writable, got: {error}. What is in it is kept: free some space or mend the place, then go on "
+        "with --resume."
+    )
+
+
+def _record(paths: Sequence[str], settings: Settings) -> dict[str, Any]:
+    """What makes a batch what it is."""
+    table = {
+        f"table option {name}": asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+        for name, value in settings.table.items()
+    }
+    return {
+        "model": model_sha256(settings.model)[:12],
+        "sampler": settings.sampler,
+        "seed": settings.seed,
+        "ess": settings.ess,
+        "ci_prob": settings.ci_prob,
+        "compare": settings.compare,
+        "posteriors": settings.posteriors is not None,
+        "prior_from": None if settings.population is None else settings.population.sha256,
+        "here": None if all(map(os.path.isabs, paths)) else settings.here,
+        **table,
+        **{f"version of {name}": value for name, value in versions().items()},
+    }
+
+
+def _begin(
+    journal: sqlite3.Connection, out: Path, paths: Sequence[str], record: Mapping[str, Any], *, resume: bool, force: bool
+) -> bool:
+    """Write down what the batch is, or compare it with what is there; whether there was one."""
+    before = journal.execute("SELECT record FROM batch").fetchone()
+    if before is None and not force and any((out / name).exists() for name in (DATASET, POSTERIORS)):
+        raise InputError(f"{out} must hold the journal of its batch, got none. Begin anew (--force), or choose another name.")
+    if before is not None and not resume and not force:
+        state = "a finished" if (out / DATASET).exists() else "an unfinished"
+        raise InputError(
+            f"{out} must not hold a batch, got {state} one. Go on with it (--resume; failed campaigns again: --resume --retry), "
+            "begin anew (--force), or choose another name."
+        )
+    if before is not None and resume:
+        _check_same(journal, out, paths, json.loads(before[0]), json.loads(json.dumps(record)))
+        return True
+    (out / DATASET).unlink(missing_ok=True)
+    for path in (out / POSTERIORS).glob("*"):
+        if _POSTERIOR.fullmatch(path.name):
+            path.unlink()
+    write_whole(out / LIST, listed(paths))
+    with _transaction(journal):
+        journal.execute("DELETE FROM batch")
+        journal.execute("DELETE FROM campaigns")
+        journal.executemany("INSERT INTO campaigns (number, path) VALUES (?, ?)", enumerate(paths))
+        journal.execute("INSERT INTO batch VALUES (?)", [json.dumps(record)])
+    return False
+
+
+@contextmanager
+def _transaction(journal: sqlite3.Connection) -> Iterator[None]:
+    journal.execute("BEGIN")
+    with journal:
+        yield
+
+
+def _check_same(
+    journal: sqlite3.Connection, out: Path, paths: Sequence[str], before: Mapping[str, Any], now: Mapping[str, Any]
+) -> None:
+    def refuse(names: Iterable[str]) -> None:
+        for name in names:
+            if before.get(name) != now.get(name):
+                got, has = ("nothing" if own.get(name) is None else own[name] for own in (before, now))
+                raise InputError(
+                    f"{out} must be of this batch, got {_WORDS.get(name, name)} {got} where this run has {has}. Resume with what "
+                    "the batch was begun with, or begin anew (--force)."
+                )
+
+    refuse(sorted({*before, *now} - {"here"}))
+    there = [path for (path,) in journal.execute("SELECT path FROM campaigns ORDER BY number")]
+    if there != list(paths):
+        pairs = enumerate(zip(there, paths, strict=False), start=1)
+        other = next((f"number {k} is {old} where this run has {new}" for k, (old, new) in pairs if old != new), None)
+        more = " Campaigns that are new make a batch of their own." if len(paths) > len(there) else ""
+        raise InputError(
+            f"{out} must be of this batch, got other campaigns ({other or f'{len(there)} where this run has {len(paths)}'}). "
+            f"Go on with its own list: @{out / LIST} --resume.{more}"
+        )
+    refuse(["here"])
+
+
+def _wanted(journal: sqlite3.Connection, settings: Settings, retry: bool) -> dict[int, str | None]:
+    """Numbers of the campaigns to be fitted; of those fitted from files that have changed since, their digest then."""
+    where = "" if retry else " WHERE status IS NULL"
+    found: dict[int, str | None] = {}
+    for number, path, status, row in journal.execute(f"SELECT number, path, status, row FROM campaigns{where} ORDER BY number"):
+        if status != "done":
+            found[number] = None
+        else:
+            before, now = json.loads(row), stamp_of(os.path.join(settings.here, path))
+            if None not in (before["stamp"], now) and now != before["stamp"]:
+                found[number] = before["sha256"]
+    return found
+
+
+def _fit(
+    journal: sqlite3.Connection,
+    paths: Sequence[str],
+    settings: Settings,
+    executor: Executor | None,
+    retry: bool,
+    progress: Callable[[int, int, int], None] | None,
+) -> int:
+    """Fit what has no row, each row a transaction; the number of campaigns fitted."""
+    wanted = _wanted(journal, settings, retry)
+    order = list(wanted)
+    failed = {number for (number,) in journal.execute("SELECT number FROM campaigns WHERE status = 'failed'")}
+    if progress is not None and wanted:
+        progress(len(paths) - len(wanted), len(paths), len(failed))
+    jobs = (Job(number, paths[number]) for number in order)
+    with closing(done(partial(fit_row, settings), jobs, executor)) as results:  # type: ignore[type-var]
+        for count, (place, result) in enumerate(results, start=1):
+            number = order[place]
+            if isinstance(result, Lost):
+                result = failed_row(settings, Job(number, paths[number]), result.reason)
+            journal.execute(
+                "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
+                (result["status"], result.get("state"), json.dumps(_plain(result)), number),
+            )
+            before = wanted[number]
+            if settings.posteriors is not None and before is not None and before != result.get("sha256"):
+                (Path(settings.posteriors) / posterior_name(number, before)).unlink(missing_ok=True)
+            (failed.add if result["status"] == "failed" else failed.discard)(number)
+            if progress is not None:
+                progress(len(paths) - len(wanted) + count, len(paths), len(failed))
+    return len(wanted)
+
+
+def _plain(value: Any) -> Any:
+    """For JSON and Parquet: numbers that are none become null, half a character, as names of files hold one, a question mark."""
+    if isinstance(value, dict):
+        return {name: _plain(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
+    for (row,) in journal.execute("SELECT row FROM campaigns ORDER BY number"):
+        yield json.loads(row)
+
+
+# ---- the batch
+
+
+@dataclass(frozen=True)
+class Failure(Result):
+    """A campaign that could not be fitted, and why."""
+
+    campaign: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Doubt(Result):
+    """A campaign that is not converged or doubtful, and its verdict."""
+
+    campaign: str
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Batch(Result):
     """A finished batch.
 
     Attributes
     ----------
     out, dataset : Path
-        Its folder, and the Parquet dataset in it.
+        Its folder, and the Parquet table in it.
     campaigns, done, failed : int
+        In JSON the last is ``failures``.
     not_converged, doubtful : int
         Of those done: that missed the sampling target; whose readings the model does not expect, or that speak against it.
-    failures : tuple of (campaign, reason)
+    failures : tuple of Failure
+        The first 10 000; in JSON ``failed``.
+    doubts : tuple of Doubt
         The first 10 000.
-    doubts : tuple of (campaign, verdict)
-        Of those not converged or doubtful, the first 10 000.
     fitted : int
         Campaigns fitted by this run; the others were there.
     seconds : float
@@ -57,35 +377,25 @@ class Batch:
         Whether an earlier run was gone on with.
     repeated : tuple of str
         Campaigns given more than once, kept once.
-    damaged : int
-        Lines of the journal of an earlier run that were damaged. What they held was done again, and so was what had failed.
     """
 
     out: Path
     dataset: Path
     campaigns: int
     done: int
-    failed: int
+    failed: Annotated[int, Field(alias="failures")]
     not_converged: int
     doubtful: int
-    failures: tuple[tuple[str, str], ...]
-    doubts: tuple[tuple[str, str], ...]
+    failures: Annotated[tuple[Failure, ...], Field(alias="failed")]
+    doubts: tuple[Doubt, ...]
     fitted: int
     seconds: float
     resumed: bool
     repeated: tuple[str, ...]
-    damaged: int
 
     def rows(self) -> pd.DataFrame:
-        """Every row; see `read_batch`."""
+        """Return every row; see `read_batch`."""
         return read_batch(self.out)
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        own = asdict(self) | {"out": str(self.out), "dataset": str(self.dataset)}
-        failures = [{"campaign": campaign, "reason": reason} for campaign, reason in own.pop("failures")]
-        doubts = [{"campaign": campaign, "verdict": verdict} for campaign, verdict in own.pop("doubts")]
-        return {"schema": 1, **own, "failures": own["failed"], "failed": failures, "doubts": doubts}
 
 
 def batch(
@@ -94,7 +404,7 @@ def batch(
     *,
     model: HybridModel | None = None,
     prior_from: PopulationPrior | None = None,
-    sampler: str = "quadrature",
+    sampler: str = "independent",
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None = None,
     seed: int = 1,
     ess: float = 1000.0,
@@ -109,8 +419,8 @@ def batch(
 ) -> Batch:
     """Fit every campaign by itself, each into one row of a table; a campaign that cannot be fitted is a row that says why.
 
-    Finished rows are kept in a journal as they come. Whatever stops a batch (Ctrl-C, kill -9, a full disk), the same call with
-    ``resume`` goes on with what is left, to the very same table.
+    Every row is kept as it comes. Whatever stops a batch (Ctrl-C, kill -9, a full disk), the same call with ``resume`` goes on
+    with what is left, to the very same table.
 
     Parameters
     ----------
@@ -118,14 +428,14 @@ def batch(
         Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns (every direct subfolder with a campaign.toml,
         sorted), and lists: ``@FILE`` or a .txt file, one path a line. A campaign given twice is kept once.
     out : path
-        Folder for the journal and the table.
+        Folder for the rows and the table.
     model : HybridModel, optional
         Default: linear in force.
     prior_from : PopulationPrior, optional
         From `prior_from`: prior of the compliances. A campaign that the population was made from fails.
-    sampler : {"quadrature", "joint", "collapsed"}
+    sampler : {"independent", "joint"}
     executor : concurrent.futures.Executor or callable, optional
-        Where campaigns are fitted; default: here, one after the other. See `ldbb_bayes.fleet.executors`. What starts one, such as
+        Where campaigns are fitted; default: here, one after the other. See `ldbb_bayes.jobs`. What starts one, such as
         `process_executor` itself, is called once ``out`` is this run's, which it stays until the workers have ended.
     seed : int
         Of every campaign: its numbers are those of `sample` with this seed.
@@ -155,7 +465,7 @@ def batch(
         without pyarrow.
     """
     check_pyarrow()
-    check_known("sampler", [sampler], SAMPLERS)
+    check_sampler(sampler)
     check_probability(ci_prob)
     if retry and not resume:
         raise InputError("retry (--retry) must come with resume (--resume), got it alone. Add it.")
@@ -181,111 +491,42 @@ def batch(
         os.getcwd(),
         prior_from,
     )
-    with held(folder), executor() if callable(executor) else nullcontext(executor) as pool:
-        return _run(folder, found, settings, pool, resume=resume, retry=retry, force=force, progress=progress)
-
-
-def _run(
-    out: Path,
-    found: Gathered,
-    settings: Settings,
-    executor: Executor | None,
-    *,
-    resume: bool,
-    retry: bool,
-    force: bool,
-    progress: Callable[[int, int, int], None] | None,
-) -> Batch:
-    """In a folder that is held."""
-    resumed = resume and (out / RECORD).exists()
-    record = batch_record(found.paths, settings)
-    record, key = begin(out, found.paths, record, resume=resume, force=force)
-    started = time.perf_counter()
-    with Journal(out / JOURNAL, len(found.paths), key) as journal:
-        fitted = _fit(journal, found.paths, settings, executor, retry=retry, progress=progress)
+    with _journal(folder) as journal, executor() if callable(executor) else nullcontext(executor) as pool:
+        record = _record(found.paths, settings)
+        resumed = _begin(journal, folder, found.paths, record, resume=resume, force=force)
+        if posteriors:
+            (folder / POSTERIORS).mkdir(exist_ok=True)
+        started = time.perf_counter()
+        fitted = _fit(journal, found.paths, settings, pool, retry, progress)
         seconds = time.perf_counter() - started
-        dataset = out / DATASET
-        if fitted or journal.stale or not dataset.is_dir():
-            journal.sync()
-            _write(journal, found.paths, dataset, record)
-            journal.stale = False
-        counts = tally(dataset)
-        return Batch(
-            out,
-            dataset,
-            counts.campaigns,
-            counts.done,
-            counts.failed,
-            counts.not_converged,
-            counts.doubtful,
-            counts.failures,
-            counts.doubts,
-            fitted,
-            seconds,
-            resumed,
-            found.repeated,
-            journal.damaged,
-        )
+        about = {
+            "campaigns": len(found.paths),
+            "model_sha256": model_sha256(settings.model),
+            "model": settings.model_toml,
+            "options": {name: value for name, value in record.items() if name not in ("model", "here")},
+        }
+        write_dataset(partial(_rows, journal), folder / DATASET, about)
+        return _finished(journal, folder, found, fitted, seconds, resumed)
 
 
-def _fit(
-    journal: Journal,
-    paths: tuple[str, ...],
-    settings: Settings,
-    executor: Executor | None,
-    *,
-    retry: bool,
-    progress: Callable[[int, int, int], None] | None,
-) -> int:
-    """Fit what has no row; the number of campaigns fitted."""
-    wanted, mended = [], {}
-    for index, path in enumerate(paths):
-        if journal.lacks(index, retry=retry):
-            wanted.append(index)
-        elif retry and _mended(before := journal.read(index), os.path.join(settings.here, path)):
-            wanted.append(index)
-            mended[index] = before["sha256"]
-    if not wanted:
-        return 0
-    journal.stale = True
-    left = len(wanted)
-    if progress is not None:
-        progress(len(paths) - left, len(paths), journal.failed)
-    jobs = (Job(index, paths[index]) for index in wanted)
-    with closing(_done(settings, jobs, executor)) as results:
-        for place, result in results:
-            index = wanted[place]
-            row = failed_row(settings, Job(index, paths[index]), result.reason) if isinstance(result, Lost) else result
-            journal.append(index, row)
-            if settings.posteriors is not None and mended.get(index, row.get("sha256")) != row.get("sha256"):
-                (Path(settings.posteriors) / posterior_name(index, mended[index])).unlink(missing_ok=True)
-            left -= 1
-            if progress is not None:
-                progress(len(paths) - left, len(paths), journal.failed)
-    return len(wanted)
-
-
-def _mended(row: Mapping[str, Any], place: str) -> bool:
-    """Whether the files of a campaign look otherwise than when it was fitted; not where none are there now."""
-    then, now = row.get(STAMP), stamp_of(place)
-    return None not in (then, now) and now != then
-
-
-def _done(settings: Settings, jobs: Iterator[Job], executor: Executor | None) -> Any:
-    return done(partial(fit_row, settings), jobs, executor)
-
-
-def _write(journal: Journal, paths: tuple[str, ...], dataset: Path, record: Mapping[str, Any]) -> None:
-    """The dataset from the journal, one row in memory after the other: once for its columns, once for its rows."""
-    units: dict[str, str] = {}
-    for index in range(len(paths)):
-        for name, own in journal.read(index).get("parameters", {}).items():
-            units.setdefault(name, own["unit"])
-    said = {
-        "campaigns": len(paths),
-        "model_sha256": record["model"]["sha256"],
-        "model": record["model"]["toml"],
-        "options": record["options"],
-        "versions": record["versions"],
-    }
-    write_dataset((journal.read(index) for index in range(len(paths))), units, dataset, said)
+def _finished(journal: sqlite3.Connection, out: Path, found: Gathered, fitted: int, seconds: float, resumed: bool) -> Batch:
+    counts = dict(journal.execute("SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1").fetchall())
+    failed, unusable, doubtful = (counts.get(kind, 0) for kind in ("failed", State.UNUSABLE, State.DOUBTFUL))
+    named = "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
+    failures = map(json.loads, (row for (row,) in journal.execute(named, ("failed", "failed", _MOST_NAMED))))
+    doubts = map(json.loads, (row for (row,) in journal.execute(named, (State.UNUSABLE, State.DOUBTFUL, _MOST_NAMED))))
+    return Batch(
+        out=out,
+        dataset=out / DATASET,
+        campaigns=len(found.paths),
+        done=len(found.paths) - failed,
+        failed=failed,
+        not_converged=unusable,
+        doubtful=doubtful,
+        failures=tuple(Failure(row["campaign"], row["reason"]) for row in failures),
+        doubts=tuple(Doubt(row["campaign"], row["verdict"]) for row in doubts),
+        fitted=fitted,
+        seconds=seconds,
+        resumed=resumed,
+        repeated=found.repeated,
+    )

@@ -1,79 +1,56 @@
-"""Rows of a batch as a Parquet dataset: a folder of parts, in the order given, the same bytes from the same rows."""
+"""The table of a batch: rows written as Parquet, and read."""
 
 from __future__ import annotations
 
 import json
 import os
-import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ldbb_bayes.errors import InputError
-from ldbb_bayes.files import staged_folder
-from ldbb_bayes.fleet.row import STAMP
+from ldbb_bayes.errors import InputError, check_known
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow as pa
 
-__all__ = ["META", "PART", "check_pyarrow", "flat", "kinds", "write_dataset"]
+__all__ = ["DATASET", "JOURNAL", "PART", "check_pyarrow", "read_batch", "write_dataset"]
 
-SCHEMA = 1
-META = b"ldbb_bayes"
-PART = re.compile(r"part-\d{5}\.parquet")
-NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
-_ROWS_A_PART, _ROWS_AT_ONCE = 4096, 256
-_TEXT, _WHOLE, _NUMBER, _YES_NO, _TEXTS, _LIST_OF_NUMBERS = "text", "whole", "number", "yes or no", "texts", "numbers"
-_COLUMNS: dict[str, tuple[str, str]] = {
-    "campaign": (_TEXT, ""),
-    "name": (_TEXT, ""),
-    "sha256": (_TEXT, ""),
-    "machine_id": (_TEXT, ""),
-    "date": (_TEXT, ""),
-    "status": (_TEXT, ""),
-    "reason": (_TEXT, ""),
-    "topology": (_TEXT, ""),
-    "planes": (_TEXT, ""),
-    "compliances": (_TEXT, ""),
-    "tests": (_WHOLE, ""),
-    "readings": (_WHOLE, ""),
-    "force_min_N": (_NUMBER, "N"),
-    "force_max_N": (_NUMBER, "N"),
-    "reference_force_N": (_NUMBER, "N"),
-    "degree": (_WHOLE, ""),
-    "terms": (_TEXTS, ""),
-    "model_sha256": (_TEXT, ""),
-    "sampler": (_TEXT, ""),
-    "seed": (_WHOLE, ""),
-    "versions": (_TEXT, ""),
-    "converged": (_YES_NO, ""),
-    "verdict": (_TEXT, ""),
-    "misfits": (_TEXTS, ""),
-    "warnings": (_TEXTS, ""),
-    "log_prob_truncation": (_NUMBER, "nat"),
-    "rmse_um": (_NUMBER, "um"),
-    "log_bayes_factor": (_NUMBER, "nat"),
-    "log_bayes_factor_error": (_NUMBER, "nat"),
+JOURNAL, DATASET = "batch.sqlite", "campaigns.parquet"
+PART = f".{DATASET}.part"
+_SCHEMA = 2
+_META = b"ldbb_bayes"
+_NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
+_ROWS_AT_ONCE = 1024
+_TEXT, _TEXTS, _NUMBERS_LIST = "string", "list<string>", "list<double>"
+_COLUMNS = {
+    **dict.fromkeys(("campaign", "name", "sha256", "machine_id", "date", "status", "reason", "topology", "planes"), _TEXT),
+    "compliances": _TEXT,
+    **dict.fromkeys(("tests", "readings"), "int64"),
+    **dict.fromkeys(("force_min_N", "force_max_N", "reference_force_N"), "double"),
+    "degree": "int64",
+    "terms": _TEXTS,
+    "model_sha256": _TEXT,
+    "sampler": _TEXT,
+    "seed": "int64",
+    "versions": _TEXT,
+    "converged": "bool",
+    "state": _TEXT,
+    "kinds": _TEXTS,
+    "verdict": _TEXT,
+    **dict.fromkeys(("misfits", "warnings"), _TEXTS),
+    **dict.fromkeys(("log_prob_truncation", "rmse_um", "log_bayes_factor", "log_bayes_factor_error"), "double"),
 }
-_GAUSSIAN: dict[str, tuple[str, str]] = {
-    "gaussian_names": (_TEXTS, ""),
-    "gaussian_units": (_TEXTS, ""),
-    "gaussian_mean": (_LIST_OF_NUMBERS, ""),
-    "gaussian_covariance": (_LIST_OF_NUMBERS, ""),
-    "gaussian_prior_mean": (_LIST_OF_NUMBERS, ""),
-    "gaussian_prior_sd": (_LIST_OF_NUMBERS, ""),
+_GAUSSIAN = {
+    **dict.fromkeys(("gaussian_names", "gaussian_units"), _TEXTS),
+    **dict.fromkeys(("gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"), _NUMBERS_LIST),
 }
 
 
 def check_pyarrow() -> None:
-    """Refuse, before any work is done, where Parquet cannot be written or read.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse, before any work is done, where Parquet cannot be written or read."""
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
@@ -81,37 +58,24 @@ def check_pyarrow() -> None:
 
 
 @lru_cache(maxsize=1)
-def kinds() -> dict[str, pa.DataType]:
-    """Columns that every dataset has, and their types."""
-    types = _types()
-    return {name: types[kind] for name, (kind, _) in (_COLUMNS | _GAUSSIAN).items()}
+def _types() -> dict[str, pa.DataType]:
+    """Of the columns that every dataset has."""
+    import pyarrow as pa
+
+    lists = {_TEXTS: pa.list_(pa.string()), _NUMBERS_LIST: pa.list_(pa.float64())}
+    return {name: lists.get(kind) or pa.type_for_alias(kind) for name, kind in (_COLUMNS | _GAUSSIAN).items()}
 
 
-def flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of `fit_row` with the numbers of every parameter in columns of their own, texts that Parquet takes, and no stamp."""
-    numbers = {f"{name}.{key}": own[key] for name, own in row.get("parameters", {}).items() for key in NUMBERS}
-    return {name: _sound(value) for name, value in row.items() if name not in (STAMP, "parameters")} | numbers
-
-
-def _sound(value: Any) -> Any:
-    """Half a character, as names of files can hold one, becomes a question mark."""
-    if isinstance(value, str):
-        return value.encode("utf-8", "replace").decode()
-    return [_sound(own) for own in value] if isinstance(value, list) else value
-
-
-def write_dataset(rows: Iterable[Mapping[str, Any]], units: Mapping[str, str], target: Path, said: Mapping[str, Any]) -> Path:
-    """Write the dataset, whole or not at all, in place of one that may be there.
+def write_dataset(rows: Callable[[], Iterator[dict[str, Any]]], target: Path, about: Mapping[str, Any]) -> None:
+    """Write rows of `fit_row` as a table, whole or not at all, few of them in memory at a time.
 
     Parameters
     ----------
-    rows : iterable of mapping
-        Of `fit_row`; no more than one part of the table is in memory.
-    units : mapping of parameter to unit
-        Of every parameter in any row, in the order of their columns.
+    rows : callable
+        Gives them from the first; called twice.
     target : path
-    said : mapping
-        Model, seed, versions, …: what the dataset says of itself; for JSON.
+    about : mapping
+        What the table says of itself.
 
     Raises
     ------
@@ -121,65 +85,132 @@ def write_dataset(rows: Iterable[Mapping[str, Any]], units: Mapping[str, str], t
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    schema = _schema(units, said)
-    ours = [own.name for own in target.iterdir() if PART.fullmatch(own.name)] if target.is_dir() else []
-    with staged_folder(target, force=True, ours=ours) as staging:
-        try:
-            for number, table in enumerate(_parts(rows, schema)):
-                path = staging / f"part-{number:05d}.parquet"
-                pq.write_table(
-                    table, path, row_group_size=_ROWS_A_PART, version="2.6", compression="zstd", write_page_checksum=True
-                )
-                os.chmod(path, 0o644)
-        except pa.ArrowException as error:
-            raise InputError(
-                f"{target} must be writable, got: {_line(error)}. The rows are kept: free some space, then --resume."
-            ) from None
-        except (TypeError, OverflowError) as error:
-            raise InputError(
-                f"{target} must have rows that fit its columns, got: {_line(error)}. The rows are kept: please report it."
-            ) from None
-    return target
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
-
-
-def _schema(units: Mapping[str, str], said: Mapping[str, Any]) -> pa.Schema:
-    import pyarrow as pa
-
+    units: dict[str, str] = {}
+    for row in rows():
+        for name, entry in row.get("parameters", {}).items():
+            units.setdefault(name, entry["unit"])
     types = _types()
-    columns = list(_COLUMNS.items())
-    columns += [(f"{name}.{key}", (_NUMBER, unit)) for name, unit in units.items() for key in NUMBERS]
-    columns += list(_GAUSSIAN.items())
-    fields = [pa.field(name, types[kind], metadata={"unit": unit} if unit else None) for name, (kind, unit) in columns]
-    text = json.dumps({"schema": SCHEMA, **said}, ensure_ascii=False, sort_keys=True)
-    return pa.schema(fields, metadata={META: text.encode()})
+    columns = [(name, types[name], name.rpartition("_")[2] if name.endswith(("_N", "_um")) else "") for name in _COLUMNS]
+    columns += [(f"{name}.{key}", types["rmse_um"], unit) for name, unit in units.items() for key in _NUMBERS]
+    columns += [(name, types[name], "") for name in _GAUSSIAN]
+    schema = pa.schema(
+        [pa.field(name, kind, metadata={"unit": unit} if unit else None) for name, kind, unit in columns],
+        metadata={_META: json.dumps({"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True).encode()},
+    )
+    flat = (
+        row | {f"{name}.{key}": entry[key] for name, entry in row.get("parameters", {}).items() for key in _NUMBERS}
+        for row in rows()
+    )
+    part = target.with_name(PART)
+    try:
+        with pq.ParquetWriter(part, schema, compression="zstd", write_page_checksum=True) as writer:
+            while few := list(islice(flat, _ROWS_AT_ONCE)):
+                writer.write_table(pa.Table.from_pylist(few, schema=schema))
+        os.replace(part, target)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(
+            f"{target} must be writable, got: {' '.join(str(error).split())}. The rows are kept: free some space, then --resume."
+        ) from None
+    finally:
+        part.unlink(missing_ok=True)
 
 
-def _types() -> dict[str, pa.DataType]:
+def read_batch(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], columns: Sequence[str] | None = None
+) -> pd.DataFrame:
+    """Return the rows of one batch, or of several below one another.
+
+    Parameters
+    ----------
+    path : path or sequence of paths
+        The folder a batch was written to, its campaigns.parquet, or several of either.
+    columns : sequence of str, optional
+        Those to read, in that order; default: all.
+
+    Returns
+    -------
+    DataFrame
+        One row per campaign, in the order given: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
+        topology, planes, compliances (JSON: what each stands for), tests, readings, force_min_N, force_max_N,
+        reference_force_N, degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits,
+        warnings, log_prob_truncation [nat], rmse_um, log_bayes_factor (linear over constant), log_bayes_factor_error [nat]; of
+        every parameter and hyper-parameter NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad;
+        ``attrs["units"]``); gaussian_… as `SufficientStatistics`, the covariance as its lower triangle, row by row. What a
+        campaign does not have is missing. ``attrs["batches"]``: what each says of itself.
+
+    Raises
+    ------
+    InputError
+        Naming the file, when it is missing, unfinished, damaged or no batch.
+    """
+    check_pyarrow()
     import pyarrow as pa
 
-    return {
-        _TEXT: pa.string(),
-        _WHOLE: pa.int64(),
-        _NUMBER: pa.float64(),
-        _YES_NO: pa.bool_(),
-        _TEXTS: pa.list_(pa.string()),
-        _LIST_OF_NUMBERS: pa.list_(pa.float64()),
+    given = [path] if isinstance(path, str | os.PathLike) else list(path)
+    if not given:
+        raise InputError("batches must be given, got none. Name the --out folder of a batch.")
+    read = [_read(_dataset(Path(entry)), columns) for entry in given]
+    try:
+        whole = pa.concat_tables([table for table, _ in read], promote_options="default")
+    except (pa.ArrowException, TypeError) as error:
+        raise InputError(f"batches must have columns of the same kinds, got {str(error)[:120]}. Write them anew.") from None
+    if columns is not None:
+        check_known("column", columns, dict.fromkeys(name for _, schema in read for name in schema.names))
+        whole = whole.select(list(dict.fromkeys(columns)))
+    frame: pd.DataFrame = whole.to_pandas()
+    frame.attrs["units"] = {
+        field.name.rpartition(".")[0]: field.metadata[b"unit"].decode()
+        for field in whole.schema
+        if field.name.endswith(".mean") and field.metadata and b"unit" in field.metadata
     }
+    frame.attrs["batches"] = [json.loads(schema.metadata[_META]) for _, schema in read]
+    return frame
 
 
-def _parts(rows: Iterable[Mapping[str, Any]], schema: pa.Schema) -> Iterator[pa.Table]:
-    """The table in parts; few rows at a time are Python's, which take ten times the room."""
+def _dataset(path: Path) -> Path:
+    if (path / DATASET).is_file():
+        return path / DATASET
+    if (path / JOURNAL).is_file():
+        raise InputError(f"{path} must be a finished batch, got one that stopped before. Go on with it (--resume), then read it.")
+    if path.is_file():
+        return path
+    got = "a folder without one" if path.is_dir() else "nothing"
+    raise InputError(f"{path} must be the --out folder of a batch, or its {DATASET}, got {got}. Check the path.")
+
+
+def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schema]:
+    """The columns that are there of those wanted, and the whole schema."""
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
-    left = map(flat, rows)
-    while True:
-        pieces: list[pa.Table] = []
-        while (size := min(_ROWS_AT_ONCE, _ROWS_A_PART - sum(map(len, pieces)))) and (few := list(islice(left, size))):
-            pieces.append(pa.Table.from_pylist(few, schema=schema))
-        if not pieces:
-            return
-        yield pa.concat_tables(pieces).combine_chunks()
+    cure = "Remove it and run the batch with --resume, which writes it anew."
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            schema = file.schema_arrow
+            _check_schema(schema, path)
+            table = file.read(columns if columns is None else [*columns, "status"])
+            table.validate(full=True)
+    except InputError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, RecursionError, MemoryError) as error:
+        short = " ".join(str(error).split())[:120]
+        raise InputError(f"{path} must be the table of a batch, got a damaged file ({short}). {cure}") from None
+    odd = set(table.column("status").to_pylist()) - {"done", "failed"}
+    if odd:
+        raise InputError(f"{path}: status must be done or failed, got {odd.pop()!r}. {cure}")
+    return table, schema
+
+
+def _check_schema(schema: pa.Schema, path: Path) -> None:
+    cure = "Give the --out folder of a batch."
+    try:
+        version = json.loads((schema.metadata or {})[_META])["schema"]
+    except (KeyError, ValueError, TypeError):
+        raise InputError(f"{path} must be the table of a batch, got a Parquet file of something else. {cure}") from None
+    if version != _SCHEMA:
+        raise InputError(f"{path} must have schema {_SCHEMA}, got {version}. Upgrade ldbb-bayes, or run the batch again.")
+    for name, kind in _types().items():
+        if name not in schema.names:
+            raise InputError(f"{path} must have a column {name}, got none. {cure}")
+        if schema.field(name).type != kind:
+            raise InputError(f"{path}: column {name} must be of type {kind}, got {schema.field(name).type}. {cure}")

@@ -1,16 +1,14 @@
-"""One campaign of a batch: read, fitted and summed up in a row; whatever goes wrong with it stays in that row.
-
-A row holds nothing of when, where or how fast it was made: but for its stamp, which stays in the journal, it is the same on every
-executor, to the last bit.
-"""
+"""One campaign, one row: what a fit says of it, or why there is none."""
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import json
 import os
 import traceback
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -20,31 +18,29 @@ import numpy as np
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.folder import read_campaign
-from ldbb_bayes.campaign.labels import labels_of
+from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason
 from ldbb_bayes.files import write_whole
-from ldbb_bayes.fleet.places import refuse_sick_places
-from ldbb_bayes.fleet.stamps import stamp_of
+from ldbb_bayes.fleet.statistics import sufficient_statistics
 from ldbb_bayes.inference.evidence import evidence_of, log_bayes_factor, log_evidence
-from ldbb_bayes.inference.origin import record_of
-from ldbb_bayes.inference.posterior import saved_bytes
-from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.inference.mcmc import StoppingRule
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.posterior import numbers_of, record_of, saved_bytes
 from ldbb_bayes.inference.sample import sample_with_densities, versions
-from ldbb_bayes.inference.stopping import StoppingRule
-from ldbb_bayes.inference.sufficient import sufficient_statistics
-from ldbb_bayes.inference.summary import numbers_of
+from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.meaning import stands_for
 from ldbb_bayes.model.population_prior import PopulationPrior
-from ldbb_bayes.model.spec import model_from_toml, model_sha256
-from ldbb_bayes.report.result import look_warnings
-from ldbb_bayes.threads import one_blas_thread
+from ldbb_bayes.model.prior import stands_for
+from ldbb_bayes.model.specification import model_from_toml, model_sha256
+from ldbb_bayes.report.findings import fit_in_words
 
-__all__ = ["STAMP", "Job", "Settings", "failed_row", "fit_row", "posterior_name"]
-STAMP = "stamp"
+__all__ = ["Job", "Settings", "failed_row", "fit_row", "posterior_name", "stamp_of"]
+
 _EVIDENCE_TOLERANCE = 1e-2
 _LONGEST_REASON = 1200
+# What no campaign causes: a full or failing disk, a mount that went, a system that opens no more files.
+_NAMES = ("ENOSPC", "EDQUOT", "EIO", "ESTALE", "ENODEV", "ENOTCONN", "ETIMEDOUT", "EMFILE", "ENFILE")
+_SYSTEM = {getattr(errno, name) for name in _NAMES if hasattr(errno, name)}
 
 
 @dataclass(frozen=True)
@@ -56,9 +52,8 @@ class Settings:
     model_toml : str
     sampler : str
     seed : int
-    ess : float
-        Effective sample size asked for.
-    ci_prob : float
+    ess, ci_prob : float
+        Effective sample size asked for; probability of the intervals.
     compare : bool
         Whether linear compliance is weighed against constant.
     posteriors : str, optional
@@ -72,7 +67,7 @@ class Settings:
     """
 
     model_toml: str
-    sampler: str = "quadrature"
+    sampler: str = "independent"
     seed: int = 1
     ess: float = 1000.0
     ci_prob: float = 0.95
@@ -88,9 +83,14 @@ class Settings:
         return _model(self.model_toml)
 
 
+@lru_cache(maxsize=4)
+def _model(text: str) -> HybridModel:
+    return model_from_toml(text)
+
+
 @dataclass(frozen=True)
 class Job:
-    """A campaign's place in the batch, and its path as given."""
+    """A campaign's number in the batch, and its path as given."""
 
     index: int
     path: str
@@ -98,9 +98,7 @@ class Job:
 
 @one_blas_thread
 def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
-    """The row of a campaign, plain enough for JSON; ``parameters`` holds unit and numbers of each by name.
-
-    ``STAMP`` holds what its files looked like: for the journal, not for the table.
+    """Return the row of a campaign; ``parameters`` holds unit and numbers of each by name, ``stamp`` what its files looked like.
 
     Raises
     ------
@@ -108,37 +106,25 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
         When the disk or its mount fails, as it would for every other campaign too.
     """
     place = os.path.join(settings.here, job.path)
-    row = _given(settings, job) | {STAMP: stamp_of(place)}
+    row = _given(settings, job) | {"stamp": stamp_of(place)}
     try:
         with warnings.catch_warnings(action="ignore"):
-            campaign = read_campaign(place, **(settings.table if _is_table(place) else {}))
+            is_table = not os.path.isdir(place) and not place.lower().endswith(".toml")
+            campaign = read_campaign(place, **(settings.table if is_table else {}))
             row |= _origin(campaign)
             fitted, posterior = _fitted(settings, campaign)
     except Exception as error:  # noqa: BLE001  # one campaign must not end the others
-        refuse_sick_places(error, place)
+        _refuse_a_failing_disk(error, place)
         return labels_of(place) | row | {"status": "failed", "reason": _reason(error).replace(place, job.path)}
     if settings.posteriors is not None:
-        _keep(posterior, Path(settings.posteriors), posterior_name(job.index, campaign.sha256))
+        write_whole(Path(settings.posteriors) / posterior_name(job.index, campaign.sha256), posterior)
     return row | fitted
 
 
 def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
-    """The row of a campaign that could not even be tried."""
-    return labels_of(os.path.join(settings.here, job.path)) | _given(settings, job) | {"status": "failed", "reason": reason}
-
-
-def posterior_name(index: int, sha256: str) -> str:
-    """File of a campaign's posterior: its place in the batch, and the beginning of its digest."""
-    return f"{index:07d}-{sha256[:12]}.nc"
-
-
-@lru_cache(maxsize=4)
-def _model(text: str) -> HybridModel:
-    return model_from_toml(text)
-
-
-def _is_table(path: str) -> bool:
-    return not os.path.isdir(path) and Path(path).suffix.lower() != ".toml"
+    """Return the row of a campaign that could not even be tried."""
+    place = os.path.join(settings.here, job.path)
+    return labels_of(place) | _given(settings, job) | {"stamp": None, "status": "failed", "reason": reason}
 
 
 def _given(settings: Settings, job: Job) -> dict[str, Any]:
@@ -153,50 +139,37 @@ def _given(settings: Settings, job: Job) -> dict[str, Any]:
 
 
 def _origin(campaign: Campaign) -> dict[str, Any]:
-    forces = campaign.forces_N
     return {
-        "name": campaign.name,
-        "sha256": campaign.sha256,
-        "machine_id": campaign.machine_id,
-        "date": campaign.date,
-        "topology": campaign.topology,
+        **{name: getattr(campaign, name) for name in ("name", "sha256", "machine_id", "date", "topology", "readings")},
         "planes": ",".join(campaign.machine().planes),
         "compliances": json.dumps(stands_for(campaign)),
         "tests": len(campaign.tests),
-        "readings": campaign.readings,
-        "force_min_N": float(forces.min()),
-        "force_max_N": float(forces.max()),
+        "force_min_N": float(campaign.forces_N.min()),
+        "force_max_N": float(campaign.forces_N.max()),
     }
 
 
 def _fitted(settings: Settings, campaign: Campaign) -> tuple[dict[str, Any], bytes]:
     """Columns of the fit, and its posterior as bytes of a file where it is to be kept."""
-    model = settings.model
     doubts = () if settings.population is None else settings.population.doubts(campaign)
     posterior, densities = sample_with_densities(
-        model, campaign, sampler=settings.sampler, seed=settings.seed, rule=StoppingRule(ess=settings.ess)
+        settings.model, campaign, sampler=settings.sampler, seed=settings.seed, rule=StoppingRule(ess=settings.ess)
     )
-    record = record_of(posterior)
-    fit, own_warnings = record["fit"], []
-    found: dict[str, Any] = {}
-    # What is beside the fit may break down by itself: the fit stands all the same.
-    for part in _beside(settings, campaign, densities):
-        if isinstance(part, str):
-            own_warnings.append(part)
-        else:
-            found |= part
-    return found | {
+    record, words = record_of(posterior), fit_in_words(posterior)
+    beside, breakdowns = _beside(settings, campaign, densities)
+    row = {
+        **beside,
         "status": "done",
         "reference_force_N": record["model"]["reference_force_N"],
         "terms": record["model"]["terms"],
         "converged": bool(record["sampler"]["converged"]),
-        "verdict": fit["verdict"],
-        "misfits": fit["misfits"],
-        "warnings": [*fit["warnings"], *look_warnings(campaign), *own_warnings, *doubts],
-        "log_prob_truncation": fit["log_prob_truncation"],
-        "rmse_um": fit["rmse_um"],
+        **words,
+        "warnings": [*words["warnings"], *breakdowns, *doubts],
+        "log_prob_truncation": record["fit"]["log_prob_truncation"],
+        "rmse_um": record["fit"]["rmse_um"],
         "parameters": _parameters(posterior, settings.ci_prob),
-    }, b"" if settings.posteriors is None else saved_bytes(posterior)
+    }
+    return row, b"" if settings.posteriors is None else saved_bytes(posterior)
 
 
 def _parameters(posterior: xr.DataTree, ci_prob: float) -> dict[str, dict[str, Any]]:
@@ -208,20 +181,22 @@ def _parameters(posterior: xr.DataTree, ci_prob: float) -> dict[str, dict[str, A
     return found
 
 
-def _beside(settings: Settings, campaign: Campaign, densities: Mapping[bool, HyperPosterior]) -> Iterator[dict[str, Any] | str]:
-    """Columns of the Bayes factor and of the sufficient statistics; where one breaks down, a warning in its place."""
+def _beside(settings: Settings, campaign: Campaign, densities: Mapping[bool, HyperPosterior]) -> tuple[dict[str, Any], list[str]]:
+    """Columns of the Bayes factor and of the sufficient statistics; one that breaks down is a warning, and the fit stands."""
     model = settings.model
-    if model.prior.flat:
-        return
-    if settings.compare and model.degree and campaign.force_levels > 1:
+    parts: dict[str, Callable[[], dict[str, Any]]] = {}
+    if not model.prior.flat:
+        if settings.compare and model.degree and campaign.force_levels > 1:
+            parts["Bayes factor"] = lambda: _bayes_factor(model, campaign, densities[model.prior.truncated])
+        parts["sufficient statistics"] = lambda: sufficient_statistics(densities[False]).columns()
+    found: dict[str, Any] = {}
+    breakdowns = []
+    for name, part in parts.items():
         try:
-            yield _bayes_factor(model, campaign, densities[model.prior.truncated])
+            found |= part()
         except (InputError, ArithmeticError, np.linalg.LinAlgError) as error:
-            yield f"No Bayes factor: {plain_reason(error)}"
-    try:
-        yield sufficient_statistics(densities[False]).columns()
-    except (InputError, ArithmeticError, np.linalg.LinAlgError) as error:
-        yield f"No sufficient statistics: {plain_reason(error)}"
+            breakdowns.append(f"No {name}: {plain_reason(error)}")
+    return found, breakdowns
 
 
 def _bayes_factor(model: HybridModel, campaign: Campaign, density: HyperPosterior) -> dict[str, float]:
@@ -234,23 +209,50 @@ def _bayes_factor(model: HybridModel, campaign: Campaign, density: HyperPosterio
     return {"log_bayes_factor": float(value), "log_bayes_factor_error": float(error)}
 
 
-def _keep(content: bytes, folder: Path, name: str) -> None:
-    """A posterior that cannot be written is no matter of the campaign."""
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder} must be writable, got: {error.strerror}. Mend the place, then go on with --resume.") from None
-    write_whole(folder / name, content)
-
-
 def _reason(error: Exception) -> str:
     """One line; of an error that no input should cause also its kind and place, so that it can be mended."""
+    reason = plain_reason(error)
     if isinstance(error, MemoryError):
-        said: str | None = f"the campaign must fit into memory, got: {error or 'not enough'}. Leave out readings, or add memory."
-    else:
-        said = plain_reason(error)
-    if said is None:
+        reason = f"the campaign must fit into memory, got: {error or 'not enough'}. Leave out readings, or add memory."
+    elif reason is None:
         last = traceback.extract_tb(error.__traceback__)[-1]
         place = "/".join(Path(last.filename).parts[-2:])
-        said = f"unexpected {type(error).__name__}: {error} ({place}, line {last.lineno}). Please report it."
-    return " ".join(said.split())[:_LONGEST_REASON]
+        reason = f"unexpected {type(error).__name__}: {error} ({place}, line {last.lineno}). Please report it."
+    return " ".join(reason.split())[:_LONGEST_REASON]
+
+
+def _refuse_a_failing_disk(error: BaseException, place: str) -> None:
+    """End the batch where it is the disk, not the campaign: else every campaign left would count as failed."""
+    chain: list[BaseException] = [error]
+    while (before := chain[-1].__cause__ or chain[-1].__context__) is not None and before not in chain:
+        chain.append(before)
+    try:
+        os.stat(place)  # of a mount that went, exists() and the like only say that nothing is there
+    except (OSError, ValueError) as gone:
+        chain.append(gone)
+    for each in chain:
+        if isinstance(each, OSError) and each.errno in _SYSTEM:
+            raise InputError(
+                f"{each.filename or place} must be usable, got: {each.strerror}. That is the place, not the campaign: mend it "
+                "(or remove this file, if it alone is lost), then go on with --resume. What is done is kept."
+            ) from None
+
+
+def stamp_of(place: str) -> str | None:
+    """Return a digest of the sizes and times of a campaign's files; None where nothing is there."""
+    digest = hashlib.blake2b(digest_size=8)
+    root = Path(place) if os.path.isdir(place) else Path(place).parent
+    whole = os.path.isdir(place) or place.lower().endswith(".toml")
+    try:
+        files = sorted(path for path in root.rglob("*") if path.suffix.lower() in (".toml", ".csv")) if whole else [Path(place)]
+        for path in files:
+            seen = path.stat()
+            digest.update(f"{path.relative_to(root)}\0{seen.st_size}\0{seen.st_mtime_ns}\n".encode(errors="surrogateescape"))
+    except (OSError, ValueError):
+        return None
+    return digest.hexdigest() if files else None
+
+
+def posterior_name(index: int, sha256: str) -> str:
+    """Return the name of a campaign's posterior: its number in the batch, and the beginning of its digest."""
+    return f"{index:07d}-{sha256[:12]}.nc"

@@ -9,29 +9,169 @@ or the population's mean: ball form and bar length that are the same in all camp
 from __future__ import annotations
 
 import json
+import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from enum import StrEnum
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.fleet.scales import reference_sd
-from ldbb_bayes.inference.sufficient import INSTRUMENT
-from ldbb_bayes.model.meaning import Meaning, same_meaning
+from ldbb_bayes.errors import InputError, check_known, nearest
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.posterior import ConcernKind
+from ldbb_bayes.inference.predictive import CheckKind
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.machine.names import ComplianceName, GeometricKind, GeometricName
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.prior import Meaning, Prior, geometric_unit, same_meaning
+from ldbb_bayes.model.terms import Columns
+from ldbb_bayes.result import Result
 
-__all__ = ["FLEET_COLUMNS", "FleetStatistics", "fleet_statistics", "moment_of"]
+__all__ = [
+    "FLEET_COLUMNS",
+    "INSTRUMENT",
+    "Caveat",
+    "CaveatKind",
+    "FleetStatistics",
+    "SufficientStatistics",
+    "choose",
+    "fleet_statistics",
+    "labels",
+    "narrow_forces",
+    "reference_sd",
+    "sufficient_statistics",
+]
 
 Array = NDArray[Any]
+INSTRUMENT = {"mount": "mm/bar", "force_gain": "1"}
+_CHUNK = 256
+_SPARE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class SufficientStatistics:
+    """Moments of a campaign's parameters and instrument errors.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The p parameters of interest, then those of ``mount`` and ``force_gain`` that the model has; q in all.
+    units : tuple of str
+    mean : ndarray, shape (q,)
+    covariance : ndarray, shape (q, q)
+    prior_mean, prior_sd : ndarray, shape (q,)
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    mean: Array
+    covariance: Array
+    prior_mean: Array
+    prior_sd: Array
+
+    def columns(self) -> dict[str, list[Any]]:
+        """As a batch keeps them: lists, of the covariance the lower triangle row by row."""
+        return {
+            "gaussian_names": list(self.names),
+            "gaussian_units": list(self.units),
+            "gaussian_mean": self.mean.tolist(),
+            "gaussian_covariance": self.covariance[np.tril_indices(len(self.names))].tolist(),
+            "gaussian_prior_mean": self.prior_mean.tolist(),
+            "gaussian_prior_sd": self.prior_sd.tolist(),
+        }
+
+
+@one_blas_thread
+def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
+    """Posterior moments with the truncation left aside.
+
+    Parameters
+    ----------
+    posterior : HyperPosterior
+        Not truncated.
+
+    Raises
+    ------
+    InputError
+        For a truncated density, or a flat prior.
+    """
+    bound = posterior.bound
+    if posterior.truncated or bound.model.prior.flat:
+        kind = "a truncated density" if posterior.truncated else "a flat prior"
+        raise InputError(f"sufficient statistics must be those of a Gaussian with a proper prior, got {kind}. Use another.")
+    pick, names, units, prior_mean, prior_sd = _columns(bound)
+    free, weight = posterior.coarse.heaviest(_SPARE)
+    means, spreads = [], []
+    for start in range(0, len(weight), _CHUNK):
+        phi = bound.hyper_prior.phi(free[start : start + _CHUNK])
+        _, shared = bound.collapsed.conditional(phi, np.zeros(len(bound.names)))
+        inverse = np.linalg.inv(shared.precision_root)
+        spread = (np.swapaxes(inverse, 1, 2) * shared.scale[:, :, None])[:, pick]
+        means.append(shared.mean[:, pick])
+        spreads.append(spread @ np.swapaxes(spread, 1, 2))
+    every = np.concatenate(means)
+    mean = weight @ every
+    apart = every - mean
+    covariance = np.einsum("w,wij->ij", weight, np.concatenate(spreads)) + np.einsum("w,wi,wj->ij", weight, apart, apart)
+    mean[: len(bound.names)] += bound.centre
+    return SufficientStatistics(names, units, mean, covariance, prior_mean, prior_sd)
+
+
+def _columns(bound: BoundModel) -> tuple[list[int], tuple[str, ...], tuple[str, ...], Array, Array]:
+    """Places among the shared coefficients, names, units and priors of parameters and instrument errors."""
+    terms = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
+    nuisances = [(name, float(sd)) for term in terms for name, sd in zip(term.names, term.sd, strict=True)]
+    own = [(place, name, sd) for place, (name, sd) in enumerate(nuisances) if name in INSTRUMENT]
+    pick = [*range(len(nuisances), len(nuisances) + len(bound.names)), *(place for place, _, _ in own)]
+    names = (*bound.names, *(name for _, name, _ in own))
+    units = (*(parameter.unit for parameter in bound.parameters), *(INSTRUMENT[name] for _, name, _ in own))
+    prior_sd = np.concatenate([bound.prior_sd, [sd for _, _, sd in own]])
+    return pick, names, units, np.concatenate([bound.prior_mean, np.zeros(len(own))]), prior_sd
+
+
+_COMPLIANCE = re.compile(r"C_([XYZABC])([XYZABC])([XYZ])")
+
+
+def reference_sd(names: Sequence[str], units: Sequence[str], prior_mean: Array, prior_sd: Array) -> Array:
+    """Reference sd of every parameter, shape (c,), in inside units.
+
+    The default prior's; where fits had a wider one about zero, its median over them: a compliance that stands for those of
+    several joints is larger, and a user may know of machines that are. A prior about another mean says how well a parameter
+    is known, not how large it is, and does not count.
+
+    Parameters
+    ----------
+    prior_mean, prior_sd : ndarray, shape (n, c)
+        Of the fits, each at its own reference force.
+    """
+    found = np.empty(len(names))
+    for j, (name, unit) in enumerate(zip(names, units, strict=True)):
+        own = prior_sd[prior_mean[:, j] == 0.0, j]
+        usual = _default_sd(name, unit)
+        wide = float(np.median(own if own.size else prior_sd[:, j])) if own.size or usual is None else 0.0
+        found[j] = max(usual or 0.0, wide)
+    return found
+
+
+def _default_sd(name: str, unit: str) -> float | None:
+    """Of a compliance by its name, of a geometric error by its unit; none of what is neither."""
+    prior = Prior.default()
+    match = _COMPLIANCE.fullmatch(name)
+    if match is not None:
+        return float(prior.compliance_sd([ComplianceName(*match.groups())], 0, 1.0)[0])
+    kinds = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
+    return float(prior.geometric_sd([GeometricName("X", "X", kinds[unit])])[0]) if unit in kinds else None
+
+
 # What is asked of the rows of a batch here, and where their campaigns are doubted.
 FLEET_COLUMNS = (
     *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances"),
-    *("force_min_N", "force_max_N", "reference_force_N", "model_sha256", "converged", "misfits"),
-    "log_prob_truncation",
+    *("force_min_N", "force_max_N", "reference_force_N", "model_sha256", "converged", "kinds"),
     *("gaussian_names", "gaussian_units", "gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"),
 )
 _SLOPE = re.compile(r"(C_.+)_([12])")
@@ -97,7 +237,7 @@ def fleet_statistics(
     Parameters
     ----------
     rows : DataFrame
-        Of `read_batch`, chosen by `Wanted`; failed campaigns are left out.
+        Of `read_batch`, see `choose`; failed campaigns are left out.
     parameters : sequence of str, optional
         Compliances or geometric errors; default: all constant compliances.
     reference_force_N : float, optional
@@ -242,3 +382,191 @@ def moment_of(date: str) -> datetime:
     """
     found = datetime.fromisoformat(date)
     return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+
+
+class CaveatKind(StrEnum):
+    """What is to be minded of the campaigns that a result rests on, and of the result."""
+
+    EXCLUDED = "excluded"
+    BEFORE = "before"
+    FAILED = "failed"
+    NO_STATISTICS = "no-statistics"
+    GIVEN_AGAIN = "given-again"
+    UNEXPECTED = "unexpected"
+    UNEXPECTED_KEPT = "unexpected-kept"
+    NOT_CONVERGED = "not-converged"
+    NOT_WHITE = "not-white"
+    MODELS_DIFFER = "models-differ"
+    NO_MACHINES = "no-machines"
+    FAILED_WITHOUT_MACHINE = "failed-without-machine"
+    WITHOUT_MACHINE = "without-machine"
+    MACHINES_OF_THEIR_OWN = "machines-of-their-own"
+    EXTRAPOLATED = "extrapolated"
+    NO_COMMON_FORCE = "no-common-force"
+    NARROW_FORCES = "narrow-forces"
+    NO_DATES = "no-dates"
+    SAME_DATES = "same-dates"
+    TWO_CAMPAIGNS = "two-campaigns"
+    SPREADS_NOT_TRUSTED = "spreads-not-trusted"
+    PRIOR_SPREADS = "prior-spreads"
+    ONE_INSTRUMENT = "one-instrument"
+    CHANGED_MACHINES = "changed-machines"
+    FEW_MACHINES = "few-machines"
+    SILENT_MACHINES = "silent-machines"
+    UNCERTAIN_P_VALUES = "uncertain-p-values"
+    OUTLIERS_INCLUDED = "outliers-included"
+
+
+@dataclass(frozen=True)
+class Caveat(Result):
+    """One thing to mind: of which campaigns, machines or parameters, and numbers that go with it."""
+
+    kind: CaveatKind
+    names: tuple[str, ...] = ()
+    values: tuple[float, ...] = ()
+    text: str = ""
+
+
+_UNEXPECTED = (CheckKind.ORDER, ConcernKind.TRUNCATION)
+_NOT_WHITE = (CheckKind.NOISE, CheckKind.AUTOCORRELATION)
+
+
+def choose(
+    rows: pd.DataFrame,
+    exclude: Sequence[str] = (),
+    since: str | None = None,
+    include_misfits: bool = False,
+    *,
+    among: pd.DataFrame | None = None,
+) -> tuple[pd.DataFrame, list[Caveat]]:
+    """Return the rows of a batch to rely on, what was left out and why, and what is to be minded of the others.
+
+    Readings a thousand times too large would move the mean of a population, widen its spread, and hide a change of their machine.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of `read_batch`; of columns that it lacks nothing is said.
+    exclude : sequence of str
+        Campaigns (path as given, last part of it, or name) and machines (machine_id) to leave out.
+    since : str, optional
+        ISO 8601 date or time; campaigns before it, and those without a date, are left out.
+    include_misfits : bool
+        Keep campaigns whose readings the model does not expect: orders of a circle that fail their check, or readings against
+        non-negative compliance.
+    among : DataFrame, optional
+        The whole batch, what ``exclude`` may name; default: the rows.
+
+    Raises
+    ------
+    InputError
+        For unknown names, a date that is none, or nothing left.
+    """
+    given, caveats = len(rows), []
+
+    def leave(which: Any, kind: CaveatKind, empty: str, text: str = "") -> None:
+        nonlocal rows
+        which = np.asarray(which, dtype=bool)
+        if which.any():
+            caveats.append(Caveat(kind, tuple(labels(rows[which])), text=text))
+        if which.all():
+            raise InputError(empty.format(given if kind in (CaveatKind.EXCLUDED, CaveatKind.BEFORE) else len(rows)))
+        rows = rows[~which]
+
+    none_left = "campaigns must be left to rely on, got all {} of them left out. Exclude fewer."
+    leave(_named(rows, exclude, rows if among is None else among), CaveatKind.EXCLUDED, none_left)
+    if since is not None:
+        leave(_before(rows, since), CaveatKind.BEFORE, none_left, since)
+    fitted = "a batch must have at least one campaign that was fitted, got none of {}. See its reasons."
+    leave(rows["status"] != "done", CaveatKind.FAILED, fitted)
+    statistics = (
+        "campaigns must have sufficient statistics, got none of {} (flat priors, or a breakdown: see warnings). Run the batch "
+        "with proper priors."
+    )
+    leave(rows["gaussian_names"].isna(), CaveatKind.NO_STATISTICS, statistics)
+    if "sha256" in rows:
+        leave(rows["sha256"].notna() & rows["sha256"].duplicated(), CaveatKind.GIVEN_AGAIN, "")
+    unexpected = _of_kinds(rows, _UNEXPECTED)
+    if not include_misfits:
+        misfits = (
+            "campaigns must have readings that the model expects, got none of {}. See their verdicts and mend them, or keep them "
+            "all the same: --include-misfits (include_misfits=True)."
+        )
+        leave(unexpected, CaveatKind.UNEXPECTED, misfits)
+        unexpected = unexpected[~unexpected]
+    minded = {CaveatKind.UNEXPECTED_KEPT: unexpected}
+    if "converged" in rows:
+        minded[CaveatKind.NOT_CONVERGED] = rows["converged"].map(lambda own: not pd.isna(own) and not own).astype(bool)
+    minded[CaveatKind.NOT_WHITE] = _of_kinds(rows, _NOT_WHITE) & ~unexpected
+    caveats += [Caveat(kind, tuple(labels(rows[which]))) for kind, which in minded.items() if which.any()]
+    if "model_sha256" in rows and rows["model_sha256"].nunique(dropna=True) > 1:
+        caveats.append(Caveat(CaveatKind.MODELS_DIFFER))
+    return rows, caveats
+
+
+def labels(rows: pd.DataFrame) -> list[str]:
+    """Return what campaigns are called: by name, those whose name others have too by path."""
+    paths = rows["campaign"].astype(str)
+    if "name" not in rows:
+        return list(paths)
+    names = rows["name"].where(rows["name"].map(lambda own: isinstance(own, str)), paths)
+    return [str(path if same else name) for name, path, same in zip(names, paths, names.duplicated(keep=False), strict=True)]
+
+
+def narrow_forces(rows: pd.DataFrame, parameters: Sequence[str]) -> list[Caveat]:
+    """Return campaigns of one bar whose forces span so little that what its length and balls add looks like a compliance."""
+    narrow = rows["force_max_N"] < _SPAN * rows["force_min_N"]
+    if not narrow.any() or not any(name.startswith("C_") for name in parameters):
+        return []
+    return [Caveat(CaveatKind.NARROW_FORCES, tuple(labels(rows[narrow])), (_SPAN,))]
+
+
+# Greatest force over least.
+_SPAN = 3.0
+
+
+def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> Any:
+    """Campaigns that are, or whose machine is, among the names."""
+    found = np.zeros(len(rows), dtype=bool)
+    for wanted in [exclude] if isinstance(exclude, str) else exclude:
+        if not _called(among, wanted).any():
+            every = {str(own) for column in _callings(among)[1:] for own in column if isinstance(own, str)}
+            raise InputError(
+                f"what is left out must be a campaign or machine of the batch, got {wanted!r}. Did you mean "
+                f"{nearest(str(wanted), sorted(every))!r}?"
+            )
+        found |= _called(rows, wanted)
+    return found
+
+
+def _called(rows: pd.DataFrame, name: str) -> Any:
+    return np.logical_or.reduce([(own == name).to_numpy(dtype=bool, na_value=False) for own in _callings(rows)])
+
+
+def _callings(rows: pd.DataFrame) -> list[pd.Series[Any]]:
+    """What a campaign goes by."""
+    paths = rows["campaign"].astype(str)
+    short = paths.map(lambda own: os.path.basename(own.rstrip("/")))
+    return [paths, short, *(rows[column] for column in ("name", "machine_id") if column in rows)]
+
+
+def _before(rows: pd.DataFrame, since: str) -> pd.Series[bool]:
+    try:
+        least = moment_of(since)
+    except ValueError:
+        raise InputError(f"since must be a date or time in ISO 8601, got {since!r}. For example 2026-03-01.") from None
+
+    def earlier(date: Any) -> bool:
+        try:
+            return not isinstance(date, str) or moment_of(date) < least
+        except ValueError:  # of campaigns that failed
+            return True
+
+    return rows["date"].map(earlier).astype(bool)
+
+
+def _of_kinds(rows: pd.DataFrame, kinds: Collection[str]) -> pd.Series[bool]:
+    if "kinds" not in rows:
+        return pd.Series(False, index=rows.index)
+    every = rows["kinds"].map(lambda own: set(own) if isinstance(own, list | tuple | np.ndarray) else set())
+    return every.map(lambda own: bool(own & set(kinds))).astype(bool)

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.predictive import FitQuality, fit_quality
-from ldbb_bayes.model.basis import basis
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.notebook import table_html
-from ldbb_bayes.threads import one_blas_thread
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.result import ByRow, Numbers, Result
 
 __all__ = ["LeastSquares", "least_squares"]
 
@@ -28,7 +27,7 @@ _SINGULAR = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class LeastSquares:
+class LeastSquares(Result):
     """A least-squares estimate and how well it fits.
 
     Attributes
@@ -42,21 +41,14 @@ class LeastSquares:
         In the order of the test's readings.
     """
 
-    table: pd.DataFrame
+    table: ByRow
     quality: FitQuality
-    predicted_um: dict[str, Array]
+    predicted_um: dict[str, Numbers]
 
     @property
     def estimate(self) -> dict[str, float]:
         """Parameter to estimate, in inside units."""
         return {str(name): float(value) for name, value in self.table["estimate"].items()}
-
-    def __str__(self) -> str:
-        return f"{self.table.to_string()}\nRMSE {self.quality.rmse_um:.3g} µm"
-
-    def _repr_html_(self) -> str:
-        rows = [{"parameter": name, **dict(row)} for name, row in self.table.iterrows()]
-        return table_html(f"Least squares (Eq. 31), RMSE {self.quality.rmse_um:.3g} µm", rows)
 
 
 @one_blas_thread

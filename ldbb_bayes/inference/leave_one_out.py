@@ -13,20 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.inference.collapsed import draw_parameters_given
 from ldbb_bayes.inference.evidence import Evidence, evidence_on
-from ldbb_bayes.inference.lattice import Lattice
+from ldbb_bayes.inference.nodes import CHUNK, HyperPosterior, Lattice, draw_parameters_given
 from ldbb_bayes.inference.posterior import psis_loo
-from ldbb_bayes.inference.predictive import own_nuisances
-from ldbb_bayes.inference.quadrature import HyperPosterior
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.columns import Columns
+from ldbb_bayes.inference.predictive import harmonics_of, own_nuisances, shared_columns
+from ldbb_bayes.model.hybrid import BoundModel
 
-__all__ = ["LeftOut", "harmonics_of", "leave_one_out", "pareto_smoothed", "replicate_left_out"]
+__all__ = ["LeftOut", "leave_one_out", "pareto_smoothed", "replicate_left_out"]
 
 Array = NDArray[Any]
 _CHAINS = 4
-_CHUNK = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +36,8 @@ class LeftOut:
         ln p(y_r | y_−r) [nat]; of readings in mm.
     error : float
         Of the quadrature [nat].
-    evidence : Evidence
+    evidence, posterior, lattice : Evidence, HyperPosterior, Lattice
         Of the other tests.
-    posterior : HyperPosterior
-        Given the other tests.
-    lattice : Lattice
-        Its nodes.
     """
 
     name: str
@@ -63,9 +55,7 @@ def leave_one_out(
 
     Parameters
     ----------
-    posterior : HyperPosterior
-        Of all tests.
-    evidence : Evidence
+    posterior, evidence : HyperPosterior, Evidence
         Of all tests.
     """
     found = {}
@@ -88,7 +78,7 @@ def pareto_smoothed(
     bound, rng = posterior.bound, np.random.default_rng(seed)
     free = lattice.pick(draws // _CHAINS * _CHAINS, rng)
     beta, phi = draw_parameters_given(posterior, free, rng), bound.hyper_prior.phi(free)
-    parts = [bound.log_likelihood_per_test(phi[i : i + _CHUNK], beta[i : i + _CHUNK]) for i in range(0, len(phi), _CHUNK)]
+    parts = [bound.log_likelihood_per_test(phi[i : i + CHUNK], beta[i : i + CHUNK]) for i in range(0, len(phi), CHUNK)]
     return psis_loo(np.concatenate(parts).reshape(_CHAINS, -1, len(bound.test_names)))
 
 
@@ -106,22 +96,16 @@ def replicate_left_out(bound: BoundModel, left: LeftOut, size: int, rng: np.rand
     free = left.lattice.pick(-(-size // each), rng)
     beta, phi = draw_parameters_given(left.posterior, free, rng), rest.hyper_prior.phi(free)
     machine = beta @ bound.interest[r].T + bound.known_offset[r]
-    columns = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
-    if columns:
-        values = np.concatenate([term.values[r] for term in columns], axis=1)
+    shared = shared_columns(bound)[r]
+    if shared.size:
         parts = [
-            rest.given_interest.conditional(phi[i : i + _CHUNK], beta[i : i + _CHUNK] - rest.centre)[1].draw(rng)
-            for i in range(0, len(phi), _CHUNK)
+            rest.given_interest.conditional(phi[i : i + CHUNK], beta[i : i + CHUNK] - rest.centre)[1].draw(rng)
+            for i in range(0, len(phi), CHUNK)
         ]
-        machine = machine + np.concatenate(parts) @ values.T
+        machine = machine + np.concatenate(parts) @ shared.T
     machine, phi = np.repeat(machine, each, axis=0)[:size], np.repeat(phi, each, axis=0)[:size]
     test = bound.reduced[r]
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
     noise = sigma[:, None] * rng.standard_normal((size, len(test.factor)))
     circle = (machine + own_nuisances(bound, phi, r, rng)) @ test.factor.T + noise
     return np.asarray(circle @ harmonics_of(bound, r).T)
-
-
-def harmonics_of(bound: BoundModel, r: int) -> Array:
-    """Least-squares harmonics from the reduced readings of test r, shape (25, m); minimum norm where readings are too few."""
-    return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=1e-6))

@@ -4,42 +4,188 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import json
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import nullcontext, suppress
+from dataclasses import asdict, dataclass
+from dataclasses import fields as dataclass_fields
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import arviz_base
 import arviz_stats
-import arviz_stats.base
 import numpy as np
+import pandas as pd
 import xarray as xr
+from arviz_stats.base import array_stats
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, ForceLaw, MountCompensation
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
-from ldbb_bayes.inference.stopping import Assessment
+from ldbb_bayes.inference.mcmc import Assessment
+from ldbb_bayes.inference.predictive import Check, TestChecks, every_check, failing, shared_columns
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.gaussian import solve_lower
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.specification import model_from_toml
+from ldbb_bayes.model.terms import Columns, Term
+from ldbb_bayes.result import Result
+from ldbb_bayes.units import ranked
 
-__all__ = ["assess", "build_tree", "diagnose", "load", "pareto_smooth", "power_sensitivity", "psis_loo", "save", "saved_bytes"]
+__all__ = [
+    "Concern",
+    "ConcernKind",
+    "DrawnNuisances",
+    "Fit",
+    "State",
+    "assess",
+    "bound_of",
+    "build_tree",
+    "campaign_of",
+    "campaign_record",
+    "check_probability",
+    "diagnose",
+    "draw_nuisances",
+    "draws_of",
+    "fit_of",
+    "load",
+    "model_of",
+    "nuisances",
+    "numbers_of",
+    "pareto_smooth",
+    "power_sensitivity",
+    "priors_of",
+    "psis_loo",
+    "record_of",
+    "result_json",
+    "save",
+    "saved_bytes",
+    "summarize",
+]
 
 Array = NDArray[Any]
 _TAILS = (0.05, 0.95)
 _POWERS = (0.99, 1.01)
 _COUNT = 10.0
+_SENSITIVE = 0.05
 _MOST_PER_BYTE, _REASON = 20, 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
+_ARRAYS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
+_ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
+# What the record keeps so that the campaign and the model can be made again.
+_REBUILDS = ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
+_DRAWS = 1000
+
+
+class State(StrEnum):
+    """Whether the numbers of a fit can be used: not at all where the sampler missed its target."""
+
+    USABLE = "usable"
+    DOUBTFUL = "doubtful"
+    UNUSABLE = "unusable"
+
+
+class ConcernKind(StrEnum):
+    """What a fit has to say besides its numbers."""
+
+    NOT_CONVERGED = "not-converged"
+    TRUNCATION = "truncation"
+    FORCES = "forces"
+    HYPER = "hyper"
+
+
+@dataclass(frozen=True)
+class Concern(Result):
+    """One thing to mind.
+
+    Attributes
+    ----------
+    kind : ConcernKind
+    value, limit : float
+        NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least expected. FORCES: force
+        levels, and how many the degree needs. HYPER: median [mm], and its prior's quantile at 99.9 %.
+    name : str
+        Of the hyper-parameter.
+    """
+
+    kind: ConcernKind
+    value: float
+    limit: float
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Fit(Result):
+    """How well a model fits, and what to mind.
+
+    Attributes
+    ----------
+    rmse_um : float
+        Over all readings (Eq. 34) [µm].
+    fitness_percent : dict of test to float
+        Eq. 35; not a number where a test's readings are all the same.
+    log_prob_truncation, log_prob_truncation_error, log_prob_truncation_prior : float
+        ln P(T | y) of the untruncated posterior, its error [nat], and ln P(T) of the prior.
+    linearisation_error_um : float
+        Largest difference of the linear model from the exact geometry [µm].
+    concerns : tuple of Concern
+    predictive_checks : dict of test to TestChecks
+    sensitivity : dict of parameter to dict of part to float
+        Power-scaling sensitivity to prior, hyper_prior and likelihood.
+    """
+
+    rmse_um: float
+    fitness_percent: dict[str, float]
+    log_prob_truncation: float
+    log_prob_truncation_error: float
+    log_prob_truncation_prior: float
+    linearisation_error_um: float
+    concerns: tuple[Concern, ...]
+    predictive_checks: dict[str, TestChecks]
+    sensitivity: dict[str, dict[str, float]]
+
+    @property
+    def checks(self) -> list[Check]:
+        """Posterior predictive checks, the smallest p first."""
+        return every_check(self.predictive_checks)
+
+    @property
+    def misfits(self) -> tuple[Check, ...]:
+        """Checks that fail, worst first."""
+        return failing(self.checks)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of concerns and of checks that fail, each once."""
+        return tuple(dict.fromkeys([str(found.kind) for found in self.concerns] + [str(check.kind) for check in self.misfits]))
+
+    @property
+    def state(self) -> State:
+        """Unusable: not converged. Doubtful: readings that the model does not expect, or against non-negative compliance."""
+        kinds = {concern.kind for concern in self.concerns}
+        if ConcernKind.NOT_CONVERGED in kinds:
+            return State.UNUSABLE
+        return State.DOUBTFUL if self.misfits or ConcernKind.TRUNCATION in kinds else State.USABLE
+
+    @property
+    def sensitive(self) -> tuple[str, ...]:
+        """Parameters whose posterior moves with the prior (power-scaling sensitivity above 0.05), most first."""
+        found = [name for name, values in self.sensitivity.items() if values["prior"] > _SENSITIVE]
+        return tuple(ranked(found, lambda name: self.sensitivity[name]["prior"]))
 
 
 def diagnose(chain: Array) -> tuple[float, float, float]:
     """Bulk ESS, tail ESS and rank-normalised split R-hat of one quantity, chain (chains, draws)."""
-    stats = arviz_stats.base.array_stats
-    ordered = np.ascontiguousarray(chain)
-    bulk = stats.ess(ordered, chain_axis=0, draw_axis=1, method="bulk")
-    tail = stats.ess(ordered, chain_axis=0, draw_axis=1, method="tail", prob=_TAILS)
-    return float(bulk), float(tail), float(stats.rhat(ordered, chain_axis=0, draw_axis=1))
+    ordered, axes = np.ascontiguousarray(chain), {"chain_axis": 0, "draw_axis": 1}
+    bulk = array_stats.ess(ordered, **axes, method="bulk")
+    tail = array_stats.ess(ordered, **axes, method="tail", prob=_TAILS)
+    return float(bulk), float(tail), float(array_stats.rhat(ordered, **axes))
 
 
 def assess(chain: Array) -> Assessment:
@@ -52,35 +198,17 @@ def assess(chain: Array) -> Assessment:
 def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -> dict[str, dict[str, float]]:
     """How much each parameter's posterior changes when a part of the joint density is raised to a power near one.
 
-    Parameters
-    ----------
-    draws : mapping of parameter to ndarray, shape (chains, draws)
-    scaled : mapping of part to its log density, shape (chains, draws)
-
-    Returns
-    -------
-    dict of parameter to dict of part to float
-        Above 0.05 counts as sensitive; 0 where the part is constant.
+    Of draws and of the log densities of parts, each (chains, draws). Above 0.05 counts as sensitive; 0 where a part is constant.
     """
-    stats = arviz_stats.base.array_stats
-    found: dict[str, dict[str, float]] = {name: {} for name in draws}
+    found: dict[str, dict[str, float]] = {name: dict.fromkeys(scaled, 0.0) for name in draws}
     for part, log_density in scaled.items():
-        if np.ptp(log_density) == 0.0:
-            for parts in found.values():
-                parts[part] = 0.0
-            continue
-        lower, upper = (_power_weights(log_density, alpha) for alpha in _POWERS)
-        for name, values in draws.items():
-            sense = stats.power_scale_sense(values, lower, upper, *_POWERS, chain_axis=0, draw_axis=1)
-            found[name][part] = float(sense)
+        if np.ptp(log_density) > 0.0:
+            weights = [np.exp(array_stats.power_scale_lw(log_density, alpha=alpha, axis=(0, 1))) for alpha in _POWERS]
+            lower, upper = (weight / weight.sum() for weight in weights)
+            for name, values in draws.items():
+                sense = array_stats.power_scale_sense(values, lower, upper, *_POWERS, chain_axis=0, draw_axis=1)
+                found[name][part] = float(sense)
     return found
-
-
-def _power_weights(log_density: Array, alpha: float) -> Array:
-    """Pareto-smoothed weights, summing to one, of draws whose density is raised to a power, shape (chains, draws)."""
-    log_weights = arviz_stats.base.array_stats.power_scale_lw(log_density, alpha=alpha, axis=(0, 1))
-    weights = np.exp(log_weights)
-    return weights / weights.sum()
 
 
 def psis_loo(log_likelihood: Array) -> tuple[Array, Array, float]:
@@ -125,17 +253,15 @@ def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
     good_k = min(0.7, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < np.sqrt(np.finfo(float).eps):
         return np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k
-    try:
-        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
-            log_weight, k = arviz_stats.base.array_stats.psislw(-log_ratio)
-    except ValueError:
-        log_weight, k = log_ratio, np.inf
-    if np.isnan(log_weight).any():
-        log_weight, k = log_ratio, np.inf
+    log_weight, k = log_ratio, np.inf
+    with suppress(ValueError), np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
+        smoothed, shape = array_stats.psislw(-log_ratio)
+        if not np.isnan(smoothed).any():
+            log_weight, k = smoothed, float(shape)
     weight = np.exp(log_weight - np.max(log_weight))
     weight /= weight.sum()
     counted = 1.0 / np.sum(weight**2) > _COUNT
-    return weight, float(k) if counted and np.isfinite(k) else np.inf, good_k
+    return weight, k if counted and np.isfinite(k) else np.inf, good_k
 
 
 def build_tree(
@@ -144,23 +270,15 @@ def build_tree(
     dims: Mapping[str, list[str]],
     coords: Mapping[str, Any],
     units: Mapping[str, str],
-    provenance: str,
+    record: Mapping[str, Any],
 ) -> xr.DataTree:
-    """A DataTree of the given groups; every variable with a known unit carries it as attribute ``unit``.
-
-    Parameters
-    ----------
-    groups : mapping of group to mapping of variable to array
-        Sampled groups have axes (chain, draw, …).
-    provenance : str
-        JSON, kept as the attribute ``json`` of the group ``provenance``.
-    """
+    """A DataTree of groups of arrays, those sampled (chain, draw, …), and ``record`` as JSON in the group ``provenance``."""
     tree = arviz_base.from_dict({name: dict(group) for name, group in groups.items()}, dims=dict(dims), coords=dict(coords))
     for node in tree.children.values():
         for name, variable in node.data_vars.items():
             if str(name) in units:
                 variable.attrs["unit"] = units[str(name)]
-    tree["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": provenance}))
+    tree["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": json.dumps(record, ensure_ascii=False)}))
     return tree
 
 
@@ -175,19 +293,10 @@ def saved_bytes(tree: xr.DataTree) -> bytes:
     """What `save` writes; made in memory, for HDF5 does not survive a disk that is full."""
     tree = tree.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
-    with _without_cluster():
-        return bytes(tree.to_netcdf(engine="h5netcdf"))
-
-
-@contextmanager
-def _without_cluster() -> Iterator[None]:
-    """Within a job of Dask xarray would ask the cluster for a lock on what is in this process's memory."""
     dask = sys.modules.get("dask")
-    if dask is None:
-        yield
-    else:
-        with dask.config.set(scheduler="synchronous"):
-            yield
+    # Within a job of Dask xarray would ask the cluster for a lock on what is in this process's memory.
+    with nullcontext() if dask is None else dask.config.set(scheduler="synchronous"):
+        return bytes(tree.to_netcdf(engine="h5netcdf"))
 
 
 def load(path: str | os.PathLike[str]) -> xr.DataTree:
@@ -196,41 +305,41 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     Raises
     ------
     InputError
-        When the file is missing, damaged (its digest tells), or not one of ours.
+        When the file is missing, damaged (its digest tells), not one of ours, or of an earlier edition.
     """
     source = Path(path)
     source = source / "posterior.nc" if source.is_dir() else source
     if not source.is_file():
         raise InputError(f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out folder of a fit.")
-    tree, said = _opened(source)
-    if tree is None:
-        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({said}). Fit again.")
-    missing = [group for group in _GROUPS if group not in tree.children]
-    if missing or "json" not in tree["provenance"].attrs:
+    opened = _opened(source)
+    if isinstance(opened, str):
+        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({opened}). Fit again.")
+    missing = [group for group in _GROUPS if group not in opened.children]
+    if missing or "json" not in opened["provenance"].attrs:
         raise InputError(
             f"{source} must be a posterior written by ldbb-bayes, got a file without {missing or 'provenance'}. Fit again."
         )
-    if tree["provenance"].attrs.pop("sha256", "") != _digest(tree):
+    if opened["provenance"].attrs.pop("sha256", "") != _digest(opened):
         raise InputError(f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its digest. Fit again.")
-    return tree
+    fit_of(opened)
+    return opened
 
 
-def _opened(source: Path) -> tuple[xr.DataTree | None, str]:
-    """The tree in a file; or None and why not, whatever a damaged file makes of the libraries."""
-    loud, said = sys.unraisablehook, ""
+def _opened(source: Path) -> xr.DataTree | str:
+    """The tree in a file; or why not, whatever a damaged file makes of the libraries."""
+    loud = sys.unraisablehook
     sys.unraisablehook = lambda _: None  # a file half opened complains once more when it is dropped
     try:
         with warnings.catch_warnings(action="ignore"), xr.open_datatree(source, engine="h5netcdf") as opened:
             size, promised = source.stat().st_size, sum(node.nbytes for node in opened.subtree)
             if promised > _MOST_PER_BYTE * size + 2**20:
-                return None, f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB"
-            return opened.load(), ""
+                return f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB"
+            return opened.load()
     except Exception as error:  # noqa: BLE001
-        said = " ".join(str(error).split())[:_REASON]
+        return " ".join(str(error).split())[:_REASON]
     finally:
         gc.collect()
         sys.unraisablehook = loud
-    return None, said
 
 
 def _digest(tree: xr.DataTree) -> str:
@@ -242,3 +351,238 @@ def _digest(tree: xr.DataTree) -> str:
             found.update(f"{node.path}/{name} {values.shape} {node[name].attrs.get('unit', '')}".encode())
             found.update(np.ascontiguousarray(values).tobytes() if values.dtype.kind in "fiub" else str(values.tolist()).encode())
     return found.hexdigest()
+
+
+def campaign_record(campaign: Campaign) -> dict[str, Any]:
+    """What the record keeps of a campaign; readings and angles stand in the group constant_data, as read."""
+    fields = _fields(campaign, "name", "tests", "foreseen")
+    return {
+        "name": campaign.name,
+        "sha256": campaign.sha256,
+        "tests": len(campaign.tests),
+        "readings": campaign.readings,
+        "forces_N": campaign.forces_N.tolist(),
+        "fields": fields | {"mount": asdict(campaign.mount), "force_law": asdict(campaign.force_law)},
+        "test_fields": [_fields(test, *_ARRAYS) for test in campaign.tests],
+        "foreseen": [_fields(test, *_ARRAYS) for test in campaign.foreseen],
+    }
+
+
+def _fields(thing: Campaign | CircularTest, *without: str) -> dict[str, Any]:
+    return {own.name: getattr(thing, own.name) for own in dataclass_fields(thing) if own.name not in without}
+
+
+def record_of(posterior: xr.DataTree) -> dict[str, Any]:
+    """What was fitted, how, and how well: the JSON kept in the group ``provenance``."""
+    record: dict[str, Any] = json.loads(posterior["provenance"].attrs["json"])
+    return record
+
+
+def fit_of(posterior: xr.DataTree) -> Fit:
+    """How well the model fits, and what to mind.
+
+    Raises
+    ------
+    InputError
+        For a posterior of an earlier edition.
+    """
+    try:
+        return Fit.from_dict(record_of(posterior)["fit"])
+    except ValidationError as error:
+        what = ".".join(map(str, error.errors()[0]["loc"]))
+        raise InputError(
+            f"the posterior must be of this edition of ldbb-bayes, got a fit of another (its {what}). Fit again."
+        ) from None
+
+
+def campaign_of(posterior: xr.DataTree) -> Campaign:
+    """The campaign, readings included."""
+    record, kept = record_of(posterior)["campaign"], posterior["constant_data"]
+    owner, angle, reading = (kept[name].to_numpy() for name in ("test_index", "angle_as_read_deg", "reading_as_read_um"))
+    tests = tuple(
+        CircularTest(angle_deg=angle[owner == i], reading_um=reading[owner == i], **fields)
+        for i, fields in enumerate(record["test_fields"])
+    )
+    fields = record["fields"]
+    return Campaign(
+        tests,
+        name=record["name"],
+        foreseen=tuple(CircularTest(angle_deg=_ANY_CIRCLE_DEG, **own) for own in record["foreseen"]),
+        **fields | {"mount": MountCompensation(**fields["mount"]), "force_law": ForceLaw(**fields["force_law"])},
+    )
+
+
+def model_of(posterior: xr.DataTree) -> HybridModel:
+    """The model."""
+    return model_from_toml(record_of(posterior)["model"]["toml"])
+
+
+def bound_of(posterior: xr.DataTree) -> BoundModel:
+    """The model bound to the campaign, as it was sampled."""
+    return model_of(posterior).bind(campaign_of(posterior))
+
+
+def draws_of(posterior: xr.DataTree, bound: BoundModel, size: int | None = None) -> tuple[Array, Array]:
+    """Posterior draws as arrays, evenly picked.
+
+    Returns
+    -------
+    beta : ndarray, shape (size, p)
+    phi : ndarray, shape (size, h) [mm]
+    """
+    group = posterior["posterior"]
+    beta, phi = (
+        np.stack([group[str(name)].to_numpy().ravel() for name in names], axis=1)
+        for names in (bound.names, bound.hyper_prior.names)
+    )
+    if size is None or size >= len(beta):
+        return beta, phi
+    pick = np.linspace(0, len(beta) - 1, size).astype(int)
+    return beta[pick], phi[pick]
+
+
+def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
+    """One row per parameter and hyper-parameter, in inside units (mm, N, rad).
+
+    Parameters
+    ----------
+    posterior : DataTree
+        From `sample` or `load`.
+    ci_prob : float
+        Probability of the equal-tailed credible interval.
+
+    Returns
+    -------
+    DataFrame
+        Columns unit, mean, sd, median, ci_low, ci_high, prior_mean (of parameters with a proper prior), prior_sd, ess_bulk,
+        ess_tail, rhat; ``attrs["fit"]`` is the `Fit`: whether the numbers can be used (``state``), and what to mind.
+
+    Raises
+    ------
+    InputError
+        When ci_prob is not between 0 and 1.
+    """
+    check_probability(ci_prob)
+    prior_sd, prior_mean = priors_of(posterior)
+    rows = {}
+    for name, variable in posterior["posterior"].data_vars.items():
+        draws = variable.transpose("chain", "draw").to_numpy()
+        numbers = numbers_of(draws, ci_prob)
+        low, high = numbers.pop("interval")
+        known = {"ci_low": low, "ci_high": high, "prior_mean": prior_mean.get(str(name), np.nan), "prior_sd": prior_sd[str(name)]}
+        quality = dict(zip(("ess_bulk", "ess_tail", "rhat"), diagnose(draws), strict=True))
+        rows[str(name)] = {"unit": variable.attrs.get("unit", "")} | numbers | known | quality
+    table = pd.DataFrame.from_dict(rows, orient="index")
+    table.attrs["fit"] = fit_of(posterior)
+    return table
+
+
+def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:
+    """The result of a fit as documented for ``fit --json``; the key of the interval is named after its probability."""
+    check_probability(ci_prob)
+    record = record_of(posterior)
+    prior_sd, prior_mean = priors_of(posterior)
+    parameters, hyper = {}, {}
+    for variable_name, variable in posterior["posterior"].data_vars.items():
+        name = str(variable_name)
+        is_hyper = name not in record["model"]["groups"]
+        factor = 1e3 if is_hyper else 1.0
+        numbers = numbers_of(variable.to_numpy() * factor, ci_prob)
+        sd = prior_sd[name]
+        entry = {
+            "unit": "um" if is_hyper else variable.attrs.get("unit", ""),
+            **{key: numbers[key] for key in ("mean", "sd", "median")},
+            f"ci{100 * ci_prob:g}": numbers["interval"],
+            "prior_sd": None if sd is None else sd * factor,
+        }
+        if is_hyper:
+            hyper[f"{name}_um"] = entry
+        else:
+            parameters[name] = entry | {"prior_mean": prior_mean.get(name)}
+    shown = {
+        "schema": record["schema"],
+        "campaign": {key: value for key, value in record["campaign"].items() if key not in _REBUILDS},
+        "model": {key: value for key, value in record["model"].items() if key not in _REBUILDS},
+        "parameters": parameters,
+        "hyper": hyper,
+    }
+    return shown | {key: record[key] for key in ("sampler", "fit", "provenance")}
+
+
+def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
+    """Prior sd, None where flat, and prior mean of the parameters that have a prior."""
+    model = record_of(posterior)["model"]
+    return model["prior_sd"], model["prior_mean"]
+
+
+def numbers_of(draws: Array, ci_prob: float) -> dict[str, Any]:
+    """Mean, sd, median and the equal-tailed interval of draws."""
+    tail = 50.0 * (1.0 - ci_prob)
+    low, median, high = map(float, np.percentile(draws, [tail, 50.0, 100.0 - tail]))
+    return {"mean": float(draws.mean()), "sd": float(draws.std(ddof=1)), "median": median, "interval": [low, high]}
+
+
+def check_probability(ci_prob: float) -> None:
+    """Refuse a probability that is not between 0 and 1."""
+    if not 0.0 < ci_prob < 1.0:
+        raise InputError(f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
+
+
+@one_blas_thread
+def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
+    """Posterior of the shared nuisance coefficients.
+
+    Returns
+    -------
+    DataFrame
+        One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the posterior mean of φ). The mount's
+        is its deviation from the nominal deflection.
+    """
+    bound = bound_of(posterior)
+    beta, phi = draws_of(posterior, bound, _DRAWS)
+    names, owners, prior_sd = _shared(bound, phi)
+    if not names:
+        return pd.DataFrame(columns=["term", "unit", "mean", "sd", "prior_sd"])
+    _, given = bound.given_interest.conditional(phi, beta - bound.centre)
+    inverse = solve_lower(given.precision_root, np.broadcast_to(np.eye(len(names)), given.precision_root.shape))
+    within = ((inverse**2).sum(axis=1) * given.scale**2).mean(axis=0)
+    columns = {
+        "term": owners,
+        "unit": [Term.owner(name).unit_of(name).inside for name in names],
+        "mean": given.mean.mean(axis=0),
+        "sd": np.sqrt(within + given.mean.var(axis=0)),
+        "prior_sd": prior_sd,
+    }
+    return pd.DataFrame(columns, index=names)
+
+
+class DrawnNuisances(NamedTuple):
+    """Names of the q shared nuisance coefficients, their columns (tests, 25, q) and draws given β, φ and y, (draws, q)."""
+
+    names: list[str]
+    values: Array
+    draws: Array
+
+
+def draw_nuisances(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> DrawnNuisances:
+    """One draw of the shared nuisances for every draw of φ (draws, h) and β (draws, p)."""
+    names, _, _ = _shared(bound, phi)
+    draws = np.zeros((len(beta), 0))
+    if names:
+        draws = bound.given_interest.conditional(phi, beta - bound.centre)[1].draw(rng)
+    return DrawnNuisances(names, shared_columns(bound), draws)
+
+
+def _shared(bound: BoundModel, phi: Array) -> tuple[list[str], list[str], Array]:
+    """Names, terms and prior sd of the shared columns, in the order of the model's terms."""
+    scale = dict(zip(bound.hyper_prior.names, phi.mean(axis=0), strict=True))
+    names: list[str] = []
+    owners: list[str] = []
+    sd = [np.zeros(0)]
+    for term in bound.model.nuisances:
+        for part in term.columns(bound.setting):
+            if isinstance(part, Columns) and not part.private:
+                names += part.names
+                owners += [type(term).__name__] * len(part.names)
+                sd.append(part.sd * (scale[part.hyper] if part.hyper else 1.0))
+    return names, owners, np.concatenate(sd)

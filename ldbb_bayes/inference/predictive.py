@@ -1,46 +1,72 @@
-"""What the posterior predicts for the circles, in three layers that are never mixed up.
+"""What the posterior predicts for the circles, and whether it expects the readings.
 
-machine: H β. shared: plus ball form, bar length, mount and force error. The third layer, the band for a new circle, adds set-up
-shift, discrepancy and white noise. RMSE and fitness (Eq. 34-35) are of the second.
+Three predictions are never mixed up. Machine: H β. Shared: plus ball form, bar length, mount and force error; RMSE and fitness
+(Eq. 34-35) are of this one. New circle: plus set-up shift, discrepancy and white noise, drawn anew.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
-from ldbb_bayes.model.basis import SIZE, basis
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.columns import BasisNoise, Columns
+from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms import BasisNoise, Columns
+from ldbb_bayes.result import Result
+from ldbb_bayes.units import ranked
 
 __all__ = [
+    "Check",
+    "CheckKind",
     "FitQuality",
+    "TestChecks",
+    "autocorrelation",
     "band_um",
+    "every_check",
+    "failing",
     "fit_quality",
+    "harmonics_of",
     "machine_coefficients",
     "new_circle_coefficients",
-    "own_covariance",
     "own_nuisances",
+    "predictive_checks",
     "prior_circle_coefficients",
     "residual_coefficients",
     "residuals_mm",
     "shared_coefficients",
+    "shared_columns",
     "shared_draws",
 ]
 
 Array = NDArray[Any]
+_DRAWS = 500
+_RANK = 1e-6
+_STRETCH = 100_000
+_FAILS = 0.01
+_SMALLEST = 1e-300
 
 
 @dataclass(frozen=True)
 class FitQuality:
-    """Root mean square error over all readings [µm] and fitness per test [%] (Eq. 34-35)."""
+    """Root mean square error over all readings and by test [µm], and fitness by test [%] (Eq. 34-35)."""
 
     rmse_um: float
     rmse_by_test_um: dict[str, float]
     fitness_percent: dict[str, float]
+
+
+def shared_columns(bound: BoundModel) -> Array:
+    """Return the columns of the nuisances that tests share, shape (tests, 25, q) [mm]."""
+    values = [term.values for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
+    return np.concatenate([np.zeros((len(bound.test_names), SIZE, 0)), *values], axis=2)
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
@@ -50,41 +76,46 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     """Machine plus the expected ball form, bar length, mount and force error given β, φ and y; (draws, tests, 25) [mm]."""
-    structured = bound.given_interest
     shifted = beta - bound.centre
-    _, conditional = structured.conditional(phi, shifted)
-    shared = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
-    private = [term for term in bound.nuisance_columns if isinstance(term, Columns) and term.private]
+    _, conditional = bound.given_interest.conditional(phi, shifted)
     total = machine_coefficients(bound, beta)
-    if shared:
-        values = np.concatenate([term.values for term in shared], axis=2)
-        total = total + np.einsum("tkq,wq->wtk", values, conditional.mean)
+    shared = shared_columns(bound)
+    if shared.size:
+        total = total + np.einsum("tkq,wq->wtk", shared, conditional.mean)
+    private = [term.values for term in bound.nuisance_columns if isinstance(term, Columns) and term.private]
     if private:
-        values = np.concatenate([term.values for term in private], axis=2)
-        own = structured.private_mean(phi, shifted, conditional.mean)[:, :, : values.shape[2]]
+        values = np.concatenate(private, axis=2)
+        own = bound.given_interest.private_mean(phi, shifted, conditional.mean)[:, :, : values.shape[2]]
         total = total + np.einsum("tkv,wtv->wtk", values, own)
     return total
 
 
-def new_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
-    """A new circle at the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
-    set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
-    return shared_draws(bound, phi, beta, rng) + _own_nuisances(bound, phi, rng)
-
-
 def shared_draws(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """Machine plus one posterior draw of the nuisances that tests share, shape (draws, tests, 25) [mm]."""
-    total = machine_coefficients(bound, beta)
-    shared = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
-    if not shared:
+    total, shared = machine_coefficients(bound, beta), shared_columns(bound)
+    if not shared.size:
         return total
     _, conditional = bound.given_interest.conditional(phi, beta - bound.centre)
-    values = np.concatenate([term.values for term in shared], axis=2)
-    return np.asarray(total + np.einsum("tkq,wq->wtk", values, conditional.draw(rng)))
+    return np.asarray(total + np.einsum("tkq,wq->wtk", shared, conditional.draw(rng)))
 
 
-def _own_nuisances(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
-    """Fresh draws of what every circle has for itself, shape (draws, tests, 25) [mm]."""
+def new_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
+    """A new circle in the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
+    set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
+    return shared_draws(bound, phi, beta, rng) + _every_own(bound, phi, rng)
+
+
+def prior_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
+    """The same from prior draws of β and φ: every nuisance drawn from its prior; (draws, tests, 25) [mm]."""
+    total = machine_coefficients(bound, beta) + _every_own(bound, phi, rng)
+    for term in bound.nuisance_columns:
+        if isinstance(term, Columns) and not term.private:
+            sd = term.sd * _hyper(bound, phi, term.hyper)
+            total = total + np.einsum("tkq,wq->wtk", term.values, sd * rng.standard_normal((len(phi), len(term.sd))))
+    return total
+
+
+def _every_own(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
     return np.stack([own_nuisances(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
 
 
@@ -100,40 +131,7 @@ def own_nuisances(bound: BoundModel, phi: Array, r: int, rng: np.random.Generato
     return total
 
 
-def prior_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
-    """The same from prior draws of β and φ: every nuisance drawn from its prior; (draws, tests, 25) [mm]."""
-    total = machine_coefficients(bound, beta) + _own_nuisances(bound, phi, rng)
-    for term in bound.nuisance_columns:
-        if isinstance(term, Columns) and not term.private:
-            sd = term.sd * _hyper(bound, phi, term.hyper)
-            total = total + np.einsum("tkq,wq->wtk", term.values, sd * rng.standard_normal((len(phi), len(term.sd))))
-    return total
-
-
-def band_um(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator, *, prob: float = 0.95) -> Array:
-    """Equal-tailed pointwise band of readings, white noise included: (2, angles) [µm] from (draws, 25) and (draws,)."""
-    readings = coefficients @ basis(angle_rad).T
-    readings = readings + sigma_mm[:, None] * rng.standard_normal(readings.shape)
-    return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3
-
-
-def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Reading minus prediction of every test, each of shape (n,) [mm]; predicted (tests, 25)."""
-    by_name = {test.name: test for test in bound.campaign.tests}
-    tests = [by_name[name] for name in bound.test_names]
-    return [test.readings_mm() - basis(test.angles_rad()) @ own for test, own in zip(tests, predicted, strict=True)]
-
-
-def residual_coefficients(bound: BoundModel, predicted: Array) -> Array:
-    """Least-squares harmonics of the residuals, shape (tests, 25) [mm]; minimum norm where a test has too few readings."""
-    rows = []
-    for test, own in zip(bound.reduced, predicted, strict=True):
-        misfit = np.asarray(test.projection) - test.factor @ own
-        rows.append(np.linalg.lstsq(test.factor, misfit, rcond=1e-6)[0])
-    return np.array(rows)
-
-
-def own_covariance(bound: BoundModel, phi: Array, r: int) -> Array:
+def _own_covariance(bound: BoundModel, phi: Array, r: int) -> Array:
     """Covariance of what test r has for itself, shape (draws, 25, 25) [mm²]."""
     total = np.zeros((len(phi), SIZE, SIZE))
     for term in bound.nuisance_columns:
@@ -151,6 +149,35 @@ def _hyper(bound: BoundModel, phi: Array, name: str | None) -> Array:
     return np.ones((len(phi), 1)) if name is None else phi[:, [bound.hyper_prior.names.index(name)]]
 
 
+def band_um(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator, *, prob: float = 0.95) -> Array:
+    """Equal-tailed pointwise band of readings, white noise included: (2, angles) [µm] from (draws, 25) and (draws,)."""
+    readings = coefficients @ basis(angle_rad).T
+    readings = readings + sigma_mm[:, None] * rng.standard_normal(readings.shape)
+    return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3
+
+
+def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
+    """Reading minus prediction of every test, each of shape (n,) [mm]; predicted (tests, 25)."""
+    return [test.readings_mm() - basis(test.angles_rad()) @ own for test, own in zip(_tests(bound), predicted, strict=True)]
+
+
+def residual_coefficients(bound: BoundModel, predicted: Array) -> Array:
+    """Least-squares harmonics of the residuals, shape (tests, 25) [mm]; minimum norm where a test has too few readings."""
+    misfits = [np.asarray(test.projection) - test.factor @ own for test, own in zip(bound.reduced, predicted, strict=True)]
+    return np.array([harmonics_of(bound, r) @ misfit for r, misfit in enumerate(misfits)])
+
+
+def harmonics_of(bound: BoundModel, r: int) -> Array:
+    """Least-squares harmonics from the reduced readings of test r, shape (25, m); minimum norm where readings are too few."""
+    return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=_RANK))
+
+
+def _tests(bound: BoundModel) -> list[CircularTest]:
+    """The tests of a bound model, in its order."""
+    by_name = {test.name: test for test in bound.campaign.tests}
+    return [by_name[name] for name in bound.test_names]
+
+
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
     """RMSE and fitness of the posterior mean prediction (machine plus shared nuisances).
 
@@ -160,17 +187,124 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
     beta : ndarray, shape (draws, p)
     """
     predicted = shared_coefficients(bound, phi, beta).mean(axis=0)
-    squares, spans = [], []
-    for r, (name, test) in enumerate(zip(bound.test_names, bound.reduced, strict=True)):
-        misfit = np.asarray(test.projection) - test.factor @ predicted[r]
-        squares.append(float(misfit @ misfit) + test.residual_ss)
-        readings = next(t for t in bound.campaign.tests if t.name == name).readings_mm()
-        spans.append(float(np.ptp(readings)))
+    misfits = [np.asarray(test.projection) - test.factor @ own for test, own in zip(bound.reduced, predicted, strict=True)]
+    squares = np.array([m @ m + test.residual_ss for m, test in zip(misfits, bound.reduced, strict=True)])
     n = np.array([test.readings for test in bound.reduced])
-    rmse = np.sqrt(np.array(squares) / n) * 1e3
-    fitness = {
-        name: float(100.0 * (1.0 - error * 1e-3 / span)) if span > 0 else float("nan")
-        for name, error, span in zip(bound.test_names, rmse, spans, strict=True)
-    }
-    by_test = dict(zip(bound.test_names, map(float, rmse), strict=True))
-    return FitQuality(float(np.sqrt(np.sum(squares) / n.sum()) * 1e3), by_test, fitness)
+    rmse = np.sqrt(squares / n) * 1e3
+    spans = [float(np.ptp(test.readings_mm())) for test in _tests(bound)]
+    fitness = [100.0 * (1.0 - e * 1e-3 / span) if span > 0 else np.nan for e, span in zip(rmse, spans, strict=True)]
+    by_test, fit = (dict(zip(bound.test_names, map(float, values), strict=True)) for values in (rmse, fitness))
+    return FitQuality(float(np.sqrt(squares.sum() / n.sum()) * 1e3), by_test, fit)
+
+
+class CheckKind(StrEnum):
+    """What a posterior predictive check looks at: an order of the circle, the scatter beyond the orders, its correlation."""
+
+    ORDER = "order"
+    NOISE = "noise"
+    AUTOCORRELATION = "autocorrelation"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One posterior predictive p-value; ``order`` is None but for `CheckKind.ORDER`."""
+
+    kind: CheckKind
+    test: str
+    p: float
+    order: int | None = None
+
+
+@dataclass(frozen=True)
+class TestChecks(Result):
+    """Posterior predictive p-values of one test; None where it has too few readings.
+
+    Attributes
+    ----------
+    orders_p : dict of int to float
+        Of the residual at order n = 0 … 12 after machine and shared nuisances: the probability that a new circle lies further
+        out, averaged over the posterior.
+    noise_p : float or None
+        Two-sided, of the readings' scatter outside orders 0 … 12 against σ.
+    autocorrelation : float or None
+        Lag-one autocorrelation of that scatter [1].
+    autocorrelation_p : float or None
+        Two-sided, against white noise.
+    """
+
+    __test__ = False
+
+    orders_p: dict[int, float]
+    noise_p: float | None
+    autocorrelation: float | None
+    autocorrelation_p: float | None
+
+
+def every_check(tests: Mapping[str, TestChecks]) -> list[Check]:
+    """Return the checks of all tests, the smallest p first."""
+    found = []
+    for name, checks in tests.items():
+        found += [Check(CheckKind.ORDER, name, p, n) for n, p in checks.orders_p.items()]
+        others = ((CheckKind.NOISE, checks.noise_p), (CheckKind.AUTOCORRELATION, checks.autocorrelation_p))
+        found += [Check(kind, name, p) for kind, p in others if p is not None]
+    return ranked(found, lambda check: -math.log(max(check.p, _SMALLEST)))
+
+
+def failing(checks: Iterable[Check]) -> tuple[Check, ...]:
+    """Return the checks that fail at 1 % after allowing for their number (Bonferroni)."""
+    every = list(checks)
+    return tuple(check for check in every if check.p * len(every) < _FAILS)
+
+
+def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> dict[str, TestChecks]:
+    """Compare every test with new circles under the posterior.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (draws, h) [mm]
+    beta : ndarray, shape (draws, p)
+    """
+    pick = np.linspace(0, len(phi) - 1, min(_DRAWS, len(phi))).astype(int)
+    phi, beta = phi[pick], beta[pick]
+    shared = shared_draws(bound, phi, beta, rng)
+    sigma = phi[:, bound.hyper_prior.names.index("sigma")]
+    checks = {}
+    for r, (test, reduced) in enumerate(zip(_tests(bound), bound.reduced, strict=True)):
+        inverse = harmonics_of(bound, r)
+        residual = (np.asarray(reduced.projection) - shared[:, r] @ reduced.factor.T) @ inverse.T
+        seen = inverse @ reduced.factor
+        covariance = seen @ _own_covariance(bound, phi, r) @ seen.T + sigma[:, None, None] ** 2 * (inverse @ inverse.T)
+        orders = {n: _tail(residual[:, n == ORDERS], covariance[:, n == ORDERS][:, :, n == ORDERS]) for n in range(MAX_ORDER + 1)}
+        outside = reduced.readings - SIZE
+        noise_p = correlation = correlation_p = None
+        if outside > 0:
+            tail = stats.chi2.sf(reduced.residual_ss / sigma**2, outside).mean()
+            noise_p = float(2.0 * min(tail, 1.0 - tail))
+            correlation, correlation_p = autocorrelation(test)
+        checks[str(test.name)] = TestChecks(orders, noise_p, correlation, correlation_p)
+    return checks
+
+
+def autocorrelation(test: CircularTest) -> tuple[float, float]:
+    """Lag-one autocorrelation of the readings after orders 0 … 12 are taken out, and its two-sided p-value under white noise.
+
+    Under white noise it has mean tr(M S) / tr(M) and nearly variance 1/n, M the projection off the basis, S the shift to the
+    next reading. Of very many readings, a stretch is looked at.
+    """
+    order = np.argsort(test.angle_deg, kind="stable")[:_STRETCH]
+    angle, reading = test.angles_rad()[order], test.readings_mm()[order]
+    columns = np.linalg.qr(basis(angle))[0]
+    rest = reading - columns @ (columns.T @ reading)
+    square = float(rest @ rest)
+    if square <= 1e-24 * float(reading @ reading):
+        return 0.0, 1.0
+    n = len(rest)
+    expected = -float((columns[1:] * columns[:-1]).sum()) / (n - SIZE)
+    value = float(rest[1:] @ rest[:-1]) / square
+    return value, float(2.0 * stats.norm.sf(abs(value - expected) * np.sqrt(n)))
+
+
+def _tail(residual: Array, covariance: Array) -> float:
+    """Mean over the draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k), V (draws, k, k)."""
+    square = np.einsum("wi,wi->w", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
+    return float(stats.chi2.sf(square, residual.shape[1]).mean())

@@ -1,12 +1,10 @@
-"""sample(): a model and a campaign into a posterior."""
+"""sample(): a model and a campaign into a posterior, by one of two routes."""
 
 from __future__ import annotations
 
-import json
-import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from functools import cache
@@ -19,36 +17,102 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.inference.checkpoint import Checkpoint
-from ldbb_bayes.inference.diagnostics import PredictiveChecks, predictive_checks, sensitive, verdict
-from ldbb_bayes.inference.ensemble import Progress
-from ldbb_bayes.inference.evidence import TruncationProbability, log_prob_truncation
-from ldbb_bayes.inference.joint import JointDensity
-from ldbb_bayes.inference.origin import campaign_record
-from ldbb_bayes.inference.posterior import build_tree, power_sensitivity
-from ldbb_bayes.inference.predictive import fit_quality
-from ldbb_bayes.inference.quadrature import HyperPosterior
-from ldbb_bayes.inference.samplers import SAMPLERS, run_sampler
-from ldbb_bayes.inference.stopping import StoppingRule
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.degeneracies import degeneracies, sentences, standing_degeneracies
-from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.linearisation import largest_linearisation_error_mm
-from ldbb_bayes.model.simulate import draw_parameters
-from ldbb_bayes.model.spec import model_sha256, model_to_toml
+from ldbb_bayes.inference.evidence import log_prob_truncation
+from ldbb_bayes.inference.mcmc import EnsembleRun, JointDensity, Progress, StoppingRule, sample_joint
+from ldbb_bayes.inference.nodes import CHUNK, HyperPosterior, draw_hyper, draw_parameters_given
+from ldbb_bayes.inference.posterior import (
+    Concern,
+    ConcernKind,
+    Fit,
+    assess,
+    build_tree,
+    campaign_record,
+    power_sensitivity,
+)
+from ldbb_bayes.inference.predictive import fit_quality, predictive_checks
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.specification import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
-from ldbb_bayes.threads import one_blas_thread
 
-__all__ = ["sample", "sample_with_densities", "versions"]
+__all__ = ["SAMPLERS", "check_sampler", "draw", "run_sampler", "sample", "sample_with_densities", "versions"]
 
 Array = NDArray[Any]
-_VERSIONS = ("ldbb-bayes", "numpy", "scipy", "emcee")
-_ALL_VERSIONS = (*_VERSIONS, "arviz-stats")
-_PRIOR_DRAWS = 4000
-_CHUNK = 256
-_QUALITY_DRAWS = 1000
-_IMPROBABLE = 1e-3
-_IMPOSSIBLE = 1e-6
+SAMPLERS = ("joint", "independent")
+_CHAINS, _SPACING = 4, 4.0
+_PACKAGES = ("ldbb-bayes", "numpy", "scipy", "emcee", "arviz-stats")
+_PRIOR_DRAWS, _QUALITY_DRAWS = 4000, 1000
+_IMPROBABLE = float(np.log(1e-3))
+_EXTREME = 0.999
+
+
+def check_sampler(sampler: str) -> None:
+    """Refuse what is no sampler.
+
+    Raises
+    ------
+    InputError
+        Naming the two.
+    """
+    if sampler == "quadrature":
+        raise InputError("sampler must be one of joint, independent, got 'quadrature'. It is now called 'independent'.")
+    check_known("sampler", [sampler], SAMPLERS)
+
+
+def run_sampler(
+    sampler: str,
+    start: HyperPosterior,
+    *,
+    ensembles: int = 4,
+    walkers: int | None = None,
+    rule: StoppingRule,
+    seed: np.random.SeedSequence,
+    progress: Callable[[Progress], None] | None = None,
+) -> tuple[EnsembleRun, Array, Array]:
+    """Run until the rule is met.
+
+    Returns
+    -------
+    run : EnsembleRun
+        Of independent draws ``steps`` counts those of one chain, ``acceptance`` is the share of proposals used.
+    beta : ndarray, shape (chains, draws, p)
+    phi : ndarray, shape (chains, draws, h) [mm]
+    """
+    if sampler == "joint":
+        options: dict[str, Any] = {"ensembles": ensembles, "walkers": walkers, "progress": progress}
+        return sample_joint(start, assess=assess, rule=rule, seed=seed, **options)
+    rng = np.random.default_rng(seed)
+    # A third more than the target, so that the smallest of many estimates of ESS reaches it.
+    each = int(np.ceil(1.3 * rule.ess / _CHAINS + 50))
+    free, acceptance = draw_hyper(start, _CHAINS * each, rng)
+    chain = free.reshape(_CHAINS, each, -1)
+    beta = draw_parameters_given(start, free, rng).reshape(_CHAINS, each, -1)
+    assessment = assess(np.concatenate([beta, chain], axis=2))
+    if progress is not None:
+        progress(Progress(each, each, rule.ess, assessment))
+    run = EnsembleRun(chain, assessment, assessment.meets(rule, walkers=0), each, 1, acceptance)
+    return run, beta, start.bound.hyper_prior.phi(chain)
+
+
+def draw(sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence) -> tuple[Array, Array]:
+    """As good as independent draws: β, shape (size, p), and φ, shape (size, h) [mm].
+
+    Those of ``independent`` are; those of emcee are thinned from a run worth four times as many.
+    """
+    if sampler == "independent":
+        rng = np.random.default_rng(seed)
+        free, _ = draw_hyper(start, size, rng)
+        return draw_parameters_given(start, free, rng), start.bound.hyper_prior.phi(free)
+    rule = StoppingRule(ess=_SPACING * size, rhat=1.05, lengths=2.0)
+    _, beta, phi = run_sampler(sampler, start, rule=rule, seed=seed)
+    return _picked(beta, phi, size)
+
+
+def _picked(beta: Array, phi: Array, most: int) -> tuple[Array, Array]:
+    """Draws of all chains in one row, evenly picked."""
+    flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
+    pick = np.linspace(0, len(flat_beta) - 1, min(most, len(flat_beta))).astype(int)
+    return flat_beta[pick], flat_phi[pick]
 
 
 @one_blas_thread
@@ -62,8 +126,6 @@ def sample(
     walkers: int | None = None,
     rule: StoppingRule | None = None,
     progress: Callable[[Progress], None] | None = None,
-    checkpoint: str | os.PathLike[str] | None = None,
-    resume: bool = False,
 ) -> xr.DataTree:
     """Sample the posterior of compliances, slopes, geometric errors and hyper-parameters.
 
@@ -72,9 +134,9 @@ def sample(
     model : HybridModel
     campaign : Campaign
         With readings.
-    sampler : {"joint", "collapsed", "quadrature"}
-        ``joint``: emcee over everything but the nuisances, which are integrated out. ``collapsed``: emcee over the
-        hyper-parameters alone, then exact conditional draws. ``quadrature``: independent draws from weighted nodes.
+    sampler : {"joint", "independent"}
+        ``joint``: emcee over everything but the nuisances, which are integrated out. ``independent``: independent draws from
+        weighted nodes over the hyper-parameters.
     seed : int
     ensembles, walkers : int
         At least 4 independent ensembles; walkers each.
@@ -82,12 +144,6 @@ def sample(
         When to stop; by default every parameter has bulk and tail ESS ≥ 1000 and R-hat ≤ 1.01.
     progress : callable, optional
         Called with a `Progress` at every look.
-    checkpoint : path, optional
-        Folder that keeps every block of a run, so that it can be resumed after whatever stopped it; remove it when the result is
-        saved. `quadrature` takes seconds and keeps nothing.
-    resume : bool
-        Take the blocks found in ``checkpoint`` as they are and go on to the target: the result is that of an uninterrupted run,
-        to the last bit. A raised target goes on where the run had ended.
 
     Returns
     -------
@@ -98,22 +154,10 @@ def sample(
     Raises
     ------
     InputError
-        For a plan, an unknown sampler, a model that the campaign cannot carry, or a checkpoint that is damaged, of another run,
-        or there without ``resume``.
+        For a plan, an unknown sampler, or a model that the campaign cannot carry.
     """
-    tree, _ = sample_with_densities(
-        model,
-        campaign,
-        sampler=sampler,
-        seed=seed,
-        ensembles=ensembles,
-        walkers=walkers,
-        rule=rule,
-        progress=progress,
-        checkpoint=checkpoint,
-        resume=resume,
-    )
-    return tree
+    options: dict[str, Any] = {"sampler": sampler, "seed": seed, "ensembles": ensembles, "walkers": walkers}
+    return sample_with_densities(model, campaign, rule=rule, progress=progress, **options)[0]
 
 
 @one_blas_thread
@@ -127,29 +171,26 @@ def sample_with_densities(
     walkers: int | None = None,
     rule: StoppingRule | None = None,
     progress: Callable[[Progress], None] | None = None,
-    checkpoint: str | os.PathLike[str] | None = None,
-    resume: bool = False,
 ) -> tuple[xr.DataTree, dict[bool, HyperPosterior]]:
     """The same, with the densities over the hyper-parameters it went by: True the one inside the truncation, False the other."""
-    check_known("sampler", [sampler], SAMPLERS)
+    check_sampler(sampler)
     if campaign.is_plan:
         raise InputError("campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
     rule = rule or StoppingRule()
     started, clock = datetime.now(UTC), time.perf_counter()
     bound = model.bind(campaign)
-    store = None
-    if checkpoint is not None and sampler != "quadrature":
-        store = Checkpoint(checkpoint, _run_key(bound, sampler, seed, ensembles, walkers, rule), resume=resume)
     seeds = np.random.SeedSequence(seed).spawn(3)
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
     run, beta, phi = run_sampler(
-        sampler, start, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress, store=store
+        sampler, start, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress
     )
-    other = HyperPosterior(bound, truncated=not start.truncated, seed=seed)
-    densities = {start.truncated: start, other.truncated: other}
+    densities = {
+        own: start if own is start.truncated else HyperPosterior(bound, truncated=own, seed=seed) for own in (True, False)
+    }
     truncation = log_prob_truncation(densities[False], densities[True])
-    quality = _fit(bound, beta, phi, truncation)
     groups = _groups(bound, beta, phi, np.random.default_rng(seeds[1]))
+    missed = () if run.converged else (Concern(ConcernKind.NOT_CONVERGED, run.steps, rule.ess),)
+    fit = _fit(bound, groups, beta, phi, truncation, missed, np.random.default_rng(seeds[2]))
     record: dict[str, Any] = {
         "schema": 1,
         "campaign": campaign_record(campaign),
@@ -166,7 +207,7 @@ def sample_with_densities(
             "target_ess": rule.ess,
             "target_rhat": rule.rhat,
         },
-        "fit": quality,
+        "fit": fit.as_dict(),
         "provenance": {
             "versions": versions(),
             "seed": seed,
@@ -174,144 +215,74 @@ def sample_with_densities(
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         },
     }
-    checks, sensitivity = _check(bound, beta, phi, groups, np.random.default_rng(seeds[2]))
-    quality["predictive_checks"], quality["misfits"] = checks.as_dict(), list(checks.misfits)
-    quality["sensitivity"] = sensitivity
-    quality["verdict"] = verdict(
-        converged=run.converged,
-        checks=checks,
-        contradicts=truncation.log_value < np.log(_IMPROBABLE),
-        sensitive_to_prior=sensitive(sensitivity),
-        parameters=len(sensitivity),
-    )
-    if not run.converged:
-        target = f"ESS ≥ {rule.ess:g} and R-hat ≤ {rule.rhat:g}"
-        cure = "allow more steps (--max-steps; with --resume --force a run kept by --out goes on)."
-        if sampler == "quadrature":
-            cure = "ask for more independent draws (a larger --ess)."
-        record["fit"]["warnings"].insert(
-            0,
-            f"Not converged: {target} was not reached in {run.steps} steps. Do not use the numbers; {cure}",
-        )
-    tree = build_tree(
-        groups,
-        dims=_DIMS,
-        coords={"test": list(bound.test_names)},
-        units=_units(bound),
-        provenance=json.dumps(record, ensure_ascii=False),
-    )
-    return tree, densities
+    return build_tree(groups, dims=_DIMS, coords={"test": list(bound.test_names)}, units=_units(bound), record=record), densities
 
 
 @cache
 def versions() -> dict[str, str]:
     """Versions of the packages that numbers come from."""
-    return {name: version(name) for name in _ALL_VERSIONS}
+    return {name: version(name) for name in _PACKAGES}
 
 
-def _run_key(
-    bound: BoundModel, sampler: str, seed: int, ensembles: int, walkers: int | None, rule: StoppingRule
-) -> dict[str, str]:
-    """What fixes every block of a run; the target only says how many there are."""
-    key: dict[str, object] = {
-        "campaign": bound.campaign.sha256,
-        "model": model_sha256(bound.model),
-        "sampler": sampler,
-        "seed": seed,
-        "ensembles": ensembles,
-        "walkers": walkers,
-        "block": rule.block,
-    }
-    return {name: str(value) for name, value in (key | {f"version of {name}": version(name) for name in _VERSIONS}).items()}
+_OF_TESTS = ("per_test", "force_N", "pressure_bar", "work_ball_deg", "tool_ball_deg", "radius_mm")
+_OF_READINGS = ("angle_rad", "angle_as_read_deg", "reading_as_read_um", "test_index", "reading_mm")
+_DIMS = {name: ["test"] for name in _OF_TESTS} | {name: ["reading"] for name in _OF_READINGS} | {"reference_force_N": []}
 
 
-_DIMS = {
-    "per_test": ["test"],
-    "force_N": ["test"],
-    "pressure_bar": ["test"],
-    "work_ball_deg": ["test"],
-    "tool_ball_deg": ["test"],
-    "radius_mm": ["test"],
-    "angle_rad": ["reading"],
-    "angle_as_read_deg": ["reading"],
-    "reading_as_read_um": ["reading"],
-    "test_index": ["reading"],
-    "reading_mm": ["reading"],
-    "reference_force_N": [],
-}
-
-
-def _fit(bound: BoundModel, beta: Array, phi: Array, truncation: TruncationProbability) -> dict[str, Any]:
+def _fit(
+    bound: BoundModel,
+    groups: Mapping[str, Mapping[str, Array]],
+    beta: Array,
+    phi: Array,
+    truncation: tuple[float, float],
+    missed: Sequence[Concern],
+    rng: np.random.Generator,
+) -> Fit:
+    """How well the model fits, posterior predictive checks, and what scaling prior or likelihood would change."""
     flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
-    pick = np.linspace(0, len(flat_beta) - 1, min(_QUALITY_DRAWS, len(flat_beta))).astype(int)
-    quality = fit_quality(bound, flat_phi[pick], flat_beta[pick])
-    return {
-        "rmse_um": quality.rmse_um,
-        "fitness_percent": quality.fitness_percent,
-        "log_prob_truncation": truncation.log_value,
-        "log_prob_truncation_error": truncation.error,
-        "log_prob_truncation_prior": bound.log_prob_truncation_prior,
-        "linearisation_error_um": largest_linearisation_error_mm(bound, flat_beta.mean(axis=0)) * 1e3,
-        "warnings": list(_warnings(bound, flat_phi, truncation)),
-    }
-
-
-def _check(
-    bound: BoundModel, beta: Array, phi: Array, groups: Mapping[str, Mapping[str, Array]], rng: np.random.Generator
-) -> tuple[PredictiveChecks, dict[str, dict[str, float]]]:
-    """Posterior predictive checks, and what scaling prior or likelihood would change."""
+    few_beta, few_phi = _picked(beta, phi, _QUALITY_DRAWS)
+    quality = fit_quality(bound, few_phi, few_beta)
     prior, hyper_prior = groups["log_prior"]["parameters"], groups["log_prior"]["hyper"]
     jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
     likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
     parts = {"prior": prior, "hyper_prior": hyper_prior, "likelihood": likelihood}
-    sensitivity = power_sensitivity(groups["posterior"], parts)
-    checks = predictive_checks(bound, phi.reshape(-1, phi.shape[2]), beta.reshape(-1, beta.shape[2]), rng)
-    return checks, sensitivity
+    return Fit(
+        quality.rmse_um,
+        quality.fitness_percent,
+        *truncation,
+        bound.log_prob_truncation_prior,
+        bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
+        (*missed, *_concerns(bound, flat_phi, truncation[0])),
+        predictive_checks(bound, flat_phi, flat_beta, rng),
+        power_sensitivity(groups["posterior"], parts),
+    )
 
 
-def _warnings(bound: BoundModel, phi: Array, truncation: TruncationProbability) -> Iterator[str]:
-    if truncation.log_value < np.log(_IMPROBABLE):
-        verb = "contradict" if truncation.log_value < np.log(_IMPOSSIBLE) else "speak against"
-        yield (
-            f"The readings {verb} non-negative compliance: ln P(T | y) = {truncation.log_value:.1f} (expected above "
-            f"{np.log(_IMPROBABLE):.1f}). A nuisance may be missing, or a sign, a force or the mount compensation be wrong."
-        )
+def _concerns(bound: BoundModel, phi: Array, log_prob_truncation: float) -> Iterator[Concern]:
+    if log_prob_truncation < _IMPROBABLE:
+        yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
     levels, needed = bound.campaign.force_levels, bound.model.degree + 2
-    if levels == 1:
-        yield "One force level: constant compliance and geometry are told apart by their priors alone."
-    elif levels < needed:
-        yield (
-            f"Only {levels} force levels: at degree {bound.model.degree} compliance and geometry need {needed} to be told apart "
-            "by the readings; here their priors do it."
-        )
-    limit = bound.hyper_prior.quantile(np.full(phi.shape[1], 0.999))
+    if levels < needed:
+        yield Concern(ConcernKind.FORCES, levels, needed)
+    limit = bound.hyper_prior.quantile(np.full(phi.shape[1], _EXTREME))
     for name, median, top in zip(bound.hyper_prior.names, np.median(phi, axis=0), limit, strict=True):
         if median > top:
-            yield (
-                f"Misfit: {name} = {median * 1e3:.3g} µm lies far above what its prior expects ({top * 1e3:.3g} µm at 99.9 %). "
-                "The model misses something in these readings."
-            )
-    found = degeneracies(bound)
-    yield from sentences(found)
-    yield from standing_degeneracies(bound, found)
+            yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
 
 
 def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator) -> dict[str, dict[str, Array]]:
     flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
-    shape = beta.shape[:2]
-    per_test = [
-        bound.log_likelihood_per_test(flat_phi[i : i + _CHUNK], flat_beta[i : i + _CHUNK])
-        for i in range(0, len(flat_beta), _CHUNK)
-    ]
+    density = JointDensity(bound)
+    points = density.join(flat_beta, bound.hyper_prior.free(flat_phi))
+    chunks = [slice(i, i + CHUNK) for i in range(0, len(points), CHUNK)]
+    per_test = [bound.log_likelihood_per_test(flat_phi[part], flat_beta[part]) for part in chunks]
     tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
-    log_prior = {"parameters": bound.log_prior(beta)}
-    log_prior["hyper"] = bound.hyper_prior.log_density(phi)
-    groups: dict[str, dict[str, Array]] = {
+    return {
         "posterior": _named(bound, beta, phi),
         "prior": _prior_draws(bound, rng),
-        "sample_stats": {"lp": _log_density(bound, flat_beta, flat_phi).reshape(shape)},
-        "log_prior": log_prior,
-        "log_likelihood": {"per_test": np.concatenate(per_test).reshape(*shape, -1)},
+        "sample_stats": {"lp": np.concatenate([density(points[part]) for part in chunks]).reshape(beta.shape[:2])},
+        "log_prior": {"parameters": bound.log_prior(beta), "hyper": bound.hyper_prior.log_density(phi)},
+        "log_likelihood": {"per_test": np.concatenate(per_test).reshape(*beta.shape[:2], -1)},
         "observed_data": {"reading_mm": np.concatenate([test.readings_mm() for test in tests])},
         "constant_data": {
             "angle_rad": np.concatenate([test.angles_rad() for test in tests]),
@@ -326,14 +297,6 @@ def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator
             "reference_force_N": np.array(bound.setting.reference_force_N),
         },
     }
-    return groups
-
-
-def _log_density(bound: BoundModel, beta: Array, phi: Array) -> Array:
-    """ln p(β, free coordinates of φ | y) up to a constant, shape (draws,)."""
-    density = JointDensity(bound)
-    points = density.join(beta, bound.hyper_prior.free(phi))
-    return np.concatenate([density(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)])
 
 
 def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
@@ -344,10 +307,9 @@ def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
 def _prior_draws(bound: BoundModel, rng: np.random.Generator) -> dict[str, Array]:
     """Draws of the prior inside the truncation, one chain; a flat prior leaves the hyper-parameters only."""
     phi = bound.hyper_prior.draw(_PRIOR_DRAWS, rng)[None]
-    hyper = {str(name): phi[..., j] for j, name in enumerate(bound.hyper_prior.names)}
     if bound.model.prior.flat:
-        return hyper
-    return _named(bound, draw_parameters(bound, _PRIOR_DRAWS, rng)[None], phi)
+        return {str(name): phi[..., j] for j, name in enumerate(bound.hyper_prior.names)}
+    return _named(bound, bound.draw_parameters(_PRIOR_DRAWS, rng)[None], phi)
 
 
 def _units(bound: BoundModel) -> dict[str, str]:
@@ -357,9 +319,9 @@ def _units(bound: BoundModel) -> dict[str, str]:
 
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:
-    finite = {p.name: (p.prior_sd if np.isfinite(p.prior_sd) else None) for p in bound.parameters}
+    prior_sd = {p.name: (p.prior_sd if np.isfinite(p.prior_sd) else None) for p in bound.parameters}
     quantiles = bound.hyper_prior.quantile((np.arange(2000)[:, None] + 0.5) / 2000)
-    finite |= {str(name): float(sd) for name, sd in zip(bound.hyper_prior.names, quantiles.std(axis=0), strict=True)}
+    prior_sd |= {str(name): float(sd) for name, sd in zip(bound.hyper_prior.names, quantiles.std(axis=0), strict=True)}
     return {
         "preset": bound.model.preset,
         "degree": bound.model.degree,
@@ -370,7 +332,7 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
         "priors": "preset" if _has_preset_priors(bound.model) else "edited",
         "sha256": model_sha256(bound.model),
         "toml": model_to_toml(bound.model),
-        "prior_sd": finite,
+        "prior_sd": prior_sd,
         "prior_mean": {p.name: p.prior_mean for p in bound.parameters if np.isfinite(p.prior_sd)},
         "fixed": list(bound.model.fixed),
         "groups": {p.name: p.group for p in bound.parameters},

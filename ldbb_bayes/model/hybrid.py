@@ -5,52 +5,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from functools import cached_property
+from typing import Any, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.model.columns import HYPERS, Hyper, Nuisance
-from ldbb_bayes.model.prior import Prior, degree_of
-from ldbb_bayes.model.terms import (
-    BallForm,
-    BarLength,
-    Compliance,
-    Discrepancy,
-    Drift,
-    ForceError,
-    GeometricErrors,
-    Hysteresis,
-    Mount,
-    SetupShift,
-)
-from ldbb_bayes.notebook import table_html
+from ldbb_bayes.machine.forward import geometric_reading_mm
+from ldbb_bayes.machine.identifiable import kept_compliances
+from ldbb_bayes.machine.names import ComplianceName, GeometricName
+from ldbb_bayes.model.fourier import SIZE, Reduced, basis, reduce_readings
+from ldbb_bayes.model.gaussian import least_squares
+from ldbb_bayes.model.likelihood import ParameterConditional, StructuredGaussian
+from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit
+from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
+from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper, Scale, Term
+from ldbb_bayes.model.truncation import Orthant, Truncation
+from ldbb_bayes.result import Result
 
-if TYPE_CHECKING:
-    from ldbb_bayes.model.bound import BoundModel
-    from ldbb_bayes.model.simulate import Simulation
+__all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation"]
 
-__all__ = ["NUISANCES", "HybridModel", "Preset"]
-
+Array = NDArray[Any]
 Preset = Literal["default", "paper"]
-NUISANCES: Mapping[str, type[Nuisance]] = {
-    "ball-form": BallForm,
-    "bar-length": BarLength,
-    "mount": Mount,
-    "force-error": ForceError,
-    "setup-shift": SetupShift,
-    "discrepancy": Discrepancy,
-    "hysteresis": Hysteresis,
-    "drift": Drift,
-}
-_ON_DEMAND = ("drift",)
+_SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
+# φ in this order, then the scales of other terms in theirs.
+_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau")
 
 
 @dataclass(frozen=True)
-class HybridModel:
+class HybridModel(Result):
     """The model of a campaign, not yet bound to one.
 
     Parameters
@@ -73,7 +62,9 @@ class HybridModel:
     """
 
     degree: int = 1
-    nuisances: tuple[Nuisance, ...] = field(default_factory=lambda: _usual())
+    nuisances: tuple[Term, ...] = field(
+        default_factory=lambda: tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
+    )
     prior: Prior = field(default_factory=Prior.default)
     reference_force_N: float | None = None
     preset: Preset = "default"
@@ -93,6 +84,14 @@ class HybridModel:
                 f"{torn} must be fixed at zero or have a prior mean, got both ({self.prior.means[torn]:g}). Remove one of them."
             )
         kinds = [type(term) for term in self.nuisances]
+        for kind in kinds:
+            if not issubclass(kind, Term) or "__dataclass_fields__" not in vars(kind):
+                raise InputError(
+                    f"nuisances must be terms, got {kind.__name__}. Derive its class from Term, under @dataclass(frozen=True)."
+                )
+        names = [scale.name for scale in dict.fromkeys(self.scales)]
+        if len(set(names)) < len(names):
+            raise InputError(f"hyper-parameters must differ, got {', '.join(names)}. Rename the scale of a term of your own.")
         repeated = next((kind for kind in kinds if kinds.count(kind) > 1), None)
         if repeated is not None:
             raise InputError(f"nuisances must differ, got {repeated.__name__} twice. Remove one.")
@@ -135,10 +134,11 @@ class HybridModel:
         means = {name: 0.0 if name in names else mean for name, mean in self.prior.means.items()}
         return replace(self, fixed=(*self.fixed, *names), prior=replace(self.prior, means=means))
 
-    def including(self, *terms: Nuisance) -> HybridModel:
+    def including(self, *terms: Term) -> HybridModel:
         """The same model with these nuisances, in place of its own of the same kind: ``including(Drift("temperature"))``."""
         own = {type(term): term for term in (*self.nuisances, *terms)}
-        return replace(self, nuisances=tuple(own[kind] for kind in NUISANCES.values() if kind in own))
+        places = [*Term.kinds.values(), *own]
+        return replace(self, nuisances=tuple(own[kind] for kind in sorted(own, key=places.index)))
 
     def without(self, *names: str) -> HybridModel:
         """The same model without the named terms (``ball-form`` … ``hysteresis``, ``truncation``).
@@ -148,33 +148,25 @@ class HybridModel:
         InputError
             For an unknown name.
         """
-        check_known("term", names, (*NUISANCES, "truncation"))
-        drop = tuple(NUISANCES[name] for name in names if name != "truncation")
+        check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = self.prior.untruncated() if "truncation" in names else self.prior
-        return replace(self, nuisances=tuple(term for term in self.nuisances if not isinstance(term, drop)), prior=prior)
+        return replace(self, nuisances=tuple(term for term in self.nuisances if term.key() not in names), prior=prior)
+
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        """Active hyper-parameters; σ always, the others with their term."""
+        own = dict.fromkeys([_SIGMA, *(scale for term in self.nuisances for scale in term.scales)])
+        return tuple(sorted(own, key=lambda scale: _ORDER.index(scale.name) if scale.name in _ORDER else len(_ORDER)))
 
     @property
     def hypers(self) -> tuple[Hyper, ...]:
-        """Active hyper-parameters; σ always, the others with their term."""
-        active = {"sigma", *(name for term in self.nuisances for name in term.hypers)}
-        return tuple(name for name in HYPERS if name in active)
+        """Their names."""
+        return tuple(scale.name for scale in self.scales)
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Class names of all terms."""
-        own = (type(Compliance()).__name__, type(GeometricErrors()).__name__)
-        return (*own, *(type(term).__name__ for term in self.nuisances))
-
-    def _repr_html_(self) -> str:
-        compliance = ("constant", "linear in force", "quadratic in force")[self.degree]
-        rows = [
-            {"term": type(term).__name__, "settings": ", ".join(f"{k} = {_shown(v)}" for k, v in vars(term).items())}
-            for term in self.nuisances
-        ]
-        prior = "flat" if self.prior.flat else "proper, truncated to physical compliances" if self.prior.truncated else "proper"
-        return table_html(
-            f"HybridModel: compliance {compliance}; priors {prior}; nuisances", rows or [{"term": "none", "settings": ""}]
-        )
+        """Names of all terms."""
+        return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
         """The model of this campaign (or plan): columns, reduced readings, likelihood.
@@ -184,8 +176,6 @@ class HybridModel:
         InputError
             For degree ≥ 1 with one force level, or flat priors that the forces leave undetermined.
         """
-        from ldbb_bayes.model.bound import BoundModel
-
         return BoundModel(self, campaign)
 
     def simulate(
@@ -197,15 +187,479 @@ class HybridModel:
         hyper_um: Mapping[str, float] | None = None,
         exact: bool = False,
     ) -> Simulation:
-        """Readings of a plan that this model believes; see `ldbb_bayes.model.simulate.simulate`."""
-        from ldbb_bayes.model.simulate import simulate
+        """Simulate the readings of a plan (or replace those of a campaign).
 
-        return simulate(self, plan, seed=seed, parameters=parameters, hyper_um=hyper_um, exact=exact)
+        Parameters
+        ----------
+        parameters : mapping, optional
+            True values in inside units; what it leaves out is zero. Default: one draw from the prior, inside the truncation.
+        hyper_um : mapping, optional
+            True hyper-parameters [µm]; what it leaves out is drawn from its prior.
+        exact : bool
+            Geometric errors through the exact forward model (Eq. 1-14) instead of the linear one.
+
+        Raises
+        ------
+        InputError
+            For unknown names, negative hyper-parameters, or a flat prior without parameters.
+        """
+        rng = np.random.default_rng(seed)
+        bound = self.bind(plan)
+        if parameters is None:
+            beta = bound.draw_parameters(1, rng)[0]
+        else:
+            check_known("parameter", parameters, bound.names)
+            beta = np.array([parameters.get(name, 0.0) for name in bound.names], dtype=float)
+        phi = _true_hyper(bound, hyper_um or {}, rng)
+        truth = replace(bound.setting, compliance_estimate=bound.compliance_at(bound.setting.reference_force_N) @ beta)
+        coefficients = bound.interest @ beta + bound.known_offset
+        for term in self.nuisances:
+            for columns in term.columns(truth):
+                coefficients = coefficients + _contribution(columns, phi, truth.tests, rng)
+        tests = []
+        for test, own in zip(plan.tests, coefficients, strict=True):
+            reading = basis(test.angles_rad()) @ own + rng.normal(0.0, phi["sigma"], len(test.angle_deg))
+            if exact:
+                reading = reading + bound.linearisation_error_mm(test, beta)
+            tests.append(test.with_reading_um(reading * 1e3))
+        return Simulation(
+            replace(plan, tests=tuple(tests)),
+            dict(zip(bound.names, beta.tolist(), strict=True)),
+            {name: float(value * 1e3) for name, value in phi.items()},
+        )
 
 
-def _usual() -> tuple[Nuisance, ...]:
-    return tuple(term() for name, term in NUISANCES.items() if name not in _ON_DEMAND)
+@dataclass(frozen=True)
+class Simulation(Result):
+    """A simulated campaign and what it was made from.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    parameters : dict of parameter to true value
+        In inside units (mm, N, rad).
+    hyper_um : dict of hyper-parameter to true value [µm]
+    """
+
+    campaign: Campaign
+    parameters: dict[str, float]
+    hyper_um: dict[str, float]
 
 
-def _shown(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
+def _true_hyper(bound: BoundModel, given: Mapping[str, float], rng: np.random.Generator) -> dict[Hyper, float]:
+    names = bound.hyper_prior.names
+    check_known("hyper-parameter", given, names)
+    for name, value in given.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise InputError(f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.")
+    drawn = bound.hyper_prior.draw(1, rng)[0]
+    return {name: given[name] * 1e-3 if name in given else float(value) for name, value in zip(names, drawn, strict=True)}
+
+
+def _contribution(columns: Columns | BasisNoise, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
+    """One draw of a nuisance term, shape (tests, 25) [mm]."""
+    if isinstance(columns, BasisNoise):
+        return phi[columns.hyper] * columns.sd * rng.standard_normal((tests, SIZE))
+    sd = columns.sd * (phi[columns.hyper] if columns.hyper else 1.0)
+    shape = (tests, len(sd)) if columns.private else (1, len(sd))
+    drawn = np.broadcast_to(sd * rng.standard_normal(shape), (tests, len(sd)))
+    return np.einsum("tkq,tq->tk", columns.values, drawn)
+
+
+Group = Literal["compliance", "slope", "geometric"]
+_PLANNED_COMPLIANCE = 5e-5
+_KEPT: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of interest: name, unit, prior sd (infinite when flat), group, of a compliance the power of force it goes
+    with, and the prior mean (zero when flat)."""
+
+    name: str
+    unit: str
+    prior_sd: float
+    group: Group
+    degree: int = 0
+    prior_mean: float = 0.0
+
+    @property
+    def compliance(self) -> str:
+        """The compliance that a slope belongs to: C_XXX for C_XXX_1."""
+        return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
+
+
+class BoundModel:
+    """The model of one campaign.
+
+    Parameters
+    ----------
+    model : HybridModel
+    campaign : Campaign
+    keep : sequence of str, optional
+        Names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay those of the whole campaign.
+    pilot : Campaign, optional
+        Of a plan: the campaign whose F0, force range and Ĉ are used instead of the plan's own.
+
+    Attributes
+    ----------
+    model, campaign, pilot : as given
+    parameters : tuple of Parameter
+        Compliances, their slopes degree by degree, geometric errors.
+    test_names : tuple of str
+    setting : Setting
+    reduced : tuple of Reduced
+    interest : ndarray, shape (tests, 25, p)
+        H: columns of the parameters of interest.
+    physical : Truncation
+        The region of physical compliances, C(F) ≥ 0.
+    truncation : Truncation
+        The same where the prior imposes it, else the whole space.
+    """
+
+    def __init__(
+        self, model: HybridModel, campaign: Campaign, *, keep: Sequence[str] | None = None, pilot: Campaign | None = None
+    ) -> None:
+        _check(model, campaign if pilot is None else pilot)
+        self.model, self.campaign, self.pilot = model, campaign, pilot
+        kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
+        self.compliances: tuple[ComplianceName, ...] = kept.names
+        self._kept = kept
+        self.geometric_errors: tuple[GeometricName, ...] = geometric_errors_of(campaign)
+        reduced = _reduced(campaign)
+        whole = setting_of(campaign, self.compliances, model.reference_force_N, pilot=pilot)
+        every = self._list_parameters(whole.force_range_N)
+        check_known("fixed parameter", model.fixed, [parameter.name for parameter in every])
+        self._free = np.array([parameter.name not in model.fixed for parameter in every])
+        self.parameters = tuple(parameter for parameter in every if parameter.name not in model.fixed)
+        self.physical = Truncation(self._physical_rows(campaign, whole.reference_force_N))
+        self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.parameters))))
+        estimate = self._estimate(whole, reduced) if pilot is None else self._estimate_of(pilot)
+        whole = replace(whole, compliance_estimate=estimate)
+        rows = _rows(campaign, keep)
+        self.setting: Setting = whole.select(rows)
+        self.reduced = tuple(reduced[i] for i in rows)
+        self.test_names = tuple(campaign.tests[i].name for i in rows)
+        self.interest = self._interest(self.setting)
+        self.hyper_prior = model.prior.hyper(model.scales, campaign.resolution_um)
+
+    def keeping(self, names: Sequence[str]) -> BoundModel:
+        """The same binding with only the named tests; campaign properties stay frozen."""
+        return BoundModel(self.model, self.campaign, keep=names, pilot=self.pilot)
+
+    def with_two_balls(self) -> BoundModel:
+        """The same binding with a form for each ball, as other readings with the same balls need."""
+        found = BoundModel(self.model, self.campaign, keep=self.test_names, pilot=self.pilot)
+        found.setting = replace(found.setting, two_balls=True)
+        return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters of interest."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Class names of the terms that act on this campaign: hysteresis needs both directions of travel."""
+        idle = [kind.__name__ for kind, columns in self.columns_of.items() if not columns]
+        return tuple(name for name in self.model.terms if name not in idle)
+
+    def compliance_at(self, force_N: float, *, reference_force_N: float | None = None) -> Array:
+        """Rows A with C(F) = A β, one per kept compliance, shape (compliances, p)."""
+        reference = self.setting.reference_force_N if reference_force_N is None else reference_force_N
+        labels = [name.label for name in self.compliances]
+        rows = np.zeros((len(labels), len(self.parameters)))
+        for column, parameter in enumerate(self.parameters):
+            if parameter.group != "geometric":
+                rows[labels.index(parameter.compliance), column] = (force_N - reference) ** parameter.degree
+        return rows
+
+    @cached_property
+    def prior_sd(self) -> Array:
+        """Prior sd of the parameters, shape (p,); infinite when flat."""
+        return np.array([parameter.prior_sd for parameter in self.parameters])
+
+    @cached_property
+    def prior_mean(self) -> Array:
+        """Prior mean of the parameters, shape (p,); zero when flat."""
+        return np.array([parameter.prior_mean for parameter in self.parameters])
+
+    @cached_property
+    def scale(self) -> Array:
+        """Typical size of every parameter, shape (p,): its prior sd, or the default prior's when flat."""
+        if not self.model.prior.flat:
+            return self.prior_sd
+        return self._sd_of(Prior.default(), self.setting.force_range_N)[self._free]
+
+    @cached_property
+    def centre(self) -> Array:
+        """Least-squares estimate about which densities are computed, shape (p,); the prior mean for a plan."""
+        return self._fit(self.interest, self.prior_mean, self.scale, self.setting, self.reduced)
+
+    @property
+    def known_offset(self) -> Array:
+        """Nominal mount deflection still in the readings (Eq. 32), shape (tests, 25) [mm]; zero when compensated."""
+        return _mount_mean(self.setting)
+
+    @cached_property
+    def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
+        """The nuisances' columns, term by term in the model's order; of a term that does not act here, none."""
+        return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
+
+    @property
+    def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
+        """The same without their terms."""
+        return tuple(column for columns in self.columns_of.values() for column in columns)
+
+    @cached_property
+    def given_interest(self) -> StructuredGaussian:
+        """p(y | β, φ): nuisances integrated out. Coefficients are β − centre."""
+        return self._structured(())
+
+    @cached_property
+    def collapsed(self) -> StructuredGaussian:
+        """p(y | φ): nuisances and β integrated out, truncation left aside. The last shared coefficients are β − centre."""
+        return self._structured((Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre),))
+
+    def log_likelihood(self, phi: Array, beta: Array) -> Array:
+        """ln p(y | β, φ), shape (w,). φ (w, h) [mm], β (w, p)."""
+        return self.given_interest.log_density(phi, beta - self.centre)
+
+    def log_likelihood_per_test(self, phi: Array, beta: Array) -> Array:
+        """ln p(y_r | other tests, β, φ), shape (w, tests): shared nuisances make tests dependent."""
+        shifted = beta - self.centre
+        return self.given_interest.log_density(phi, shifted)[:, None] - self.given_interest.log_density_without(phi, shifted)
+
+    def log_prior(self, beta: Array) -> Array:
+        """ln p(β), shape (...): −inf outside the truncation, its prior probability divided out; 0 when flat."""
+        if self.model.prior.flat:
+            return np.zeros(beta.shape[:-1])
+        white = (beta - self.prior_mean) / self.prior_sd
+        density = -0.5 * (white**2).sum(axis=-1) - np.log(self.prior_sd * np.sqrt(2 * np.pi)).sum()
+        if not self.truncation.active:
+            return np.asarray(density)
+        return np.where(self.truncation.holds(beta), density - self.log_prob_truncation_prior, -np.inf)
+
+    @cached_property
+    def log_prob_truncation_prior(self) -> float:
+        """ln P(T | prior); 0 without truncation. Compliances that share no parameter are independent."""
+        if not self.truncation.active:
+            return 0.0
+        mean, spread = self.truncation.rows @ self.prior_mean, self.truncation.rows * self.prior_sd
+        count, label = connected_components(np.abs(spread @ spread.T) > 0.0, directed=False)
+        blocks = [(mean[None, label == k], spread[None, label == k]) for k in range(count)]
+        values = [Orthant(*block).log_probability(1 << 14)[0][0] for block in blocks]
+        return float(np.sum(values))
+
+    def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
+        """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β | y, φ)."""
+        log_evidence, shared = self.collapsed.conditional(phi, np.zeros(len(self.names)))
+        p = len(self.names)
+        return log_evidence, ParameterConditional(
+            shared.mean[:, -p:] + self.centre, shared.precision_root[:, -p:, -p:], shared.scale[:, -p:], self.physical
+        )
+
+    def log_evidence(self, phi: Array) -> Array:
+        """ln p(y | φ) alone, shape (w,); see `given`."""
+        return self.collapsed.log_density(phi, np.zeros(len(self.names)))
+
+    def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
+        """Draws of β from its prior inside the truncation, shape (size, p).
+
+        Raises
+        ------
+        InputError
+            For a flat prior, which cannot be drawn from.
+        """
+        if self.model.prior.flat:
+            raise InputError("parameters must be given when the prior is flat, got none. Pass true values.")
+        p = len(self.names)
+        if not self.truncation.active:
+            return self.prior_mean + rng.standard_normal((size, p)) * self.prior_sd
+        draws = np.zeros((0, p))
+        spread = np.broadcast_to(np.diag(self.prior_sd), (size, p, p))
+        mean = np.broadcast_to(self.prior_mean, (size, p))
+        while len(draws) < size:
+            white, exact = self.truncation.orthants(mean, spread).draw_spread(rng)
+            beta = self.prior_mean + white * self.prior_sd
+            draws = np.concatenate([draws, beta[exact & self.truncation.holds(beta)]])
+        return draws[:size]
+
+    def linearisation_error_mm(self, test: CircularTest, beta: Array) -> Array:
+        """Exact (Eq. 1-14) minus linear geometric reading of one test, shape (n,) [mm]. β (p,)."""
+        values = dict(zip(self.names, beta.tolist(), strict=True))
+        angle = test.angles_rad()
+        errors = np.array([values.get(name.label, 0.0) for name in self.geometric_errors])
+        linear = basis(angle) @ (self.setting.geometric[self.test_names.index(test.name)] @ errors)
+        named = {
+            replace(name, setup=0).label: values.get(name.label, 0.0)
+            for name in self.geometric_errors
+            if not (name.kind == "offset" and (name.setup or 1) != test.setup)
+        }
+        return geometric_reading_mm(self.campaign.machine(), test.circle, angle, named) - linear
+
+    def largest_linearisation_error_mm(self, beta: Array) -> float:
+        """The largest absolute error over all readings [mm]."""
+        tests = [test for test in self.campaign.tests if test.name in self.test_names]
+        return float(max(np.abs(self.linearisation_error_mm(test, beta)).max() for test in tests))
+
+    def _structured(self, extra: tuple[Columns, ...]) -> StructuredGaussian:
+        columns = [term for term in self.nuisance_columns if isinstance(term, Columns)]
+        offset = self.interest @ self.centre + self.known_offset
+        shared = [replace(term, mean=None) for term in columns if not term.private]
+        return StructuredGaussian(
+            self.reduced,
+            noise=[term for term in self.nuisance_columns if isinstance(term, BasisNoise)],
+            private=[term for term in columns if term.private],
+            shared=[*shared, *extra],
+            interest=self.interest,
+            offset=offset,
+            hypers=self.model.hypers,
+        )
+
+    def _interest(self, setting: Setting) -> Array:
+        """Columns F (F − F0)^k j_C, k = 0 … degree (Eq. 22, 33), and j_G (Eq. 16-18)."""
+        lever = setting.force_N - setting.reference_force_N
+        powers = [setting.force_N * lever**k for k in range(self.model.degree + 1)]
+        elastic = [power[:, None, None] * setting.wrench for power in powers]
+        return np.concatenate([*elastic, setting.geometric], axis=2)[:, :, self._free]
+
+    def _estimate_of(self, pilot: Campaign) -> Array:
+        """The pilot's Ĉ; what it does not know of, as for a plan."""
+        known = BoundModel(self.model, pilot)
+        labels = [name.label for name in known.compliances]
+        return np.array(
+            [
+                known.setting.compliance_estimate[labels.index(name.label)] if name.label in labels else planned
+                for name, planned in zip(self.compliances, self._planned(), strict=True)
+            ]
+        )
+
+    def _planned(self) -> Array:
+        """What no readings tell: the prior mean where the prior has one, else a usual machine's."""
+        usual = {name.label: _PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances}
+        return np.array([self.model.prior.means.get(name, value) for name, value in usual.items()])
+
+    def _estimate(self, setting: Setting, reduced: Sequence[Reduced]) -> Array:
+        """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, nearest to the prior mean in units of the prior sd."""
+        if reduced[0].projection is None:
+            return self._planned()
+        columns = np.concatenate([setting.force_N[:, None, None] * setting.wrench, setting.geometric], axis=2)
+        prior = Prior.default() if self.model.prior.flat else self.model.prior
+        compliance = self._compliance_sd(prior, 0, setting.force_range_N)
+        scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors)])
+        names = [*(name.label for name in self.compliances), *(name.label for name in self.geometric_errors)]
+        mean = np.array([self.model.prior.means.get(name, 0.0) for name in names])
+        found = self._fit(columns, mean, scale, setting, reduced)[: len(self.compliances)]
+        seen = np.abs(setting.wrench).max(axis=(0, 1)) > 0.0
+        return np.where(seen, found, self._planned())
+
+    @staticmethod
+    def _fit(columns: Array, near: Array, scale: Array, setting: Setting, reduced: Sequence[Reduced]) -> Array:
+        """Least squares; where not unique, what is closest to ``near`` in units of ``scale``. Of a plan, ``near`` itself."""
+        if reduced[0].projection is None:
+            return near
+        mean = _mount_mean(setting)
+        rows = np.concatenate([test.factor @ columns[r] for r, test in enumerate(reduced)])
+        values = [np.asarray(test.projection) - test.factor @ mean[r] for r, test in enumerate(reduced)]
+        return near + least_squares(rows, np.concatenate(values) - rows @ near, scale)
+
+    def _list_parameters(self, force_range_N: float) -> tuple[Parameter, ...]:
+        sd = self._sd_of(self.model.prior, force_range_N)
+        if self.model.prior.flat:
+            sd = np.full(len(sd), np.inf)
+        names: list[tuple[str, str, Group, int]] = []
+        for k in range(self.model.degree + 1):
+            group: Group = "slope" if k else "compliance"
+            suffix = f"_{k}" if k else ""
+            names += [(c.label + suffix, compliance_unit(c, k), group, k) for c in self.compliances]
+        names += [(name.label, geometric_unit(name.kind), "geometric", 0) for name in self.geometric_errors]
+        self.model.prior.check_names([name for name, *_ in names])
+        means = self.model.prior.means
+        return tuple(Parameter(n, u, float(s), g, k, means.get(n, 0.0)) for (n, u, g, k), s in zip(names, sd, strict=True))
+
+    def _sd_of(self, prior: Prior, force_range_N: float) -> Array:
+        degrees = range(self.model.degree + 1)
+        compliance = [self._compliance_sd(prior, k, force_range_N) for k in degrees]
+        return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors)])
+
+    def _compliance_sd(self, prior: Prior, degree: int, force_range_N: float) -> Array:
+        """Prior sd of every kept compliance; what it has absorbed of dropped sets is added in quadrature, unless overridden."""
+        own = prior.compliance_sd(self.compliances, degree, force_range_N)
+        suffix = f"_{degree}" if degree else ""
+        for k, (name, absorbed) in enumerate(zip(self.compliances, self._kept.absorbed, strict=True)):
+            heads = [other for other in absorbed if other.label in self._kept.dependent]
+            if heads and name.label + suffix not in prior.overrides:
+                sd = prior.compliance_sd(heads, degree, force_range_N)
+                own[k] = np.hypot(own[k], np.linalg.norm([absorbed[other] for other in heads] * sd))
+        return own
+
+    def _check_room(self, bounded: Sequence[int], at: Sequence[Array], reference_force_N: float) -> None:
+        """Refuse a compliance fixed at zero at F0 whose free slope would make it negative on one side of F0."""
+        for j in bounded:
+            label = self.compliances[j].label
+            slopes = [p for p in self.parameters if p.compliance == label and p.degree]
+            signs = {float(np.sign(rows[j] @ [p in slopes for p in self.parameters])) for rows in at}
+            if label in self.model.fixed and [p.degree for p in slopes] == [1] and {-1.0, 1.0} <= signs:
+                raise InputError(
+                    f"{label} must not be fixed at zero while {slopes[0].name} is free: about F0 = {reference_force_N:g} N C(F) "
+                    f"would be negative on one side. Fix {slopes[0].name} too, or give a reference_force_N outside "
+                    "the tested forces."
+                )
+
+    def _physical_rows(self, campaign: Campaign, reference_force_N: float) -> Array:
+        """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind."""
+        forces = np.unique(campaign.forces_N)
+        if self.model.degree == 0:
+            forces = forces[:1]
+        elif self.model.degree == 1:
+            forces = forces[[0, -1]]
+        bounded = np.flatnonzero(self._kept.not_negative).tolist()
+        at = [self.compliance_at(force, reference_force_N=reference_force_N) for force in forces]
+        self._check_room(bounded, at, reference_force_N)
+        rows = [tuple(rows[j]) for j in bounded for rows in at]
+        return np.array([row for row in dict.fromkeys(rows) if any(row)]).reshape(-1, len(self.parameters))
+
+
+def _check(model: HybridModel, campaign: Campaign) -> None:
+    levels = campaign.force_levels
+    if levels == 1 and model.degree >= 1:
+        raise InputError(
+            f"degree ≥ 1 must have at least two force levels, got one ({campaign.forces_N[0]:g} N). "
+            "Use degree 0 (--degree 0), or add tests at another force."
+        )
+    if levels == 1 and model.prior.flat:
+        raise InputError(
+            f"flat priors must have at least two force levels, got one ({campaign.forces_N[0]:g} N): constant compliance and "
+            "geometry cannot be separated. Use the default preset or add tests at another force."
+        )
+    if model.prior.flat and levels < model.degree + 2:
+        raise InputError(
+            f"flat priors at degree {model.degree} must have at least {model.degree + 2} force levels, got {levels}: "
+            "compliance and geometry cannot be separated. Use the default preset, a lower degree, or add tests at another force."
+        )
+
+
+def _rows(campaign: Campaign, keep: Sequence[str] | None) -> list[int]:
+    if keep is None:
+        return list(range(len(campaign.tests)))
+    chosen = campaign.select(keep)
+    names = {test.name for test in chosen.tests}
+    return [i for i, test in enumerate(campaign.tests) if test.name in names]
+
+
+def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
+    """The reduced readings, computed once while the campaign lives: comparisons bind it to hundreds of models."""
+    if campaign not in _KEPT:
+        plan = campaign.is_plan
+        _KEPT[campaign] = tuple(
+            reduce_readings(test.angles_rad(), None if plan else test.readings_mm()) for test in campaign.tests
+        )
+    return _KEPT[campaign]
+
+
+def _mount_mean(setting: Setting) -> Array:
+    mean = np.zeros((setting.tests, SIZE))
+    if not setting.compensated:
+        mean[:, 0] = setting.pressure_bar * setting.deflection_um_per_bar * 1e-3
+    return mean

@@ -16,9 +16,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.columns import BasisNoise, Hyper
-from ldbb_bayes.model.triangular import solve_lower
+from ldbb_bayes.model.gaussian import solve_lower
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms import BasisNoise, Hyper
 
 __all__ = ["NOISE", "OWN", "Information", "information_of", "informations_of"]
 

@@ -23,8 +23,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of
 from ldbb_bayes.machine.names import ComplianceName
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.meaning import Meaning, same_meaning, stands_for
-from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.prior import Meaning, compliance_unit, same_meaning, stands_for
 
 __all__ = ["FILE", "PopulationPrior", "digest_of", "prior_from"]
 

@@ -1,11 +1,11 @@
-"""What the terms of the model see of a campaign: one row per test, and the properties that belong to the campaign as a whole."""
+"""The tests as the model sees them: one row per test, columns of machine and circle as coefficients of the circle's basis."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.names import ComplianceName, GeometricName, geometric_names
-from ldbb_bayes.model.basis import coefficients
+from ldbb_bayes.model.fourier import SIZE, coefficients, harmonic_index
 
 __all__ = ["TRAVEL", "Setting", "geometric_errors_of", "setting_of"]
 
@@ -31,7 +31,7 @@ class Setting:
     ----------
     force_N, pressure_bar, radius_mm : ndarray, shape (tests,)
     work_ball_rad, tool_ball_rad : ndarray, shape (tests,)
-    plane : ndarray of str, shape (tests,)
+    plane, setup : ndarray of str and int, shape (tests,)
     travel : ndarray, shape (tests,)
         +1 clockwise, −1 counterclockwise, 0 where not stated.
     time_h, temperature_K : ndarray, shape (tests,)
@@ -46,12 +46,8 @@ class Setting:
         F0 and F_max − F_min.
     two_balls : bool
         Whether the clocking of either ball differs between tests.
-    radii_mm : ndarray
-        Different radii of the whole campaign; every one has its own bar length.
-    planes : tuple of str
-        Planes of the whole campaign.
-    both_ways : tuple of str
-        Planes run in both directions of travel.
+    radii_mm, setups, planes, both_ways : tuple
+        Of the whole campaign: different radii and set-ups, planes, and planes run in both directions of travel.
     compliance_estimate : ndarray, shape (compliances,)
         Ĉ, used only to linearise the force error.
     compensated : bool
@@ -64,6 +60,7 @@ class Setting:
     work_ball_rad: Array
     tool_ball_rad: Array
     plane: Array
+    setup: Array
     travel: Array
     time_h: Array
     temperature_K: Array
@@ -73,7 +70,8 @@ class Setting:
     reference_force_N: float
     force_range_N: float
     two_balls: bool
-    radii_mm: Array
+    radii_mm: tuple[float, ...]
+    setups: tuple[int, ...]
     planes: tuple[str, ...]
     both_ways: tuple[str, ...]
     compliance_estimate: Array
@@ -87,24 +85,35 @@ class Setting:
 
     def select(self, rows: Sequence[int]) -> Setting:
         """Only these tests; what belongs to the whole campaign stays."""
-        per_test = [name for name, value in vars(self).items() if name in _PER_TEST and isinstance(value, np.ndarray)]
-        return replace(self, **{name: getattr(self, name)[list(rows)] for name in per_test})
+        per_test = [name for name, value in vars(self).items() if isinstance(value, np.ndarray)]
+        return replace(self, **{name: getattr(self, name)[list(rows)] for name in per_test if name != "compliance_estimate"})
 
+    def each(self, what: Literal["plane", "radius", "setup"]) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
+        """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only one), and its tests."""
+        own, every = {
+            "plane": (self.plane, self.planes),
+            "radius": (self.radius_mm, self.radii_mm),
+            "setup": (self.setup, self.setups),
+        }[what]
+        for value in every:
+            text = value if isinstance(value, str) else f"{value:g}"
+            yield value, f"_{text}" if len(every) > 1 else "", own == value
 
-_PER_TEST = (
-    "force_N",
-    "pressure_bar",
-    "radius_mm",
-    "work_ball_rad",
-    "tool_ball_rad",
-    "plane",
-    "travel",
-    "time_h",
-    "temperature_K",
-    "direction",
-    "wrench",
-    "geometric",
-)
+    def harmonics(self, orders: Sequence[int], turned_rad: Array | float = 0.0) -> Array:
+        """cos n(θ − ψ), sin n(θ − ψ) for every order n, shape (tests, 25, 2 orders); ψ of each test, as a ball's clocking."""
+        values = np.zeros((self.tests, SIZE, 2 * len(orders)))
+        for j, n in enumerate(orders):
+            c, s = harmonic_index(n)
+            turn = n * np.remainder(turned_rad, 2 * np.pi)
+            values[:, c, 2 * j], values[:, s, 2 * j] = np.cos(turn), np.sin(turn)
+            values[:, c, 2 * j + 1], values[:, s, 2 * j + 1] = -np.sin(turn), np.cos(turn)
+        return np.where(np.abs(values) < 1e-14, 0.0, values)
+
+    def constant(self, values: Array) -> Array:
+        """What does not depend on the angle, (tests, p) or (tests,), as columns, shape (tests, 25, p)."""
+        columns = np.zeros((self.tests, SIZE, 1 if values.ndim == 1 else values.shape[1]))
+        columns[:, 0] = values[:, None] if values.ndim == 1 else values
+        return columns
 
 
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
@@ -141,6 +150,7 @@ def setting_of(
         work_ball_rad=clockings[:, 0],
         tool_ball_rad=clockings[:, 1],
         plane=plane,
+        setup=np.array([test.setup or 1 for test in campaign.tests]),
         travel=travel,
         time_h=_recorded("time_s", campaign, pilot) / _HOUR_S,
         temperature_K=_recorded("temperature_C", campaign, pilot),
@@ -150,8 +160,9 @@ def setting_of(
         reference_force_N=float((known.min() + known.max()) / 2.0) if reference_force_N is None else float(reference_force_N),
         force_range_N=float(known.max() - known.min()),
         two_balls=_clocked(clockings),
-        radii_mm=np.unique(np.array([test.radius_mm for test in campaign.tests], dtype=float)),
-        planes=machine.planes if isinstance(machine.planes, tuple) else (machine.planes,),
+        radii_mm=tuple(sorted({float(test.radius_mm or 0.0) for test in campaign.tests})),
+        setups=tuple(sorted({test.setup or 1 for test in campaign.tests})),
+        planes=tuple(machine.planes),
         both_ways=_both_ways(campaign),
         compliance_estimate=np.zeros(len(compliances)),
         compensated=campaign.mount.compensated,

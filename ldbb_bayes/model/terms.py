@@ -1,69 +1,254 @@
-"""The terms of the model: each a frozen value that answers, for a given setting, with columns in the circle's basis.
+"""The nuisance terms, each one class: its columns in the circle's basis, its scales, its unit and its words.
 
-ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + nuisances + ε. A column of test r is its 25 basis coefficients; a term's
-columns are shared by all tests or stand for each test apart.
+ρ_r(θ) = F_r Σ_k (F_r − F0)^k j_C·C_k + j_G·E + terms + ε. A column of test r is its 25 basis coefficients; a term's columns are
+shared by all tests or stand for each test apart. A term of your own is one more class derived from `Term`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.chain import LINEAR
-from ldbb_bayes.model.basis import MAX_ORDER, ORDERS, SIZE, harmonic_index
-from ldbb_bayes.model.columns import BasisNoise, Columns, Hyper
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE
 from ldbb_bayes.model.setting import Setting
 
 __all__ = [
     "BallForm",
     "BarLength",
-    "Compliance",
+    "BasisNoise",
+    "Columns",
     "Covariate",
     "Discrepancy",
     "Drift",
     "ForceError",
-    "GeometricErrors",
+    "Hyper",
     "Hysteresis",
     "Mount",
     "Moves",
+    "Scale",
     "SetupShift",
+    "Term",
+    "Unit",
 ]
 
 Array = NDArray[Any]
+Hyper = str
+
+
+class Scale(NamedTuple):
+    """A hyper-parameter: the sd, in mm, of what it scales, with a half-normal prior.
+
+    Attributes
+    ----------
+    name : str
+        As in results, which add ``_um``.
+    prior_um : float or str
+        Scale of the half-normal prior [µm], or the field of `Prior` that has it.
+    symbol, words : str
+        For reading.
+    """
+
+    name: Hyper
+    prior_um: float | str
+    symbol: str = ""
+    words: str = ""
+
+
+class Unit(NamedTuple):
+    """A coefficient's unit: in files and results; the size of one for reading, and what that is called."""
+
+    inside: str
+    one: float
+    label: str
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of one term with their Gaussian prior.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the p coefficients; they begin with the term's ``stem``.
+    values : ndarray, shape (tests, 25, p)
+    sd : ndarray, shape (p,)
+        Prior sd; where ``hyper`` names a hyper-parameter, in units of it. Infinite for a flat prior.
+    hyper : str, optional
+        The hyper-parameter that scales ``sd``.
+    private : bool
+        True when every test has its own copy of each coefficient.
+    mean : ndarray, shape (p,)
+        Prior mean.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not go together.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    sd: Array
+    hyper: Hyper | None = None
+    private: bool = False
+    mean: Array | None = None
+
+    def __post_init__(self) -> None:
+        p = len(self.names)
+        if self.values.shape[1:] != (SIZE, p) or self.sd.shape != (p,):
+            raise InputError(
+                f"columns of {', '.join(self.names)} must have values of shape (tests, {SIZE}, {p}) and sd of shape ({p},), "
+                f"got {self.values.shape} and {self.sd.shape}. Give one of each for every name."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class BasisNoise:
+    """Independent coefficients on the basis itself, separate for every test: sd = hyper · ``sd`` (25,)."""
+
+    hyper: Hyper
+    sd: Array
+
+
+class Term:
+    """A nuisance of the readings. Derive a frozen dataclass to have one of your own in fits, results, designs and model files.
+
+    Its fields are its settings, positive numbers or strings, and its keys under ``[terms]`` of a model file; its class name is
+    its name everywhere. Only `columns` has to be written; the rest has defaults.
+
+    Attributes
+    ----------
+    stem : str or tuple of str
+        What the names of its coefficients begin with; default: the class name, ball_form for BallForm.
+    unit : Unit
+        Of its coefficients.
+    words : str
+        What it is called; default: ball form for BallForm.
+    calibration, remedy : str
+        What supplies it, as a noun and as advice.
+    instrument : bool
+        Whether it belongs to bar, balls, mount or force device, and is the same wherever these are.
+    on_demand : bool
+        Whether models have it only when asked to.
+
+    Examples
+    --------
+    >>> @dataclass(frozen=True)
+    ... class PitchError(lb.Term):
+    ...     sd_um: float = 2.0
+    ...
+    ...     def columns(self, setting):
+    ...         sd = np.full(2, self.sd_um * 1e-3)
+    ...         return (lb.Columns(("pitch_error_cos5", "pitch_error_sin5"), setting.harmonics([5]), sd),)
+    """
+
+    kinds: ClassVar[dict[str, type[Term]]] = {}
+    stem: ClassVar[str | tuple[str, ...]]
+    words: ClassVar[str]
+    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
+    calibration: ClassVar[str] = "a measurement of it"
+    remedy: ClassVar[str] = "Measure it, or narrow its prior."
+    instrument: ClassVar[bool] = False
+    on_demand: ClassVar[bool] = True
+
+    def __init_subclass__(cls) -> None:
+        other = Term.kinds.get(cls.__name__)
+        if other is not None and other.__module__ != cls.__module__:
+            raise InputError(f"a term must have a name of its own, got {cls.__name__}, which {other.__module__} has. Rename it.")
+        spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
+        cls.stem = vars(cls).get("stem", spaced.replace(" ", "_"))
+        cls.words = vars(cls).get("words", spaced)
+        Term.kinds[cls.__name__] = cls
+
+    def __post_init__(self) -> None:
+        hints = _hints(type(self))
+        for name, value in vars(self).items():
+            what = f"{type(self).__name__} {name}"
+            if get_origin(hints.get(name)) is Literal:
+                check_known(what, [value], get_args(hints[name]))
+            elif not isinstance(value, str | bool) and not (np.isfinite(value) and value > 0):
+                raise InputError(f"{what} must be a positive number, got {value}. To drop the term, leave it out.")
+
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        """Its hyper-parameters."""
+        return ()
+
+    def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
+        """Its columns in a setting; none where it does not act."""
+        raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
+
+    @classmethod
+    def key(cls) -> str:
+        """Its name among options: ball-form for BallForm."""
+        return re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
+
+    @staticmethod
+    def owner(coefficient: str) -> type[Term]:
+        """The kind of term that a coefficient's name belongs to; `Term` itself when none has it."""
+        for kind in Term.kinds.values():
+            stems = (kind.stem,) if isinstance(kind.stem, str) else kind.stem
+            if any(coefficient == stem or coefficient.startswith(f"{stem}_") for stem in stems):
+                return kind
+        return Term
+
+    @classmethod
+    def unit_of(cls, coefficient: str) -> Unit:
+        """Unit of a coefficient."""
+        return cls.unit
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        """A coefficient in words: ball form (cos 2θ)."""
+        if cls is Term:
+            return coefficient
+        order = _order(coefficient) + _in_plane(coefficient)
+        return cls.words + (f" ({order.strip()})" if order else "")
+
+    @classmethod
+    def pattern(cls, coefficient: str) -> str:
+        """Its pattern after the term's words: `` in cos 2θ``; empty where it has none."""
+        order = _order(coefficient)
+        return f" in {order}{_in_plane(coefficient)}" if order else ""
+
+
+def _hints(kind: type[Term]) -> dict[str, Any]:
+    try:
+        return get_type_hints(kind)
+    except NameError:
+        return {}
+
+
+_SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
+
+
+def _order(coefficient: str) -> str:
+    """form_XY_cos2 → cos 2θ."""
+    found = _SUFFIX.search(coefficient)
+    if found is None or not found["trig"]:
+        return "order 0" if coefficient.endswith("_0") else ""
+    return f"{found['trig']} {'' if found['order'] == '1' else found['order']}θ"
+
+
+def _in_plane(coefficient: str) -> str:
+    found = _SUFFIX.search(coefficient)
+    return f" in plane {found['plane']}" if found and found["plane"] else ""
+
+
 Moves = Literal["together", "apart", "zero", "centre"]
 Covariate = Literal["time", "temperature"]
 _TRAVEL_ORDERS = 4
-FORM_ORDERS = range(2, MAX_ORDER + 1)
+_FORM_ORDERS = range(2, MAX_ORDER + 1)
 
 
 @dataclass(frozen=True)
-class Compliance:
-    """F (F − F0)^k j_C, k = 0 … degree (Eq. 22, 33)."""
-
-    degree: int = 1
-
-    def columns(self, setting: Setting) -> tuple[Array, ...]:
-        """One array (tests, 25, compliances) per degree [mm per unit of the parameter]."""
-        lever = setting.force_N - setting.reference_force_N
-        return tuple((setting.force_N * lever**k)[:, None, None] * setting.wrench for k in range(self.degree + 1))
-
-
-@dataclass(frozen=True)
-class GeometricErrors:
-    """j_G, the same at every force (Eq. 16-18)."""
-
-    def columns(self, setting: Setting) -> Array:
-        """Array (tests, 25, geometric errors) [mm per unit of the parameter]."""
-        return setting.geometric
-
-
-@dataclass(frozen=True)
-class BallForm:
+class BallForm(Term):
     """cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12: form error of the balls, τ/n per coefficient, the same at every force.
 
     While no ball is clocked the two forms are one sum. As soon as a clocking differs between tests there are two terms,
@@ -71,99 +256,110 @@ class BallForm:
     runs over another great circle of the balls: it has forms of its own.
     """
 
+    stem: ClassVar = ("form", "work_form", "tool_form")
+    calibration: ClassVar[str] = "a calibration of the balls' form"
+    remedy: ClassVar[str] = "Clock both balls (not by 180° alone), or measure a second radius."
+    instrument: ClassVar[bool] = True
+    on_demand: ClassVar[bool] = False
+
     @property
-    def hypers(self) -> tuple[Hyper, ...]:
+    def scales(self) -> tuple[Scale, ...]:
         """τ."""
-        return ("tau",)
+        return (Scale("tau", "tau_um", "τ", "ball form"),)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Columns, hyper-parameter τ [mm]."""
-        half = 1.0 / np.sqrt(2.0)
-        found = []
-        for _, stem, own in _by_plane(setting):
-            if not setting.two_balls:
-                found.append(self._ball(f"form{stem}", setting.work_ball_rad, 1.0, own))
-                continue
-            found.append(self._ball(f"work_form{stem}", setting.work_ball_rad, half, own))
-            found.append(self._ball(f"tool_form{stem}", setting.tool_ball_rad - np.pi, half, own))
-        return tuple(found)
+        balls = [("form", setting.work_ball_rad, 1.0)]
+        if setting.two_balls:
+            half = 1.0 / np.sqrt(2.0)
+            balls = [("work_form", setting.work_ball_rad, half), ("tool_form", setting.tool_ball_rad - np.pi, half)]
+        return tuple(
+            Columns(
+                tuple(f"{stem}{plane}_{trig}{n}" for n in _FORM_ORDERS for trig in ("cos", "sin")),
+                setting.harmonics(_FORM_ORDERS, turned) * own[:, None, None],
+                share / np.repeat(np.array(_FORM_ORDERS, dtype=float), 2),
+                "tau",
+            )
+            for _, plane, own in setting.each("plane")
+            for stem, turned, share in balls
+        )
 
     @staticmethod
-    def _ball(stem: str, clocking_rad: Array, share: float, own: Array) -> Columns:
-        values = np.zeros((len(clocking_rad), SIZE, 2 * len(FORM_ORDERS)))
-        names: list[str] = []
-        for j, n in enumerate(FORM_ORDERS):
-            c, s = harmonic_index(n)
-            turn = n * np.remainder(clocking_rad, 2 * np.pi)
-            values[:, c, 2 * j], values[:, s, 2 * j] = np.cos(turn), np.sin(turn)
-            values[:, c, 2 * j + 1], values[:, s, 2 * j + 1] = -np.sin(turn), np.cos(turn)
-            names += [f"{stem}_cos{n}", f"{stem}_sin{n}"]
-        values[np.abs(values) < 1e-14] = 0.0
-        values[~own] = 0.0
-        sd = share / np.repeat(np.array(FORM_ORDERS, dtype=float), 2)
-        return Columns(tuple(names), values, sd, "tau")
+    def _ball(coefficient: str) -> str:
+        return {"w": "the work ball", "t": "the tool ball"}.get(coefficient[0], "")
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        """form_cos2 → 2-lobe form (cos 2θ)."""
+        ball, order = cls._ball(coefficient), _order(coefficient)
+        lobes = order.split()[1].removesuffix("θ")
+        return f"{ball + chr(39) + 's ' if ball else ''}{lobes}-lobe form ({order}{_in_plane(coefficient)})"
+
+    @classmethod
+    def pattern(cls, coefficient: str) -> str:
+        """work_form_cos2 →  in cos 2θ of the work ball."""
+        ball = cls._ball(coefficient)
+        return f" in {_order(coefficient)}{f' of {ball}' if ball else ''}{_in_plane(coefficient)}"
 
 
 @dataclass(frozen=True)
-class BarLength:
+class BarLength(Term):
     """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another radius is another length."""
 
     sd_um: float = 9.4
-
-    def __post_init__(self) -> None:
-        _check_positive(self)
-
-    @property
-    def hypers(self) -> tuple[Hyper, ...]:
-        """None."""
-        return ()
+    calibration: ClassVar[str] = "a calibration of the bar's length"
+    remedy: ClassVar[str] = "Calibrate the bar's length."
+    instrument: ClassVar[bool] = True
+    on_demand: ClassVar[bool] = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column per radius [1]."""
-        radii = setting.radii_mm
-        values = np.zeros((setting.tests, SIZE, len(radii)))
-        values[:, 0, :] = setting.radius_mm[:, None] == radii
-        names = ("bar_length",) if len(radii) == 1 else tuple(f"bar_length_{radius:g}" for radius in radii)
-        return (Columns(names, values, np.full(len(radii), self.sd_um * 1e-3)),)
+        names, own = zip(*((f"bar_length{radius}", own) for _, radius, own in setting.each("radius")), strict=True)
+        values = setting.constant(np.column_stack(own).astype(float))
+        return (Columns(names, values, np.full(len(names), self.sd_um * 1e-3)),)
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        """bar_length_150 → bar length at R = 150 mm."""
+        radius = coefficient.removeprefix("bar_length").removeprefix("_")
+        return cls.words + (f" at R = {radius} mm" if radius else "")
 
 
 @dataclass(frozen=True)
-class Mount:
+class Mount(Term):
     """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value (Eq. 32)."""
 
     relative_sd: float = 0.10
-
-    def __post_init__(self) -> None:
-        _check_positive(self)
-
-    @property
-    def hypers(self) -> tuple[Hyper, ...]:
-        """None."""
-        return ()
+    unit: ClassVar[Unit] = Unit("mm/bar", 1e-3, "µm/bar")
+    calibration: ClassVar[str] = "a measurement of the mount's deflection"
+    remedy: ClassVar[str] = "Measure the mount's deflection."
+    instrument: ClassVar[bool] = True
+    on_demand: ClassVar[bool] = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column [bar]; mean nominal when the readings are not compensated, 0 when they are."""
-        values = np.zeros((setting.tests, SIZE, 1))
-        values[:, 0, 0] = setting.pressure_bar
         nominal = setting.deflection_um_per_bar * 1e-3
-        mean = 0.0 if setting.compensated else nominal
-        return (Columns(("mount",), values, np.array([self.relative_sd * nominal]), mean=np.array([mean])),)
+        mean = np.array([0.0 if setting.compensated else nominal])
+        return (Columns(("mount",), setting.constant(setting.pressure_bar), np.array([self.relative_sd * nominal]), mean=mean),)
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        """mount → mount deflection."""
+        return "mount deflection"
 
 
 @dataclass(frozen=True)
-class ForceError:
+class ForceError(Term):
     """F j_C·Ĉ times a gain error common to all tests, and j_C·Ĉ times a random force error of each test."""
 
     gain_sd: float = 0.01
     random_sd_N: float = 4.0
-
-    def __post_init__(self) -> None:
-        _check_positive(self)
-
-    @property
-    def hypers(self) -> tuple[Hyper, ...]:
-        """None."""
-        return ()
+    stem: ClassVar = ("force_gain", "force_random")
+    unit: ClassVar[Unit] = Unit("1", 1e-2, "%")
+    calibration: ClassVar[str] = "a calibration of the force"
+    remedy: ClassVar[str] = "Calibrate the force."
+    instrument: ClassVar[bool] = True
+    on_demand: ClassVar[bool] = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column [mm] and one column per test [mm/N]."""
@@ -174,9 +370,19 @@ class ForceError:
             Columns(("force_random",), deflection, np.array([self.random_sd_N]), private=True),
         )
 
+    @classmethod
+    def unit_of(cls, coefficient: str) -> Unit:
+        """Of the gain 1, of the random part N."""
+        return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        """force_gain → force gain."""
+        return coefficient.replace("_", " ")
+
 
 @dataclass(frozen=True)
-class SetupShift:
+class SetupShift(Term):
     """1, cos θ, sin θ, separate for every test: zero (order 0) and centre (order 1) move between circles by δ.
 
     Parameters
@@ -186,14 +392,16 @@ class SetupShift:
     """
 
     moves: Moves = "together"
-
-    def __post_init__(self) -> None:
-        check_known("SetupShift moves", [self.moves], get_args(Moves))
+    words: ClassVar[str] = "set-up shift"
+    remedy: ClassVar[str] = "Run more circles: zero and centre move from one to the next."
+    on_demand: ClassVar[bool] = False
 
     @property
-    def hypers(self) -> tuple[Hyper, ...]:
+    def scales(self) -> tuple[Scale, ...]:
         """δ, or δ_0 and δ_1."""
-        return ("delta_0", "delta_1") if self.moves == "apart" else ("delta",)
+        if self.moves != "apart":
+            return (Scale("delta", "delta_um", "δ", "set-up shift"),)
+        return tuple(Scale(f"delta_{n}", "delta_um", "δ", f"set-up shift of order {n}") for n in (0, 1))
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Coefficients of order 0 and 1 [mm]."""
@@ -204,18 +412,17 @@ class SetupShift:
 
 
 @dataclass(frozen=True)
-class Discrepancy:
+class Discrepancy(Term):
     """cos nθ, sin nθ, n = 2 … 12, separate for every test: model inadequacy and run-to-run change, κ/n^decay."""
 
     decay: float = 1.0
-
-    def __post_init__(self) -> None:
-        _check_positive(self)
+    remedy: ClassVar[str] = "Run more circles: what differs from one to the next averages out."
+    on_demand: ClassVar[bool] = False
 
     @property
-    def hypers(self) -> tuple[Hyper, ...]:
+    def scales(self) -> tuple[Scale, ...]:
         """κ."""
-        return ("kappa",)
+        return (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Coefficients of order 2 to 12, hyper-parameter κ [mm]."""
@@ -223,7 +430,7 @@ class Discrepancy:
 
 
 @dataclass(frozen=True)
-class Hysteresis:
+class Hysteresis(Term):
     """s, s cos nθ, s sin nθ, n = 1 … 4, s = ±1 the sign of travel: what differs between the two directions (ISO 230-4).
 
     A constant part (backlash, reversal of the axes, servo lag) and one in proportion to force (friction in the bar, lost motion),
@@ -239,35 +446,48 @@ class Hysteresis:
 
     constant_um: float = 2.0
     proportional_um_per_kN: float = 2.0
-
-    def __post_init__(self) -> None:
-        _check_positive(self)
-
-    @property
-    def hypers(self) -> tuple[Hyper, ...]:
-        """None."""
-        return ()
+    calibration: ClassVar[str] = "a narrower prior of it"
+    remedy: ClassVar[str] = "Run both directions at the same forces."
+    on_demand: ClassVar[bool] = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Columns [1] and [N]."""
         count = 2 * _TRAVEL_ORDERS + 1
+        suffixes = ("0", *(f"{trig}{n}" for n in range(1, _TRAVEL_ORDERS + 1) for trig in ("cos", "sin")))
         spread = 1.0 / np.maximum(ORDERS[:count], 1.0)
         found = []
-        for plane, stem, own in _by_plane(setting):
+        for plane, stem, own in setting.each("plane"):
             if plane not in setting.both_ways:
                 continue
             values = np.zeros((setting.tests, SIZE, count))
             values[:, np.arange(count), np.arange(count)] = np.where(own, setting.travel, 0.0)[:, None]
-            names = ("0", *(f"{trig}{n}" for n in range(1, _TRAVEL_ORDERS + 1) for trig in ("cos", "sin")))
-            found.append(Columns(tuple(f"hysteresis{stem}_{n}" for n in names), values, self.constant_um * 1e-3 * spread))
-            force = values * setting.force_N[:, None, None]
-            sd = self.proportional_um_per_kN * 1e-6 * spread
-            found.append(Columns(tuple(f"hysteresis_force{stem}_{n}" for n in names), force, sd))
+            parts = (
+                ("hysteresis", values, self.constant_um * 1e-3),
+                ("hysteresis_force", values * setting.force_N[:, None, None], self.proportional_um_per_kN * 1e-6),
+            )
+            found += [Columns(tuple(f"{part}{stem}_{n}" for n in suffixes), own, sd * spread) for part, own, sd in parts]
         return tuple(found)
+
+    @classmethod
+    def unit_of(cls, coefficient: str) -> Unit:
+        """mm, or mm/N of what is in proportion to force."""
+        return Unit("mm/N", 1e-6, "µm/kN") if coefficient.startswith("hysteresis_force") else cls.unit
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        """hysteresis_force_cos1 → hysteresis in proportion to force (cos θ)."""
+        force = " in proportion to force" if coefficient.startswith("hysteresis_force") else ""
+        return f"hysteresis{force} ({_order(coefficient)}{_in_plane(coefficient)})"
+
+    @classmethod
+    def pattern(cls, coefficient: str) -> str:
+        """hysteresis_force_cos1 →  in cos θ times force."""
+        force = " times force" if coefficient.startswith("hysteresis_force") else ""
+        return f" in {_order(coefficient)}{force}{_in_plane(coefficient)}"
 
 
 @dataclass(frozen=True)
-class Drift:
+class Drift(Term):
     """u, u B̂: the bar's length and the circle's centre change in proportion to time or temperature u, from the campaign's mean.
 
     Off by default: `SetupShift` covers what changes between circles at random.
@@ -283,15 +503,7 @@ class Drift:
     over: Covariate = "time"
     length_um: float = 2.0
     centre_um: float = 5.0
-
-    def __post_init__(self) -> None:
-        check_known("Drift over", [self.over], get_args(Covariate))
-        _check_positive(self)
-
-    @property
-    def hypers(self) -> tuple[Hyper, ...]:
-        """None."""
-        return ()
+    remedy: ClassVar[str] = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column of length and one per direction of the centre [h or K].
@@ -309,25 +521,18 @@ class Drift:
                 "Record it, or leave the term Drift out."
             )
         axes = [k for k in range(3) if np.any(setting.direction[:, :, k])]
-        values = setting.direction[:, :, axes] * change[:, None, None]
-        length = np.zeros((setting.tests, SIZE, 1))
-        length[:, 0, 0] = change
+        values = np.concatenate([setting.constant(change), setting.direction[:, :, axes] * change[:, None, None]], axis=2)
         names = (f"drift_{self.over}_length", *(f"drift_{self.over}_{LINEAR[k]}" for k in axes))
-        sd = np.array([self.length_um, *[self.centre_um] * len(axes)]) * 1e-3
-        return (Columns(names, np.concatenate([length, values], axis=2), sd),)
+        return (Columns(names, values, np.array([self.length_um, *[self.centre_um] * len(axes)]) * 1e-3),)
 
+    @classmethod
+    def unit_of(cls, coefficient: str) -> Unit:
+        """Per hour, or per kelvin."""
+        per = "h" if coefficient.startswith("drift_time") else "K"
+        return Unit(f"mm/{per}", 1e-3, f"µm/{per}")
 
-def _by_plane(setting: Setting) -> Iterator[tuple[str, str, Array]]:
-    """Every plane of the campaign, what its columns' names carry (nothing where there is one plane), and which tests are its."""
-    for plane in setting.planes:
-        yield plane, f"_{plane}" if len(setting.planes) > 1 else "", setting.plane == plane
-
-
-def _check_positive(term: Any) -> None:
-    for name, value in vars(term).items():
-        if isinstance(value, str):
-            continue
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(
-                f"{type(term).__name__} {name} must be a positive number, got {value}. To drop the term, leave it out."
-            )
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        """drift_time_length → drift of the bar's length over time."""
+        over, what = coefficient.removeprefix("drift_").split("_")
+        return f"drift of {'the bar' + chr(39) + 's length' if what == 'length' else f'the centre along {what}'} over {over}"

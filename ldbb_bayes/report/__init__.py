@@ -1,1 +1,5 @@
 """What one shows: numbers, figures, pages."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submodules=["figures"])

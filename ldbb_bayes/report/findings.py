@@ -13,84 +13,197 @@ import pandas as pd
 import xarray as xr
 
 from ldbb_bayes.analysis.budget import Budget, budgets
-from ldbb_bayes.analysis.circularity import circularity, measured_circularity
-from ldbb_bayes.analysis.compared import Comparison
-from ldbb_bayes.analysis.comparison import compare
-from ldbb_bayes.analysis.contributions import contributions
-from ldbb_bayes.analysis.design import design
-from ldbb_bayes.analysis.designed import Design
-from ldbb_bayes.analysis.identifiability import identify, verdicts
-from ldbb_bayes.analysis.identified import Identifiability, ParameterIdentifiability
-from ldbb_bayes.analysis.preview import CampaignPreview, preview
-from ldbb_bayes.analysis.recorded import RecordedDesign, recorded
+from ldbb_bayes.analysis.circularity import circularity, contributions, measured_circularity
+from ldbb_bayes.analysis.comparison import Comparison, compare
+from ldbb_bayes.analysis.design.design import Design, design
+from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, identify, verdicts
+from ldbb_bayes.analysis.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.origin import campaign_of, model_of
-from ldbb_bayes.inference.posterior import load
-from ldbb_bayes.inference.summary import summarize
-from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.report.result import full_result
+from ldbb_bayes.inference.posterior import (
+    bound_of,
+    campaign_of,
+    fit_of,
+    load,
+    model_of,
+    nuisances,
+    record_of,
+    result_json,
+    summarize,
+)
+from ldbb_bayes.model.aliases import degeneracies, standing_degeneracies
+from ldbb_bayes.report.wording import (
+    alias_sentences,
+    check_words,
+    concern_sentences,
+    fit_verdict,
+    look_sentences,
+    remark_words,
+    standing_words,
+)
 
-__all__ = ["Compared", "Findings", "Recommended", "compare_for_report", "find"]
+__all__ = [
+    "Compared",
+    "Findings",
+    "Recommended",
+    "compare_for_report",
+    "find",
+    "fit_in_words",
+    "full_result",
+    "further_remarks",
+    "look_warnings",
+    "sizes_of",
+]
+
+
+def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
+    """The JSON of a fit, with nuisances, and what a look at the readings finds among its warnings."""
+    result = result_json(posterior, ci_prob=ci_prob)
+    result["nuisances"] = nuisances(posterior).to_dict(orient="index")
+    result["fit"] |= fit_in_words(posterior)
+    return result
+
+
+def fit_in_words(posterior: xr.DataTree) -> dict[str, Any]:
+    """Return the state of a fit, the kinds of what to mind, and its verdict, misfits and warnings in words."""
+    fit, bound = fit_of(posterior), bound_of(posterior)
+    alike = degeneracies(bound)
+    return {
+        "state": str(fit.state),
+        "kinds": list(fit.kinds),
+        "verdict": fit_verdict(fit),
+        "misfits": [check_words(check) for check in fit.misfits],
+        "warnings": [
+            *concern_sentences(fit.concerns, record_of(posterior)["sampler"]),
+            *alias_sentences(alike),
+            *map(standing_words, standing_degeneracies(bound, alike)),
+            *look_warnings(bound.campaign),
+        ],
+    }
+
+
+def look_warnings(campaign: Campaign) -> list[str]:
+    """What a look at the readings adds to a fit's own warnings."""
+    seen = preview(campaign)
+    return look_sentences(seen) + further_remarks(seen)
+
+
+def further_remarks(seen: CampaignPreview) -> list[str]:
+    """Remarks on a campaign that a fit does not make itself."""
+    own = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
+    return [remark_words(remark) for remark in seen.remarks if remark.kind not in own]
+
+
+def sizes_of(posterior: xr.DataTree) -> dict[str, list[float]]:
+    """Means and U (k = 2) of the parameters by inside unit: what units for reading are chosen by."""
+    found: dict[str, list[float]] = {}
+    for entry in result_json(posterior)["parameters"].values():
+        found.setdefault(entry["unit"], []).extend((entry["mean"], 2.0 * entry["sd"]))
+    return found
+
 
 Compared: TypeAlias = Comparison | str
-Recommended: TypeAlias = Design | RecordedDesign | str
+Recommended: TypeAlias = Design | str
 
 _NAMES = ("constant", "linear", "quadratic")
 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """Of one posterior.
+    """All that a report shows of one posterior, each worked out when it is first asked for.
 
     Attributes
     ----------
     posterior : DataTree
     ci_prob : float
-    result : dict
-        The JSON of the fit.
-    summary : DataFrame
-    seen : CampaignPreview
-    verdicts : dict of parameter to ParameterIdentifiability
-    identifiability : Identifiability
-    budgets : dict of parameter to Budget
-    path : DataFrame
-        Circular-test quantities of the machine.
-    measured, pairs : DataFrame
-        Of the readings.
-    contributions : DataFrame
+    tests : int or None
+        Circles to recommend.
     comparing : Comparison, str, or a future of either
-    design : Design, RecordedDesign, or str
-        Why there is none.
-    design_given : bool
-        Whether it was brought, not worked out for the report.
+        None: worked out.
+    recommended : Design, str or None
+        What was brought, or why there is none. None: worked out.
     """
 
     posterior: xr.DataTree
     ci_prob: float
-    result: dict[str, Any]
-    summary: pd.DataFrame
-    seen: CampaignPreview
-    verdicts: Mapping[str, ParameterIdentifiability]
-    identifiability: Identifiability
-    budgets: Mapping[str, Budget]
-    path: pd.DataFrame
-    measured: pd.DataFrame
-    pairs: pd.DataFrame
-    contributions: pd.DataFrame
-    comparing: Compared | Future[Compared]
-    design: Recommended
-    design_given: bool
+    tests: int | None
+    comparing: Compared | Future[Compared] | None
+    recommended: Recommended | None
+
+    @cached_property
+    def result(self) -> dict[str, Any]:
+        """The JSON of the fit."""
+        return full_result(self.posterior, self.ci_prob)
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """Of the draws."""
+        return summarize(self.posterior, ci_prob=self.ci_prob)
+
+    @cached_property
+    def seen(self) -> CampaignPreview:
+        """The campaign without a model."""
+        return preview(campaign_of(self.posterior))
+
+    @cached_property
+    def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
+        """What the readings tell of every parameter."""
+        return verdicts(self.posterior)
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        """The same of campaign and model, degeneracies included."""
+        return identify(model_of(self.posterior), campaign_of(self.posterior))
+
+    @cached_property
+    def budgets(self) -> Mapping[str, Budget]:
+        """Of every parameter."""
+        return budgets(self.posterior)
+
+    @cached_property
+    def path(self) -> pd.DataFrame:
+        """Circular-test quantities of the machine."""
+        return circularity(self.posterior, ci_prob=self.ci_prob)
+
+    @cached_property
+    def measured(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """The same of the readings, and of pairs of them."""
+        return measured_circularity(self.posterior)
+
+    @cached_property
+    def contributions(self) -> pd.DataFrame:
+        """Of every parameter to the reading."""
+        return contributions(self.posterior, ci_prob=self.ci_prob)
+
+    @cached_property
+    def comparison(self) -> Compared:
+        """The comparison, or why there is none; waited for where it is still at work."""
+        if self.comparing is None:
+            return compare_for_report(self.posterior)
+        return self.comparing.result() if isinstance(self.comparing, Future) else self.comparing
+
+    @cached_property
+    def design(self) -> Recommended:
+        """The circles to run next, or why none are recommended."""
+        if self.recommended is not None:
+            return self.recommended
+        model = model_of(self.posterior)
+        try:
+            return design(model.with_degree(max(model.degree, 1)), pilot=campaign_of(self.posterior), tests=self.tests)
+        except InputError as error:
+            if self.tests is not None:
+                raise
+            return str(error)
+
+    @property
+    def design_given(self) -> bool:
+        """Whether the design was brought, not worked out for the report."""
+        return self.recommended is not None
 
     @property
     def flat(self) -> bool:
         """Whether the parameters have flat priors."""
         return all(entry["prior_sd"] is None for entry in self.result["parameters"].values())
-
-    @cached_property
-    def comparison(self) -> Compared:
-        """The comparison, or why there is none; waited for where it is still at work."""
-        return self.comparing.result() if isinstance(self.comparing, Future) else self.comparing
 
     @property
     def interval_key(self) -> str:
@@ -106,7 +219,7 @@ def find(
     comparison: Compared | Future[Compared] | None = None,
     recommended: Recommended | None = None,
 ) -> Findings:
-    """Work out what the fit did not keep.
+    """Return what a report shows of a fit, after a look whether what is brought is of the same readings.
 
     Parameters
     ----------
@@ -114,40 +227,22 @@ def find(
         Circles to recommend; default: as many as the campaign has.
     comparison : Comparison, str or future, optional
         Of `compare` on the same readings, or what `compare_for_report` returns; default: the latter.
-    recommended : Design, RecordedDesign or str, optional
+    recommended : Design or str, optional
         Of `design` after the same readings, or why there is none; default: worked out.
     """
-    campaign, model = campaign_of(posterior), model_of(posterior)
-    if isinstance(comparison, Comparison) and comparison.sha256 != campaign.sha256:
+    campaign = campaign_of(posterior)
+    if isinstance(comparison, Comparison) and comparison.campaign.sha256 != campaign.sha256:
         raise InputError(
-            f"comparison must be of the readings of the fit, got one of {comparison.campaign!r} (SHA-256 "
-            f"{comparison.sha256[:12]}… instead of {campaign.sha256[:12]}…). Compare again."
+            f"comparison must be of the readings of the fit, got one of {comparison.campaign.name!r} (SHA-256 "
+            f"{comparison.campaign.sha256[:12]}… instead of {campaign.sha256[:12]}…). Compare again."
         )
-    if isinstance(recommended, Design | RecordedDesign):
-        told = recorded(recommended) if isinstance(recommended, Design) else recommended
-        if told.sha256 != campaign.sha256:
-            raise InputError(
-                f"design must be made after the readings of the fit, got one after {told.campaign!r} (SHA-256 "
-                f"{told.sha256[:12]}… instead of {campaign.sha256[:12]}…). Design again."
-            )
-    measured, pairs = measured_circularity(posterior)
-    return Findings(
-        posterior,
-        ci_prob,
-        full_result(posterior, ci_prob),
-        summarize(posterior, ci_prob=ci_prob),
-        preview(campaign),
-        verdicts(posterior),
-        identify(model, campaign),
-        budgets(posterior),
-        circularity(posterior, ci_prob=ci_prob),
-        measured,
-        pairs,
-        contributions(posterior, ci_prob=ci_prob),
-        compare_for_report(posterior) if comparison is None else comparison,
-        _design(model, campaign, tests) if recommended is None else recommended,
-        recommended is not None,
-    )
+    if isinstance(recommended, Design) and recommended.pilot.sha256 != campaign.sha256:
+        pilot = recommended.pilot
+        raise InputError(
+            f"design must be made after the readings of the fit, got one after {pilot.name!r} (SHA-256 "
+            f"{pilot.sha256[:12]}… instead of {campaign.sha256[:12]}…). Design again."
+        )
+    return Findings(posterior, ci_prob, tests, comparison, recommended)
 
 
 def compare_for_report(posterior: xr.DataTree | str | os.PathLike[str]) -> Compared:
@@ -164,13 +259,4 @@ def compare_for_report(posterior: xr.DataTree | str | os.PathLike[str]) -> Compa
     try:
         return compare(models, campaign_of(tree), evidence_only=True)
     except InputError as error:
-        return str(error)
-
-
-def _design(model: HybridModel, campaign: Campaign, tests: int | None) -> Design | str:
-    try:
-        return design(model.with_degree(max(model.degree, 1)), pilot=campaign, tests=tests)
-    except InputError as error:
-        if tests is not None:
-            raise
         return str(error)

@@ -279,7 +279,7 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
     local = {test.name: pairs()[upper_pair(pairs(), test.name)] for test in whole.tests}
     linear = lb.HybridModel.default(1)
     compared = lb.compare({"constant": linear.with_degree(0), "linear": linear}, whole)
-    fitted = lb.sample(lb.HybridModel.paper(0), whole, sampler="quadrature", seed=1)
+    fitted = lb.sample(lb.HybridModel.paper(0), whole, sampler="independent", seed=1)
     along = found.open_directions
     zero = found.mean - along.T @ (along @ found.mean)
     return {

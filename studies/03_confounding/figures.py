@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 
 FITS = {"least squares": "#000000", "without form": "#8C8C8C", "with form": lb.figures.PALETTE[0]}
-VERDICTS = {"aliased": lb.figures.PALETTE[1], "prior-limited": lb.figures.PALETTE[4], "identified": lb.figures.PALETTE[2]}
+VERDICTS = {"confounded": lb.figures.PALETTE[1], "prior-limited": lb.figures.PALETTE[4], "identified": lb.figures.PALETTE[2]}
 OTHERWISE = ("− 1 u", "+ 1 u")
 
 
@@ -42,7 +42,7 @@ def confounding(parameters: Mapping[str, Any], plans: Mapping[str, Any], complet
         axes.tick_params(labelsize=7)
     figure.suptitle(
         "Truncation off. Top: 95 % intervals by model; squares: with form, cos 4θ at the lowest force changed by one u; "
-        "line: published\nBottom: predicted u of the same six circles by plan; orange: aliased, green: identified",
+        "line: published\nBottom: predicted u of the same six circles by plan; orange: confounded, green: identified",
         fontsize=9,
     )
     return figure

@@ -166,7 +166,7 @@ def peak_to_peak_per_tau() -> float:
 
 def gain_difference(campaign: lb.Campaign) -> dict[str, float]:
     """E_XX1 − E_YY1 of the joint posterior, with form [µm/m]."""
-    drawn = lb.sample(FREE, campaign, sampler="quadrature", seed=1)["posterior"]
+    drawn = lb.sample(FREE, campaign, sampler="independent", seed=1)["posterior"]
     difference = 1e6 * (drawn["E_XX1"] - drawn["E_YY1"])
     return {"mean": float(difference.mean()), "sd": float(difference.std())}
 
@@ -200,8 +200,7 @@ def measure() -> dict[str, Any]:
         model = calibrated(CONSTANT) if "calibrated" in label else CONSTANT
         found = lb.identify(model, change(campaign.plan()))
         plans[label] = {
-            name: {"sd": found.parameters[name].sd * SHOWN[name][0], "verdict": found.parameters[name].verdict.word}
-            for name in NAMES
+            name: {"sd": found.parameters[name].sd * SHOWN[name][0], "verdict": found.parameters[name].verdict} for name in NAMES
         }
     form = synthetic_form(campaign)
     per_tau = peak_to_peak_per_tau()
@@ -224,7 +223,7 @@ def measure() -> dict[str, Any]:
         "clockings_deg": [int(angle) for angle in CLOCKINGS_DEG],
         "calibrated_um": CALIBRATED_UM,
         "lowest_force_N": float(campaign.forces_N.min()),
-        "statements": [d.statement for d in lb.identify(CONSTANT, campaign).degeneracies],
+        "statements": [d["statement"] for d in lb.with_words(lb.identify(CONSTANT, campaign))["degeneracies"]],
     }
 
 

@@ -40,7 +40,7 @@ class Truth:
 @cache
 def posterior(degree: int) -> dict[str, Any]:
     """Independent draws from the posterior of the recovered experiment, by name, shape (draws,)."""
-    tree = lb.sample(lb.HybridModel.default(degree), designs.pilot(), sampler="quadrature", seed=1)
+    tree = lb.sample(lb.HybridModel.default(degree), designs.pilot(), sampler="independent", seed=1)
     return {str(name): values.to_numpy().ravel() for name, values in tree["posterior"].data_vars.items()}
 
 
@@ -74,7 +74,7 @@ def width_row(kind: str, seed: int) -> dict[str, float]:
     """Error of the mean and sd [inside units], and whether the 95 % interval held the truth, of every parameter."""
     true = truth(1, seed)
     made = designs.LINEAR.simulate(plan_of(kind), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um)
-    found = lb.summarize(lb.sample(designs.LINEAR, made.campaign, sampler="quadrature", seed=seed))
+    found = lb.summarize(lb.sample(designs.LINEAR, made.campaign, sampler="independent", seed=seed))
     row = {}
     for name, value in true.parameters.items():
         own = found.loc[name]

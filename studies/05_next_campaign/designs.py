@@ -70,7 +70,7 @@ def deciding(tests: int) -> lb.Design:
 
 def decides(tests: int) -> bool:
     """Whether they settle it with the power wanted, whichever is true."""
-    found = deciding(tests).forecast.discrimination
+    found = deciding(tests).discrimination
     return found is not None and min(found.decisive_with, found.decisive_without) >= POWER
 
 

@@ -79,11 +79,11 @@ def simulated(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
 def six() -> dict[str, Any]:
     """Six circles for all parameters, beside the paper's six and equal steps."""
     found = designs.six()
-    paper = found.others[0]
-    ratio = {name: entry.sd / paper.forecast.expected[name].sd for name, entry in found.forecast.expected.items()}
+    paper = found.compared[1]
+    ratio = {name: entry.sd / paper.expected[name].sd for name, entry in found.expected.items()}
     return {
         "forces_N": sorted(float(test.force_N or 0.0) for test in found.tests),
-        "efficiency": {"recommended": found.efficiency} | {own.name: own.efficiency for own in (found.baseline, paper)},
+        "efficiency": {"recommended": found.efficiency} | {own.name: own.efficiency for own in (found.compared[0], paper)},
         "width_over_the_papers": ratio,
         "narrower": [value for name, value in ratio.items() if name.startswith("C_")],
         "worst_efficiency": {str(name): float(value) for name, value in found.robustness["worst"].items()},
@@ -99,25 +99,25 @@ def flat(degree: int) -> dict[str, Any]:
     return {
         "forces_N": [float(np.average(own.index, weights=own)) for own in grouped],
         "shares": [float(own.sum()) for own in grouped],
-        "the_papers_seven": found.others[0].efficiency,
+        "the_papers_seven": found.compared[1].efficiency,
     }
 
 
 def circles(found: lb.Design) -> dict[str, Any]:
     """How many circles at which force, with the same clocking and radius or any."""
-    count = found.table().groupby("force_N")["count"].sum()
+    count = found.table.groupby("force_N")["count"].sum()
     return {"number": len(found.tests), "at_N": {f"{force:g}": int(n) for force, n in count.items()}}
 
 
 def decided(found: lb.Design) -> dict[str, Any]:
     """What the design expects of ln B."""
-    return {} if found.forecast.discrimination is None else found.forecast.discrimination.as_dict()
+    return {} if found.discrimination is None else found.discrimination.as_dict()
 
 
 def finding(slope: str) -> dict[str, Any]:
     """The fewest circles that find one slope, and what is expected if it is not there."""
     found, name = designs.finding(slope), slope.partition(",")[0]
-    prior_sd = found.forecast.expected[name].prior_sd * SLOPE_FACTOR[name]
+    prior_sd = found.expected[name].prior_sd * SLOPE_FACTOR[name]
     own = decided(found)
     return {
         "size": designs.SOUGHT[slope] * prior_sd,
@@ -125,8 +125,8 @@ def finding(slope: str) -> dict[str, Any]:
         "power": own["power"][name],
         "expected_without": own["expected_without"],
         "decisive_without": own["decisive_without"],
-        "sd": found.forecast.expected[name].sd * SLOPE_FACTOR[name],
-        "equal_steps_efficiency": found.baseline.efficiency,
+        "sd": found.expected[name].sd * SLOPE_FACTOR[name],
+        "equal_steps_efficiency": found.compared[0].efficiency,
     }
 
 
@@ -134,8 +134,8 @@ def square(found: lb.Design) -> dict[str, Any]:
     """Squareness, and what any number of such circles would leave."""
     return {
         **circles(found),
-        "urad": 1e6 * found.forecast.expected["E_C0YX"].sd,
-        "floor_urad": 1e6 * found.forecast.expected["E_C0YX"].floor_sd,
+        "urad": 1e6 * found.expected["E_C0YX"].sd,
+        "floor_urad": 1e6 * found.expected["E_C0YX"].floor_sd,
     }
 
 
@@ -143,19 +143,19 @@ def nine(choice: str) -> dict[str, Any]:
     """Expected sd of nine circles, and how many there are of each radius."""
     found = designs.nine(choice)
     return {
-        "at_radius_mm": {f"{radius:g}": int(n) for radius, n in found.table().groupby("radius_mm")["count"].sum().items()},
-        "clockings": int(found.table()[["work_ball_deg", "tool_ball_deg"]].drop_duplicates().shape[0]),
-        "sd": {name: entry.sd for name, entry in found.forecast.expected.items()},
+        "at_radius_mm": {f"{radius:g}": int(n) for radius, n in found.table.groupby("radius_mm")["count"].sum().items()},
+        "clockings": int(found.table[["work_ball_deg", "tool_ball_deg"]].drop_duplicates().shape[0]),
+        "sd": {name: entry.sd for name, entry in found.expected.items()},
     }
 
 
 def predicted(kind: str) -> dict[str, float]:
     """Expected sd of every parameter of a simulated design."""
     forecasts = {
-        "recommended six": lambda: designs.six().forecast,
-        "the paper's six": lambda: designs.six().others[0].forecast,
-        "nine, two radii": lambda: designs.nine("two radii").forecast,
-        "nine, both balls clocked": lambda: designs.nine("both balls clocked").forecast,
+        "recommended six": lambda: designs.six(),
+        "the paper's six": lambda: designs.six().compared[1],
+        "nine, two radii": lambda: designs.nine("two radii"),
+        "nine, both balls clocked": lambda: designs.nine("both balls clocked"),
     }
     return {name: entry.sd for name, entry in forecasts[kind]().expected.items()}
 

@@ -118,7 +118,7 @@ def all_ranks(effort: Effort) -> pd.DataFrame:
 def validation(ranks: pd.DataFrame, kind: str) -> lb.Validation:
     """The kept ranks of one case."""
     own = ranks[ranks["kind"] == kind].drop(columns=["kind", "seed"]).dropna(axis="columns")
-    return lb.Validation(tuple(own.columns), own.to_numpy(dtype=int), DRAWS, "quadrature", PROBABILITY, ())
+    return lb.Validation(tuple(own.columns), own.to_numpy(dtype=int), DRAWS, "independent", PROBABILITY, ())
 
 
 def coverages(found: lb.Validation) -> dict[str, float]:

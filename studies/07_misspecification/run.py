@@ -49,7 +49,7 @@ def job(label: str, seed: int) -> dict[str, Any]:
     """One campaign: error in units of u, whether the interval holds the truth, u (mm, N, rad); what the package says."""
     kind = made.KINDS[label]
     campaign, truth = made.simulated(kind, seed)
-    table = lb.summarize(lb.sample(kind.model, campaign, sampler="quadrature", seed=seed), ci_prob=CREDIBLE)
+    table = lb.summarize(lb.sample(kind.model, campaign, sampler="independent", seed=seed), ci_prob=CREDIBLE)
     row: dict[str, Any] = {}
     for name in NAMES:
         found = table.loc[name]
@@ -57,10 +57,10 @@ def job(label: str, seed: int) -> dict[str, Any]:
         row[f"in_{name}"] = found["ci_low"] <= truth[name] <= found["ci_high"]
         row[f"u_{name}"] = found["sd"]
     fit = table.attrs["fit"]
-    row["misfit"] = bool(fit["misfits"])
-    row["contradiction"] = fit["log_prob_truncation"] < np.log(IMPROBABLE)
-    row["hyper"] = any(text.startswith("Misfit") for text in fit["warnings"])
-    row["sensitive"] = sum(parts["prior"] > SENSITIVE for parts in fit["sensitivity"].values())
+    row["misfit"] = bool(fit.misfits)
+    row["contradiction"] = fit.log_prob_truncation < np.log(IMPROBABLE)
+    row["hyper"] = "hyper" in fit.kinds
+    row["sensitive"] = sum(parts["prior"] > SENSITIVE for parts in fit.sensitivity.values())
     row["flagged"] = row["ln_b_drift"] = float("nan")
     if seed % BELONGING_EVERY == 1:
         row["flagged"] = lb.belonging({"own": kind.model}, campaign, seed=seed, replicates=CIRCLES)["flag"].any()
@@ -113,7 +113,7 @@ def said_beforehand(*, timed: bool) -> dict[str, list[str]]:
     campaign, _ = made.simulated(made.KINDS["baseline"], 0)
     if not timed:
         campaign = replace(campaign, tests=tuple(replace(test, time_s=None) for test in campaign.tests))
-    warnings = lb.summarize(lb.sample(made.BELIEVED, campaign, sampler="quadrature", seed=0)).attrs["fit"]["warnings"]
+    warnings = lb.fit_in_words(lb.sample(made.BELIEVED, campaign, sampler="independent", seed=0))["warnings"]
     return {what: [text for text in warnings if word in text.lower()] for what, word in SAID_BEFOREHAND.items()}
 
 

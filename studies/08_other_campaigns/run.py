@@ -40,7 +40,7 @@ def predicted() -> dict[str, Any]:
     for model, plan in (*cases, everything()):
         result = lb.identify(model, plan)
         found[plan.name] = {
-            name: {"verdict": entry.verdict.word, "sd": entry.sd, "ball_form": entry.confounding["BallForm"]}
+            name: {"verdict": entry.verdict, "sd": entry.sd, "ball_form": entry.confounding["BallForm"]}
             for name, entry in result.parameters.items()
             if not name.endswith("_1")
         }
@@ -52,7 +52,7 @@ def calibration(effort: Effort) -> dict[str, Any]:
     model, plan = everything()
     with executor() as pool:
         result = lb.validate(
-            model, plan, replicates=RANKS_AGAIN[effort], draws=DRAWS, prob=BAND, sampler="quadrature", seed=8, executor=pool
+            model, plan, replicates=RANKS_AGAIN[effort], draws=DRAWS, prob=BAND, sampler="independent", seed=8, executor=pool
         )
     if result.failures:
         sys.exit(f"08_other_campaigns: {result.failures[0]}")
@@ -66,7 +66,7 @@ def calibration(effort: Effort) -> dict[str, Any]:
         astray=ASTRAY,
     )
     ranks = rows.drop(columns=["kind", "seed"])
-    full = lb.Validation(tuple(ranks.columns), ranks.to_numpy(dtype=int), DRAWS, "quadrature", BAND, ())
+    full = lb.Validation(tuple(ranks.columns), ranks.to_numpy(dtype=int), DRAWS, "independent", BAND, ())
     return {"replicates": full.replicates, "quantities": len(full.names), "outside": list(full.outside), "percent": 100.0 * BAND}
 
 

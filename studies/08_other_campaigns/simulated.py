@@ -25,7 +25,7 @@ def analysed(kind: str, seed: int) -> Mapping[str, float]:
     campaign = made.campaign
     if kind in CLOCKWISE:
         campaign = campaign.select([test.name for test in campaign.tests if test.direction == "CW"])
-    draws = lb.sample(MODEL, campaign, sampler="quadrature", seed=seed)["posterior"]
+    draws = lb.sample(MODEL, campaign, sampler="independent", seed=seed)["posterior"]
     row = {}
     for name, truth in made.parameters.items():
         values = draws[name].to_numpy().ravel()

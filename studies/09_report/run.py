@@ -49,7 +49,7 @@ def numbers(folder: Path) -> dict[str, Any]:
     posterior = lb.load(folder)
     budgets = lb.budgets(posterior)
     page = (folder / "report.html").read_text(encoding="utf-8")
-    paper = lb.sample(lb.HybridModel.paper(0), lb.read_campaign(CAMPAIGN), sampler="quadrature", seed=1)
+    paper = lb.sample(lb.HybridModel.paper(0), lb.read_campaign(CAMPAIGN), sampler="independent", seed=1)
     size = lb.contributions(paper).set_index("source")["peak_to_peak"]
     values = pd.read_csv(DATA / "published_tables" / "figure_values.csv")
     stated = values[values["figure"].isin(["9", "10"])].set_index("quantity")

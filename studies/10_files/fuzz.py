@@ -26,13 +26,12 @@ import numpy as np
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.recorded import read_comparison, read_design
+from ldbb_bayes.analysis.comparison import read_comparison
+from ldbb_bayes.analysis.design.design import read_design
+from ldbb_bayes.campaign.layout import layout_to_toml
 from ldbb_bayes.cli.main import app
-from ldbb_bayes.inference.checkpoint import Checkpoint
-from ldbb_bayes.inference.stopping import StoppingRule
-from ldbb_bayes.model.spec import model_to_toml, read_model
-from ldbb_bayes.model.truths import read_truths
-from ldbb_bayes.tables.layout import layout_to_toml
+from ldbb_bayes.inference.mcmc import StoppingRule
+from ldbb_bayes.model.specification import model_to_toml, read_model, read_truths
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
@@ -133,13 +132,13 @@ class Findings:
 
 
 def written() -> dict[str, bytes]:
-    """Files of a campaign, a fit, a comparison and a design, and a block of a run."""
+    """Files of a campaign, a fit, a comparison and a design."""
     model, campaign = lb.HybridModel.default(degree=0), awkward.campaign()
     rule = StoppingRule(ess=1e6, block=2, max_steps=4)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         lb.write_campaign(campaign, place / "campaign")
-        posterior = lb.sample(model, campaign, seed=1, walkers=48, rule=rule, checkpoint=place / "blocks")
+        posterior = lb.sample(model, campaign, seed=1, walkers=48, rule=rule)
         lb.save(posterior, place / "posterior.nc")
         for command, options in (("compare", ()), ("design", ("--tests", "4"))):
             done = CliRunner().invoke(app, [command, str(place / "campaign"), "--out", str(place / command), *options])
@@ -147,7 +146,6 @@ def written() -> dict[str, bytes]:
         return {
             "campaign": (place / "campaign" / "campaign.toml").read_bytes(),
             "posterior": (place / "posterior.nc").read_bytes(),
-            "block": next((place / "blocks").glob("*.npz")).read_bytes(),
             "comparison": (place / "compare" / "comparison.json").read_bytes(),
             "design": (place / "design" / "design.json").read_bytes(),
         }
@@ -160,11 +158,6 @@ def read_campaign_toml(path: Path) -> object:
         if not table.exists():
             table.write_bytes(awkward.Writing().table(test))
     return lb.read_campaign(path)
-
-
-def read_block(path: Path) -> object:
-    """As a run that goes on would."""
-    return Checkpoint(path.parent, {}, resume=True).load(0)
 
 
 def read_posterior(path: Path) -> object:
@@ -195,7 +188,6 @@ def readers(own: Mapping[str, bytes]) -> dict[str, Reader]:
         "truths": Reader("truths.toml", [truths], read_truths, 0.06),
         "comparison": Reader("comparison.json", [own.get("comparison", b"")], read_comparison, 0.02),
         "design": Reader("design.json", [own.get("design", b"")], read_design, 0.02),
-        "block": Reader("block-00000.npz", [own.get("block", b"")], read_block, 0.04),
         "posterior": Reader("posterior.nc", [own.get("posterior", b"")], read_posterior, 0.01),
     }
 

@@ -28,11 +28,11 @@ def hunt(name: str, corpus: Path, seconds: int) -> None:
     import atheris
 
     with atheris.instrument_imports(
-        include=["ldbb_bayes.campaign", "ldbb_bayes.tables", "ldbb_bayes.toml", "ldbb_bayes.model.truths"]
+        include=["ldbb_bayes.campaign", "ldbb_bayes.campaign", "ldbb_bayes.files", "ldbb_bayes.model.specification"]
     ):
         import ldbb_bayes.campaign.folder
-        import ldbb_bayes.model.truths
-        import ldbb_bayes.tables.importing
+        import ldbb_bayes.campaign.importing
+        import ldbb_bayes.model.specification
     sys.path.insert(0, str(HERE))
     from fuzz import readers
 

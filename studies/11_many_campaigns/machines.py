@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.quadrature import HyperPosterior
-from ldbb_bayes.inference.sufficient import sufficient_statistics
+from ldbb_bayes.fleet.statistics import sufficient_statistics
+from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.terms import ForceError, Mount
 
 __all__ = ["FORCES_N", "MACHINES", "READINGS", "REPEATABILITY", "fleet", "months"]

@@ -16,7 +16,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.detection import SURE
+from ldbb_bayes.fleet.change import SURE
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.basis import SIZE, basis
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.columns import BasisNoise, Columns
+from ldbb_bayes.model.fourier import SIZE, basis
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms import BasisNoise, Columns
 
 __all__ = ["PlainNutpie", "ReducedDensity", "ReducedNuts", "check", "nested_log_evidence", "plain_model"]
 

@@ -9,7 +9,7 @@ import tracemalloc
 
 import numpy as np
 
-from ldbb_bayes.model.reduction import reduce_readings
+from ldbb_bayes.model.fourier import reduce_readings
 
 
 def design(angle: np.ndarray) -> np.ndarray:

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.quadrature import HyperPosterior
-from ldbb_bayes.inference.samplers import run_sampler
-from ldbb_bayes.model.bound import BoundModel
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.sample import run_sampler
+from ldbb_bayes.model.hybrid import BoundModel
 
 Array = NDArray[Any]
 Run = Callable[[int], tuple[Array, float]]
@@ -65,7 +65,7 @@ def ours(bound: BoundModel, sampler: str, ess: float) -> Run:
 def contenders(bound: BoundModel, *, quick: bool, repeats: int) -> list[Contender]:
     """Whoever is installed."""
     ess = 1000.0 if quick else 10_000.0
-    found = [Contender(name, ours(bound, name, ess), repeats) for name in ("joint", "collapsed", "quadrature")]
+    found = [Contender(name, ours(bound, name, ess), repeats) for name in ("joint", "independent")]
     if quick:
         return found
     if _installed("numpyro", "jax"):

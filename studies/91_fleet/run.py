@@ -12,21 +12,23 @@ import json
 import os
 import platform
 import re
+import sqlite3
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import closing
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pandas as pd
 import psutil
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.journal import Journal
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
@@ -113,9 +115,9 @@ def batch(paths: list[str], out: Path, executor: str, workers: int) -> dict[str,
         "collector_MB": own,
         "worker_MB": max(peaks.values(), default=own),
         "failed": sorted(entry["campaign"] for entry in said["failed"]),
-        "dataset": digest(out / "campaigns.parquet"),
-        "journal_bytes": sum(path.stat().st_size for path in (out / "journal").rglob("*") if path.is_file()),
-        "dataset_bytes": sum(path.stat().st_size for path in (out / "campaigns.parquet").rglob("*") if path.is_file()),
+        "dataset": hashlib.sha256((out / "campaigns.parquet").read_bytes()).hexdigest(),
+        "journal_bytes": (out / "batch.sqlite").stat().st_size,
+        "dataset_bytes": (out / "campaigns.parquet").stat().st_size,
     }
     _say(f"{executor}, {workers} workers, {len(paths)} campaigns: {found['per_second']:.2f}/s, {found['worker_MB']:.0f} MB")
     return found
@@ -134,14 +136,6 @@ def _note_peaks(pid: int, peaks: dict[int, float]) -> None:
             peaks[one.pid] = max(peaks.get(one.pid, 0.0), int(kB) / 1024.0)
         except (OSError, ValueError):
             continue
-
-
-def digest(dataset: Path) -> str:
-    """Of the bytes of all parts."""
-    found = hashlib.sha256()
-    for path in sorted(dataset.rglob("*.parquet")):
-        found.update(path.name.encode() + path.read_bytes())
-    return found.hexdigest()
 
 
 def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
@@ -170,13 +164,13 @@ def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
 
 def collected(out: Path, again: Path) -> float:
     """Rows a second that one process takes into a journal, of a row that a batch kept."""
-    line = next(line for line in (out / "journal" / "rows.jsonl").read_bytes().splitlines() if b" done " in line[:60])
-    row = json.loads(line.split(b" ", 3)[3])
-    start = time.perf_counter()
-    with Journal(again, COLLECTED, "again") as journal:
-        for index in range(COLLECTED):
-            journal.append(index, row)
-    return COLLECTED / (time.perf_counter() - start)
+    with closing(sqlite3.connect(out / "batch.sqlite")) as journal:
+        (text,) = journal.execute("SELECT row FROM campaigns WHERE status = 'done' LIMIT 1").fetchone()
+    row, moments = json.loads(text), []
+    paths = [str(again.parent / "campaigns"), *(f"copy {k}" for k in range(COLLECTED))]
+    with mock.patch("ldbb_bayes.fleet.batch.fit_row", return_value=row):
+        lb.batch(paths, again, progress=lambda *_: moments.append(time.perf_counter()))
+    return (len(moments) - 1) / (moments[-1] - moments[0])
 
 
 def measure(size: Size, folder: Path) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from campaigns import HYPER_UM, TRUTH, plan
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.belonging import FALSE_ALARMS, _compared, _holm
+from ldbb_bayes.analysis.outliers import FALSE_ALARMS, _compared
 from ldbb_bayes.errors import InputError
 
-CONSTANT = lb.HybridModel.default(0)
-MODELS = {"constant": CONSTANT, "linear": lb.HybridModel.default(1)}
+CONSTANT = lb.HybridModel.default(0).without("truncation")
+MODELS = {"constant": CONSTANT, "linear": CONSTANT.with_degree(1)}
 FORCES_N = (36.0, 200.0, 400.0, 600.0, 742.0)
 
 
@@ -31,9 +31,9 @@ def campaign(seed: int, odd: str | None = None, harmonics: int = 3) -> lb.Campai
     return replace(made, tests=tuple(tests))
 
 
-@pytest.mark.parametrize("odd", ["f036", "f400"])
-def test_an_outlier_is_flagged_alone(odd: str) -> None:
-    found = lb.belonging(MODELS, campaign(4, odd), seed=1)
+def test_an_outlier_is_flagged_alone() -> None:
+    odd = "f400"
+    found = lb.belonging(MODELS, campaign(4, odd), seed=1, tolerance=0.1, replicates=4000)
     assert list(found.index[found["flag"]]) == [odd]
     assert found.loc[odd, "family_wise_p_value"] < FALSE_ALARMS
     orders = found.loc[odd, [f"order_{n}" for n in range(13)]].astype(float)
@@ -42,14 +42,17 @@ def test_an_outlier_is_flagged_alone(odd: str) -> None:
 
 
 def test_a_clean_campaign_is_not() -> None:
-    found = lb.belonging(MODELS, campaign(5), seed=1)
+    found = lb.belonging(MODELS, campaign(5), seed=1, tolerance=0.1)
     assert not found["flag"].any()
     assert list(found.columns[:4]) == ["force_N", "p_value", "family_wise_p_value", "flag"]
     assert found["family_wise_p_value"].ge(found["p_value"]).all()
 
 
 def test_the_seed_fixes_the_numbers() -> None:
-    one, two = (lb.belonging({"constant": CONSTANT}, campaign(6), seed=3, replicates=2000) for _ in range(2))
+    one, two = (
+        lb.belonging({"constant": CONSTANT}, campaign(6).select(["f200", "f400"]), seed=3, replicates=500, tolerance=0.1)
+        for _ in range(2)
+    )
     assert one.equals(two)
 
 
@@ -71,10 +74,10 @@ def test_two_that_disagree_are_not_flagged() -> None:
     made = campaign(4).select(["f200", "f400", "f742"])
     odd = made.tests[1]
     spoilt = [made.tests[0], odd.with_reading_um(odd.reading_um + 20.0 * np.cos(5.0 * odd.angles_rad()))]
-    two = lb.belonging(MODELS, replace(made, tests=tuple(spoilt)), seed=1)
+    two = lb.belonging(MODELS, replace(made, tests=tuple(spoilt)), seed=1, tolerance=0.1, replicates=2000)
     assert two["family_wise_p_value"].max() < FALSE_ALARMS
     assert not two["flag"].any()
-    three = lb.belonging(MODELS, replace(made, tests=(*spoilt, made.tests[2])), seed=1)
+    three = lb.belonging(MODELS, replace(made, tests=(*spoilt, made.tests[2])), seed=1, tolerance=0.1, replicates=2000)
     assert list(three.index[three["flag"]]) == ["f400"]
 
 
@@ -90,11 +93,6 @@ def test_the_worst_order_is_the_farthest_of_those_beyond_all_replicates(rng: np.
 def test_too_few_replicates_to_flag_anything_are_refused() -> None:
     with pytest.raises(InputError, match="replicates must be at least 126 to judge 5 tests, got 100"):
         lb.belonging({"constant": CONSTANT}, campaign(1), replicates=100)
-
-
-def test_holm() -> None:
-    np.testing.assert_allclose(_holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
-    np.testing.assert_allclose(_holm(np.array([0.9, 0.8])), [1.0, 1.0])
 
 
 def test_one_test_is_refused() -> None:

@@ -10,9 +10,10 @@ from campaigns import HYPER_UM, plan
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budget import Budget, _shares, budgets
-from ldbb_bayes.model.basis import basis
-from ldbb_bayes.model.columns import BasisNoise, Columns
+from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.information import NOISE, OWN, information_of
+from ldbb_bayes.model.terms import BasisNoise, Columns
+from ldbb_bayes.report.wording import remedy_words
 
 MODEL = lb.HybridModel.default(1)
 PHI = np.array([HYPER_UM[name] * 1e-3 for name in ("sigma", "delta", "kappa", "tau")])
@@ -20,7 +21,7 @@ PHI = np.array([HYPER_UM[name] * 1e-3 for name in ("sigma", "delta", "kappa", "t
 
 @pytest.fixture(scope="module")
 def posterior() -> object:
-    return lb.sample(MODEL, MODEL.simulate(plan(), seed=3, hyper_um=HYPER_UM).campaign, seed=1, sampler="quadrature")
+    return lb.sample(MODEL, MODEL.simulate(plan(), seed=3, hyper_um=HYPER_UM).campaign, seed=1, sampler="independent")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def test_shares_sum_to_one_and_give_back_the_variance(posterior: object, found: 
 def test_what_the_paper_needs_to_know(found: dict[str, Budget]) -> None:
     gain = found["E_XX1"]
     assert gain.contributions[0].source == "bar_length"
-    assert gain.improve == "Calibrate the bar's length."
+    assert (gain.heaviest, remedy_words(gain)) == ("BarLength", "Calibrate the bar's length.")
     assert gain.u_if_known < 0.5 * gain.u
     square = found["E_C0YX"]
     assert square.contributions[0].source == "form_sin2"
@@ -105,7 +106,7 @@ def test_the_sign_of_a_sensitivity() -> None:
     longer = replace(campaign, tests=tuple(t.with_reading_um(np.asarray(t.reading_um) + 1.0) for t in campaign.tests))
     one, other = (MODEL.without("truncation").bind(c) for c in (campaign, longer))
     moved = other.given(PHI[None])[1].mean[0] - one.given(PHI[None])[1].mean[0]
-    found = budgets(lb.sample(MODEL.without("truncation"), campaign, seed=1, sampler="quadrature"))
+    found = budgets(lb.sample(MODEL.without("truncation"), campaign, seed=1, sampler="independent"))
     line = next(x for x in found["E_XX1"].contributions if x.source == "bar_length")
     assert np.sign(line.sensitivity or 0.0) == np.sign(moved[one.names.index("E_XX1")])
     assert line.sensitivity == pytest.approx(moved[one.names.index("E_XX1")] / 1e-3, rel=0.1)

@@ -9,8 +9,7 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, plan
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.circularity import circularity, measured_circularity
-from ldbb_bayes.analysis.zones import least_squares_zone, minimum_zone
+from ldbb_bayes.analysis.circularity import circularity, least_squares_zone, measured_circularity, minimum_zone
 from ldbb_bayes.machine.forward import exact_reading_mm
 
 ANGLE = np.arange(360) * np.pi / 180.0
@@ -30,7 +29,7 @@ def test_the_machines_path(topology: str) -> None:
     names = set(model.bind(planned).names)
     truth = {name: value for name, value in TRUTH.items() if name in names}
     campaign = model.simulate(planned, seed=5, parameters=truth, hyper_um=QUIET).campaign
-    posterior = lb.sample(model, campaign, seed=1, sampler="quadrature")
+    posterior = lb.sample(model, campaign, seed=1, sampler="independent")
     table = circularity(posterior)
     assert sorted(set(table["force_N"])) == [0.0, 36.0, 300.0, 520.0, 742.0]
     machine, circle = campaign.machine(), campaign.tests[0].circle
@@ -69,7 +68,7 @@ def test_a_known_squareness_and_mismatch() -> None:
     """At no force the path's squareness is E_C(0Y)X and its mismatch E_XX1 − E_YY1, draw by draw."""
     model = lb.HybridModel.default(1)
     campaign = model.simulate(plan(), seed=2, hyper_um=HYPER_UM).campaign
-    posterior = lb.sample(model, campaign, seed=1, sampler="quadrature")
+    posterior = lb.sample(model, campaign, seed=1, sampler="independent")
     table = circularity(posterior, [0.0]).set_index("quantity")
     group = posterior["posterior"]
     square = group["E_C0YX"].to_numpy() * 1e6
@@ -94,7 +93,7 @@ def both_ways() -> tuple[lb.Campaign, object]:
         for test in campaign.tests
     )
     campaign = replace(campaign, tests=moved)
-    return campaign, lb.sample(model, campaign, seed=1, sampler="quadrature")
+    return campaign, lb.sample(model, campaign, seed=1, sampler="independent")
 
 
 def test_both_directions(both_ways: tuple[lb.Campaign, object]) -> None:

@@ -7,7 +7,7 @@ import pytest
 from campaigns import HYPER_UM, plan
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.contributions import COMPLIANCE, GEOMETRY, TOGETHER
+from ldbb_bayes.analysis.circularity import COMPLIANCE, GEOMETRY, TOGETHER
 from ldbb_bayes.machine.forward import exact_reading_mm
 
 ANGLE = np.arange(360) * np.pi / 180.0
@@ -31,7 +31,7 @@ PAPER = {
 
 @pytest.fixture(scope="module")
 def least_squares(recovered: lb.Campaign) -> object:
-    return lb.sample(lb.HybridModel.paper(0), recovered, seed=1, sampler="quadrature")
+    return lb.sample(lb.HybridModel.paper(0), recovered, seed=1, sampler="independent")
 
 
 @pytest.mark.parametrize("name", PAPER)
@@ -57,7 +57,7 @@ def test_by_the_exact_model(degree: int) -> None:
     """At the mean parameters the exact model gives the same paths; a compliance counts with its slopes."""
     model = lb.HybridModel.default(degree)
     campaign = model.simulate(plan(), seed=2, hyper_um=HYPER_UM).campaign
-    posterior = lb.sample(model, campaign, seed=1, sampler="quadrature")
+    posterior = lb.sample(model, campaign, seed=1, sampler="independent")
     force = 640.0
     found = lb.contributions(posterior, force).set_index("source")
     group = posterior["posterior"]

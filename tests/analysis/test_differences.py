@@ -9,9 +9,9 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, plan
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.origin import bound_of, draws_of
-from ldbb_bayes.model.basis import basis
-from ldbb_bayes.model.columns import BasisNoise, Columns
+from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.terms import BasisNoise, Columns
 
 SAME = {name: value for name, value in HYPER_UM.items() if name != "tau"}
 MODEL = lb.HybridModel.default(1).without("truncation")
@@ -25,7 +25,7 @@ def posterior_of(seed: int, model: lb.HybridModel = MODEL, **options: object) ->
         tests = [replace(test, radius_mm=r, name=f"{test.name} {r:g}") for r in radii for test in planned.tests]
         planned = replace(planned, tests=tuple(tests))
     campaign = lb.HybridModel.default(0).simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
-    return lb.sample(model, campaign, seed=1, sampler="quadrature")
+    return lb.sample(model, campaign, seed=1, sampler="independent")
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +166,10 @@ def test_two_instruments_taken_for_one() -> None:
     for seed in range(3, 9):
         both = [
             lb.sample(
-                MODEL, one_form.simulate(plan(), seed=own, parameters=TRUTH, hyper_um=SAME).campaign, seed=1, sampler="quadrature"
+                MODEL,
+                one_form.simulate(plan(), seed=own, parameters=TRUTH, hyper_um=SAME).campaign,
+                seed=1,
+                sampler="independent",
             )
             for own in (seed, seed + 100)
         ]
@@ -177,7 +180,7 @@ def test_two_instruments_taken_for_one() -> None:
 def test_refused(two: tuple[object, object]) -> None:
     campaign = replace(plan(), topology="wYFXZt")
     model = lb.HybridModel.default(0)
-    other = lb.sample(model, model.simulate(campaign, seed=1).campaign, sampler="quadrature")
+    other = lb.sample(model, model.simulate(campaign, seed=1).campaign, sampler="independent")
     with pytest.raises(lb.InputError, match="same topology"):
         lb.differences(two[0], other)  # type: ignore[arg-type]
     flat = posterior_of(1, lb.HybridModel.paper(0))

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.zones import least_squares_zone, minimum_zone, minimum_zone_widths
+from ldbb_bayes.analysis.circularity import least_squares_zone, minimum_zone, minimum_zone_widths
 
 ANGLE = np.arange(360) * np.pi / 180.0
 

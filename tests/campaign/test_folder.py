@@ -154,11 +154,11 @@ def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
         ),
         (CSV.replace("angle_deg", "angle"), "line 1: columns must be among"),
         ("angle_deg\n1\n2\n", "reading_um or reading_mm, got neither"),
-        (CSV.replace("angle_deg,reading_um", "angle_deg,angle_deg"), "columns must"),
+        (CSV.replace("angle_deg,reading_um", "angle_deg,angle_deg"), "line 1: columns must differ, got .angle_deg. twice"),
         (CSV.replace("40,", "forty,"), "b.csv, line 4: angle_deg must be a finite number, got 'forty'"),
         (CSV.replace("\n60,", "\n60,nan\n61,"), "b.csv, line 5: reading_um must be a finite number, got 'nan'"),
         (CSV.replace("\n60,", "\n60,\n61,"), "b.csv, line 5: reading_um must be a finite number, got ''"),
-        (CSV.replace("\n60,", "\n60,1,2\n61,"), "b.csv must be a table"),
+        (CSV.replace("\n60,", "\n60,1,2\n61,"), "b.csv, line 5: rows must have 2 cells, got 3"),
         ("\n".join(CSV.splitlines()[:8]), "at least 9 readings, got 7"),
         ("angle_deg,reading_um\n" + "\n".join(f"{a / 10},1" for a in range(20)), "angle_deg must span more than 7°"),
         ("angle_rad,reading_um\n" + "\n".join(f"{a},1" for a in range(0, 360, 5)), "angle_rad must span at most 4 turns"),
@@ -172,9 +172,10 @@ def test_csv_refused(tmp_path: Path, csv: str, message: str) -> None:
 
 def test_binary_and_missing(tmp_path: Path) -> None:
     write(tmp_path)
-    (tmp_path / "b.csv").write_bytes(bytes(range(256)))
-    with pytest.raises(InputError, match="binary data"):
-        lb.read_campaign(tmp_path)
+    for content, got in ((bytes(range(256)), "text must be utf-8, got other bytes"), (b"angle_deg,\0\n1,2\n", "got binary data")):
+        (tmp_path / "b.csv").write_bytes(content)
+        with pytest.raises(InputError, match=got):
+            lb.read_campaign(tmp_path)
     with pytest.raises(InputError, match="does not exist"):
         lb.read_campaign(tmp_path / "nowhere")
 
@@ -218,3 +219,66 @@ def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
         replace(plain, date="20.11.26")
     with pytest.raises(lb.InputError, match="machine_id must be a name"):
         replace(plain, machine_id=" ")
+
+
+# ---- tidy tables
+
+
+def tidy(campaign: lb.Campaign, extra: str = "") -> str:
+    lines = [f"test,force_N,pressure_bar,work_ball_deg,angle_deg,reading_um{',' + extra if extra else ''}"]
+    for test in campaign.tests:
+        for angle, reading in zip(test.angle_deg, test.reading_um, strict=True):
+            cells = [test.name, test.force_N, test.pressure_bar, test.work_ball_deg, angle, reading]
+            lines.append(",".join(str(cell) for cell in cells) + ("," if extra else ""))
+    return "\n".join(lines) + "\n"
+
+
+def test_tidy_is_the_same_campaign(tmp_path: Path) -> None:
+    campaign = simulated(plan(work_deg=20.0))
+    path = tmp_path / "all.csv"
+    path.write_text(tidy(campaign))
+    assert lb.read_campaign(path).sha256 == campaign.sha256
+    assert lb.read_campaign(path, radius_mm=100.0).tests[0].radius_mm == 100.0
+
+
+def test_rows_of_a_test_must_agree(tmp_path: Path) -> None:
+    path = tmp_path / "all.csv"
+    path.write_text(tidy(simulated(plan())).replace("f036,36.0", "f036,37.0", 1))
+    with pytest.raises(InputError, match=r"all\.csv: force_N must be the same in all rows of a test, got 36.0 to 37.0 in 'f036'"):
+        lb.read_campaign(path)
+
+
+def test_test_column_is_needed(tmp_path: Path) -> None:
+    path = tmp_path / "all.csv"
+    path.write_text("force_N,angle_deg,reading_um\n" + "\n".join(f"36,{a},1" for a in range(0, 360, 10)))
+    with pytest.raises(InputError, match="must hold 'test'"):
+        lb.read_campaign(path)
+
+
+def test_options_belong_to_tables(root: Path) -> None:
+    with pytest.raises(InputError, match="options must come with a tidy CSV, got radius_mm"):
+        lb.read_campaign(root / "data" / "recovered_experiment", radius_mm=100.0)
+
+
+def test_empty_direction_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "all.csv"
+    path.write_text(tidy(simulated(plan()), "direction"))
+    assert all(test.direction is None for test in lb.read_campaign(path).tests)
+    assert np.isfinite(lb.read_campaign(path).forces_N).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (",".join(["a"] * 1_000_000) + "\n", "line 1: a line must hold at most 100000 signs"),
+        (",".join(["a"] * 2000) + "\n1\n", "at most 1000 columns, got 2000"),
+        ("angle_deg,reading_um\n1,2\n" + ",".join([""] * 4_000_001), "at most 4000000 cells"),
+        ("angle_deg,reading_um\n1," + "1" * 99_000 + "x\n", "reading_um must be a finite number, got '1111"),
+    ],
+)
+def test_tables_of_no_sensible_shape_are_refused_at_once(content: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(content)
+    with pytest.raises(InputError, match=said) as refused:
+        lb.read_campaign(path)
+    assert len(str(refused.value)) < 400

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from batches import dataset_bytes, write_campaigns
@@ -17,6 +14,7 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli.main import app
+from ldbb_bayes.fleet.row import Job, Settings, fit_row
 
 pytest.importorskip("pyarrow")
 MODEL = ("--degree", "0", "--without", "hysteresis,discrepancy,setup-shift", "--ess", "600", "--quiet")
@@ -52,13 +50,7 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, tuple[int, str, s
     assert f"Written: {out}/campaigns.parquet" in stdout.replace("\n", "")
     rows = lb.read_batch(out)
     assert rows["status"].tolist() == ["done", "done", "failed"]
-    assert sorted(path.name for path in out.iterdir()) == [
-        ".lock",
-        "batch.json",
-        "campaigns.parquet",
-        "campaigns.txt",
-        "journal",
-    ]
+    assert sorted(path.name for path in out.iterdir()) == ["batch.sqlite", "campaigns.parquet", "campaigns.txt"]
 
 
 def test_resume_prints_that_nothing_is_left(finished: tuple[Path, tuple[int, str, str]]) -> None:
@@ -87,25 +79,16 @@ def test_json_on_processes(finished: tuple[Path, tuple[int, str, str]], shop: Pa
     assert dataset_bytes(tmp_path / "b") == dataset_bytes(finished[0])
 
 
-def test_only_the_first_of_many_repeats_and_damage_once(shop: Path, tmp_path: Path) -> None:
+def test_only_the_first_of_many_repeats(shop: Path, tmp_path: Path) -> None:
     given = [shop / "c0", *[f"{shop}/c1/../c0"] * 13, "--out", tmp_path / "b", "--workers", 1, *MODEL]
     code, _, stderr = invoke(*given)
     assert code == 0
     assert stderr.count("kept once") == 10
     assert stderr.endswith("\n… and 3 more.\n")
-    journal = tmp_path / "b" / "journal" / "rows.jsonl"
-    raw = bytearray(journal.read_bytes())
-    raw[100] ^= 1
-    journal.write_bytes(raw)
-    said = (
-        "1 lines of the journal were damaged. What they held, and what had failed before, is done again: 1 campaigns by this run."
-    )
-    assert said in invoke(*given, "--resume")[2]
-    assert "damaged" not in invoke(*given, "--resume")[2]
 
 
 def test_a_missed_target_is_exit_code_1(shop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ldbb_bayes.inference.stopping.Assessment.meets", lambda *_, **__: False)
+    monkeypatch.setattr("ldbb_bayes.inference.mcmc.Assessment.meets", lambda *_, **__: False)
     code, stdout, _ = invoke(shop / "c0", "--out", tmp_path / "b", "--workers", 1, *MODEL)
     assert code == 1
     assert "not converged: do not use their numbers" in stdout
@@ -117,7 +100,7 @@ def test_a_missed_target_is_exit_code_1(shop: Path, tmp_path: Path, monkeypatch:
     [
         (["nowhere"], "a batch must have campaigns that exist, got none among 1 (nowhere)"),
         (["@nowhere"], "nowhere must be a list of campaigns, one path a line, got nothing"),
-        (["SHOP", "--sampler", "x"], "sampler must be one of joint, collapsed, quadrature, got 'x'"),
+        (["SHOP", "--sampler", "x"], "sampler must be one of joint, independent, got 'x'"),
         (["SHOP", "--executor", "x"], "--executor must be one of process, dask, got 'x'"),
         (["SHOP", "--scheduler", "tcp://x"], "--scheduler must"),
         (["SHOP", "--ci", "2"], "ci_prob must lie between 0 and 1"),
@@ -141,22 +124,21 @@ def test_nothing_to_resume_begins_anew(shop: Path, tmp_path: Path) -> None:
     assert stderr == f"{tmp_path}/b holds no unfinished batch: this one begins anew.\n"
 
 
-@pytest.mark.skipif(os.name == "nt", reason="signals")
-def test_interrupted_and_resumed(tmp_path: Path, finished: tuple[Path, tuple[int, str, str]]) -> None:
+def test_interrupted_and_resumed(
+    tmp_path: Path, finished: tuple[Path, tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Ctrl-C after the first row: 130, one message; with --resume the same table."""
     out, listed = tmp_path / "b", finished[0].parent / "list.txt"
-    command = [sys.executable, "-m", "ldbb_bayes", "batch", str(listed), "--out", str(out), "--workers", "1", *MODEL]
-    # Started in the background, a test run ignores Ctrl-C, and what it starts would too.
-    heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeding)
-    journal = out / "journal" / "rows.jsonl"
-    deadline = time.monotonic() + 60.0
-    while process.poll() is None and time.monotonic() < deadline and not (journal.exists() and journal.stat().st_size):
-        time.sleep(0.005)
-    process.send_signal(signal.SIGINT)
-    stdout, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert stdout == ""
+
+    def interrupted(settings: Settings, job: Job) -> dict[str, Any]:
+        if job.index == 1:
+            raise KeyboardInterrupt
+        return fit_row(settings, job)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("ldbb_bayes.fleet.batch.fit_row", interrupted)
+        code, stdout, stderr = invoke(listed, "--out", out, "--workers", 1, *MODEL)
+    assert (code, stdout) == (130, "")
     assert f"interrupted; {out} keeps what is done. The same command with --resume goes on with it." in stderr
     code, stdout, _ = invoke(listed, "--out", out, "--workers", 1, "--resume", *MODEL)
     assert code == 0

@@ -1,269 +1,359 @@
-"""The command line: exit codes, JSON on stdout and nothing else, one message for bad input, nothing half-written."""
+"""Every command once: what it prints, what it writes, its exit codes; run in this process."""
 
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
-from campaigns import plan, simulated
+from campaigns import Invoke, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli.main import app
+from ldbb_bayes.analysis import comparison
+from ldbb_bayes.analysis.design import design as designing
+from ldbb_bayes.fleet.population import digest_of
+from ldbb_bayes.model.specification import model_to_toml
+
+FIT = ("--degree", 0, "--sampler", "independent")
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-W", "error", "-m", "ldbb_bayes", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return lb.write_campaign(simulated(plan()), tmp_path_factory.mktemp("campaign") / "c")
+def drawn(text: str) -> set[str]:
+    return {f"{name}.{kind}" for name in text.split() for kind in ("png", "svg")}
 
 
-@pytest.fixture(scope="module")
-def fitted(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
-    out = tmp_path_factory.mktemp("out") / "r"
-    return out, run("fit", folder, "--degree", 0, "--sampler", "quadrature", "--out", out, "--json", "--seed", 5)
+def tidy(campaign: lb.Campaign, path: Path) -> Path:
+    columns = [
+        pd.DataFrame({"test": t.name, "force_N": t.force_N, "angle_deg": t.angle_deg, "reading_um": t.reading_um})
+        for t in campaign.tests
+    ]
+    pd.concat(columns).to_csv(path, index=False)
+    return path
 
 
-def test_fit_json(fitted: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
-    out, done = fitted
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    result = json.loads(done.stdout)
-    assert result["model"]["degree"] == 0
-    assert result["provenance"]["seed"] == 5
+def refuse(name: str) -> None:
+    raise AssertionError(name)
+
+
+def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    out = tmp_path / "r"
+    code, shown, err = invoke("fit", folder, *FIT, "--out", out, "--json", "--seed", 5)
+    assert (code, err) == (0, "")
+    result = json.loads(shown)
+    assert (result["model"]["degree"], result["provenance"]["seed"]) == (0, 5)
     assert json.loads((out / "summary.json").read_text()) == result
-    assert sorted(p.name for p in out.iterdir()) == ["model.toml", "posterior.nc", "summary.json"]
+    assert names(out) == {"model.toml", "posterior.nc", "summary.json"}
     assert lb.read_model(out / "model.toml") == lb.HybridModel.default(0)
-
-
-def test_summarize(fitted: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
-    out, done = fitted
-    assert json.loads(run("summarize", out, "--json").stdout) == json.loads(done.stdout)
-    narrow = json.loads(run("summarize", out / "posterior.nc", "--json", "--ci", 0.5).stdout)["parameters"]["C_XXX"]["ci50"]
-    wide = json.loads(done.stdout)["parameters"]["C_XXX"]["ci95"]
+    assert json.loads(invoke("summarize", out, "--json")[1]) == result
+    narrow = json.loads(invoke("summarize", out / "posterior.nc", "--json", "--ci", 0.5)[1])["parameters"]["C_XXX"]["ci50"]
+    wide = result["parameters"]["C_XXX"]["ci95"]
     assert wide[0] < narrow[0] < narrow[1] < wide[1]
-    table = run("summarize", out)
-    assert "C_XXX" in table.stdout
-    assert "µm/N" in table.stdout
-    assert "E_C(0Y)X" in table.stdout
-    assert "looks exactly like" in table.stdout
+    table = invoke("summarize", out)[1]
+    for words in ("C_XXX", "µm/N", "E_C(0Y)X", "looks exactly like"):
+        assert words in table
 
 
-def test_without_out_nothing_is_written(folder: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--degree", "0", "--ess", "1e5", "--max-steps", "200"]
-    assert subprocess.run(command, capture_output=True, cwd=tmp_path, timeout=120, check=False).returncode == 1
-    assert list(tmp_path.iterdir()) == []
+def test_fit_that_misses_its_target(folder: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, shown, _ = invoke("fit", folder, "--ess", "1e6", "--max-steps", 200, "--degree", 0)
+    assert code == 1
+    assert "NOT CONVERGED" in shown
+    assert names(tmp_path) == set()
 
 
-def test_a_missed_target_is_exit_code_1(folder: Path, tmp_path: Path) -> None:
-    done = run("fit", folder, "--ess", "1e6", "--max-steps", 200, "--degree", 0, "--out", tmp_path / "r")
-    assert done.returncode == 1
-    assert "NOT CONVERGED" in done.stdout
-    assert not json.loads((tmp_path / "r" / "summary.json").read_text())["sampler"]["converged"]
+def test_fit_says_what_differs_from_the_preset(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    (tmp_path / "model.toml").write_text("schema = 1\ndegree = 0\n[prior]\ntau_um = 20.0\n")
+    for options, words in (
+        (("--degree", 0, "--without", "ball-form,truncation"), "preset default without BallForm, truncation, reference"),
+        (("--degree", 0, "--preset", "paper"), "the intervals cover white noise alone"),
+        (("--model", tmp_path / "model.toml"), "preset default with edited priors"),
+    ):
+        assert words in " ".join(invoke("fit", folder, "--sampler", "independent", *options)[1].split())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["fit", "nowhere"], "does not exist"),
-        (["fit", "CAMPAIGN", "--resume"], "--resume must come with --out"),
-        (["fit", "CAMPAIGN", "--without", "balls"], "Did you mean 'ball-form'"),
-        (["fit", "CAMPAIGN", "--preset", "papers"], "Did you mean 'paper'"),
-        (["fit", "CAMPAIGN", "--degree", "5"], "degree"),
-        (["fit", "CAMPAIGN", "--sampler", "nuts"], "sampler must be one of"),
-        (["fit", "CAMPAIGN", "--model", "none.toml"], "readable TOML file"),
-        (["fit", "CAMPAIGN", "--ci", "95"], "ci_prob must lie between 0 and 1"),
-        (["fit", "CAMPAIGN", "--radius-mm", "100"], "--radius-mm must come with a tidy CSV"),
-        (["fit", "CAMPAIGN", "--nonsense"], "No such option"),
-        (["fit", "CAMPAIGN", "--out", "EXISTING"], "must not exist"),
-        (["fit", "CAMPAIGN", "--out", "/proc/nothing/r"], "must be writable"),
-        (["summarize", "nowhere"], "result must be a folder with posterior.nc"),
-        (["fit"], "Missing argument"),
-    ],
-)
-def test_bad_input(folder: Path, tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    places = {"CAMPAIGN": str(folder), "EXISTING": str(tmp_path)}
-    with pytest.raises(SystemExit) as left:
-        app([places.get(argument, argument) for argument in arguments])
-    shown = capsys.readouterr()
-    assert left.value.code == 2
-    assert shown.out == ""
-    assert message in " ".join(shown.err.replace("│", " ").split())
-    assert list(tmp_path.iterdir()) == []
+def test_fit_of_nearly_equal_forces_with_flat_priors(tmp_path: Path, invoke: Invoke) -> None:
+    """A millinewton apart: answered, with an uncertainty that says the number is worth nothing. Closer: refused."""
+    campaign = simulated(plan((40, 40), forces_N=(100.0, 100.001)))
+    code, shown, _ = invoke("fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", *FIT, "--json")
+    assert code == 0
+    assert json.loads(shown)["parameters"]["C_XXX"]["sd"] > 1e-2
+    close = lb.Campaign(tuple(replace(t, force_N=100.0 + 1e-7 * i) for i, t in enumerate(campaign.tests)))
+    code, _, err = invoke("fit", lb.write_campaign(close, tmp_path / "d"), "--preset", "paper", "--degree", 0)
+    assert code == 2
+    assert "flat priors must have at least two force levels" in err
 
 
-def test_bad_campaign_names_file_and_line(folder: Path, tmp_path: Path) -> None:
-    broken = tmp_path / "c"
-    lb.write_campaign(lb.read_campaign(folder), broken)
-    lines = (broken / "f300.csv").read_text().splitlines()
-    lines[6] = "54,abc"
-    (broken / "f300.csv").write_text("\n".join(lines))
-    done = run("fit", broken, "--out", tmp_path / "r")
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert f"{broken / 'f300.csv'}, line 7: reading_um must be a finite number, got 'abc'" in done.stderr
-    assert not (tmp_path / "r").exists()
+def test_fit_of_dead_circles_gives_valid_json(tmp_path: Path, invoke: Invoke) -> None:
+    campaign = simulated(plan())
+    dead = lb.Campaign((campaign.tests[0].with_reading_um(np.zeros(40)), *campaign.tests[1:]))
+    shown = invoke("fit", lb.write_campaign(dead, tmp_path / "c"), *FIT, "--json")[1]
+    assert json.loads(shown, parse_constant=refuse)["fit"]["fitness_percent"]["f036"] is None
 
 
-@contextmanager
-def fitting(folder: Path, out: Path | None, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "ldbb_bayes", "fit", str(folder), "--json", *arguments]
-    command += [] if out is None else ["--out", str(out)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    record = {
+        "schema": 1,
+        "kind": "population",
+        "reference_force_N": 389.0,
+        "machines": 4,
+        "campaigns": 9,
+        "forces_N": [36.0, 742.0],
+    }
+    record |= {"topology": "wCAFYXZSt", "next": {"C_XXX": {"unit": "mm/N", "mean": 5.1e-5, "sd": 4e-6}}}
+    population, out = tmp_path / "population.json", tmp_path / "out"
+    population.write_text(json.dumps(record | {"sha256": digest_of(record)}))
+    fit = ("fit", folder, "--sampler", "independent", "--json")
+    code, shown, err = invoke(*fit, "--prior-from", population, "--out", out)
+    assert code == 0
+    result = json.loads(shown)
+    assert (result["prior_from"]["sha256"], result["prior_from"]["machines"]) == (digest_of(record), 4)
+    (doubt,) = result["prior_from"]["doubts"]
+    assert doubt.startswith("The population has 4 machines, fewer than 6")
+    assert f"--prior-from: {doubt}" in err
+    entry = result["parameters"]["C_XXX"]
+    assert (entry["prior_mean"], entry["prior_sd"], result["model"]["reference_force_N"]) == (5.1e-5, 4e-6, 389.0)
+    again = lb.read_model(out / "model.toml")
+    assert (dict(again.prior.means), again.reference_force_N) == ({"C_XXX": 5.1e-5}, 389.0)
+    code, _, err = invoke("fit", folder, "--preset", "paper", "--prior-from", population)
+    assert code == 2
+    assert "must have proper priors to take a population's, got flat ones" in err
+    other = record | {"topology": "wXFYZt"}
+    population.write_text(json.dumps(other | {"sha256": digest_of(other)}))
+    assert (
+        "topology must be the population's 'wXFYZt' to use its prior, got 'wCAFYXZSt'"
+        in invoke(*fit, "--prior-from", population)[2]
+    )
 
 
-def wait_for(condition: Callable[[], bool]) -> None:
-    patience = time.monotonic() + 90.0
-    while not condition():
-        assert time.monotonic() < patience
-        time.sleep(0.02)
+def test_a_table_made_elsewhere(tmp_path: Path, invoke: Invoke) -> None:
+    """Semicolons, decimal commas, a byte-order mark, radians, millimetres, pressure only: the same campaign."""
+    campaign = simulated(plan((60, 60, 60, 60)))
+    lines = ["test;pressure_bar;angle_rad;reading_mm"]
+    for test in campaign.tests:
+        for angle, reading in zip(test.angles_rad(), test.readings_mm(), strict=True):
+            lines.append(";".join([test.name, *(f"{x:.12g}".replace(".", ",") for x in (test.pressure_bar, angle, reading))]))
+    path = tmp_path / "all.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(lines).encode())
+    options = ("--radius-mm", 150, "--topology", "wCAFYXZSt", "--resolution-um", 0.24)
+    ours = json.loads(invoke("fit", path, *FIT, "--json", *options)[1])
+    theirs = json.loads(invoke("fit", lb.write_campaign(campaign, tmp_path / "c"), *FIT, "--json")[1])
+    entry = theirs["parameters"]["C_XXX"]
+    assert ours["parameters"]["C_XXX"]["mean"] == pytest.approx(entry["mean"], abs=0.15 * entry["sd"])
+    assert ours["campaign"]["forces_N"] == pytest.approx(theirs["campaign"]["forces_N"])
 
 
-LONG = ("--ess", "1e7", "--max-steps", "1000000")
+def test_check(recovered: lb.Campaign, root: Path, tmp_path: Path, invoke: Invoke) -> None:
+    text = invoke("check", root / "data" / "recovered_experiment")[1]
+    for words in ("f742", "Mount (Eq. 32) 2.33 µm/bar, already compensated.", "friction in the bar"):
+        assert words in text
+    test = json.loads(invoke("check", root / "data" / "recovered_experiment", "--json")[1])["tests"][3]
+    assert (test["readings"], test["arc_deg"], test["travel"], test["force_N"]) == (720, 360.0, "CW", 490.0)
+    assert test["largest_gap_deg"] == pytest.approx(0.5)
+    assert test["noise_um"] == pytest.approx(0.12, abs=0.01)
+    reading = recovered.tests[3].reading_um
+    assert test["start_end_um"] == pytest.approx(reading[-1] - reading[0])
+    rows = "\n".join(f"a;2;{angle};1" for angle in range(0, 360, 10))
+    (tmp_path / "all.csv").write_text("test;pressure_bar;angle_deg;reading_um\n" + rows)
+    options = ("--raw", "--mount-um-per-bar", 1.5, "--force-slope", 100, "--force-offset", 0, "--plane", "YZ", "--json")
+    seen = json.loads(invoke("check", tmp_path / "all.csv", *options)[1])
+    assert (seen["tests"][0]["force_N"], seen["plane"]) == (200.0, "YZ")
+    assert any("1.5 µm/bar, not compensated" in text for text in seen["assumptions"])
 
 
-def test_interruption_without_out_writes_nothing(folder: Path, tmp_path: Path) -> None:
-    """A real Ctrl-C: nothing on stdout, one line on stderr."""
-    with fitting(folder, None, *LONG) as process:
-        time.sleep(5.0)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
-    assert (process.returncode, out, err) == (130, "", "ldbb-bayes: interrupted; nothing was written.\n")
-    assert list(tmp_path.iterdir()) == []
+def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
+    truths = tmp_path / "truths.toml"
+    truths.write_text(
+        'schema = 1\nforces_N = [50.0, 300.0, 700.0]\nreadings = 90\nmachine_id = "VMC 07"\ndate = 2026-11-20\n'
+        "[parameters]\nC_XXX = 6e-5\nC_YYY = 4e-5\n[hyper_um]\nsigma = 0.2\ndelta = 0.0\nkappa = 0.0\ntau = 0.0\n"
+    )
+    options = ("--without", "bar-length,mount,force-error", "--seed", 3)
+    assert invoke("simulate", truths, "--out", tmp_path / "c", *options)[0] == 0
+    campaign = lb.read_campaign(tmp_path / "c")
+    truth = json.loads((tmp_path / "c" / "truth.json").read_text())
+    assert (truth["sha256"], truth["parameters"]["C_XXX"]) == (campaign.sha256, 6e-5)
+    assert (campaign.machine_id, campaign.date) == ("VMC 07", "2026-11-20")
+    angle = campaign.tests[2].angles_rad()
+    expected = 700.0 * (6e-5 * np.cos(angle) ** 2 + 4e-5 * np.sin(angle) ** 2)
+    assert np.std(campaign.tests[2].readings_mm() - expected) == pytest.approx(0.2e-3, rel=0.3)
+    assert invoke("simulate", truths, "--out", tmp_path / "d", *options)[0] == 0
+    assert lb.read_campaign(tmp_path / "d").sha256 == campaign.sha256
 
 
-def numbers(text: str) -> dict:
-    """A result without what depends on the clock."""
-    result = json.loads(text)
-    del result["provenance"], result["sampler"]["seconds"]
-    return result
+def test_simulate_from_a_plan(tmp_path: Path, invoke: Invoke) -> None:
+    lb.write_campaign(plan(work_deg=30.0), tmp_path / "plan")
+    truth = tmp_path / "truth.toml"
+    truth.write_text("schema = 1\n[parameters]\nC_XXX = 6e-5\n")
+    out = invoke("simulate", tmp_path / "plan", "--truth", truth, "--out", tmp_path / "c", "--json")[1]
+    assert json.loads(out)["parameters"]["C_XXX"] == 6e-5
+    assert [t.work_ball_deg for t in lb.read_campaign(tmp_path / "c").tests] == [0.0, 30.0, 60.0, 90.0]
+
+
+def test_identify(folder: Path, planned: Path, tmp_path: Path, invoke: Invoke) -> None:
+    out = tmp_path / "i"
+    record = json.loads(invoke("identify", planned, "--degree", 0, "--json", "--out", out)[1])
+    entry = record["parameters"]["E_XX1"]
+    assert (entry["verdict"], entry["with"][0]) == ("confounded", "BarLength")
+    assert 0.0 < entry["confounding"]["BarLength"] <= 1.0
+    assert sum(entry["shapley"].values()) == pytest.approx(1.0, abs=1e-9)
+    assert set(record["degeneracies"][0]) >= {"combination", "statement", "cure", "modelled"}
+    assert 0.0 < record["effective_parameters"] < 13.0
+    assert not record["measured"]
+    figures = drawn("correlation prior_and_posterior alias nuisance_costs compliance_atlas geometric_atlas")
+    assert names(out) == {"identify.json", "parameters.csv", "alias.csv", "correlation.csv"} | figures
+    assert json.loads((out / "identify.json").read_text()) == record
+    assert np.isfinite(pd.read_csv(out / "alias.csv", index_col="parameter").to_numpy()).all()
+    shown = " ".join(invoke("identify", planned)[1].split())
+    assert "prior median; no readings" in shown
+    assert "1.00 µm of bar length looks exactly like +6.67 µm/m of E_XX1 and +6.67 µm/m of E_YY1." in shown
+    assert "A calibration of the bar's length." in shown
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    campaign = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)), seed=1)
+    return lb.write_campaign(campaign, tmp_path_factory.mktemp("campaign") / "c")
 
 
 @pytest.mark.slow
-def test_killed_interrupted_and_resumed_is_uninterrupted(folder: Path, tmp_path: Path) -> None:
-    """kill -9, then Ctrl-C, then to the end: the result of a run that nothing stopped."""
-    target = ("--degree", "0", "--ess", "80000", "--seed", "3")
-    whole = run("fit", folder, *target, "--json", "--out", tmp_path / "whole")
-    out, kept = tmp_path / "r", tmp_path / "r.checkpoint"
-    with fitting(folder, out, *target) as process:
-        wait_for(lambda: (kept / "block-00000.npz").exists())
-        process.kill()
-    assert not out.exists()
-    assert run("fit", folder, *target, "--out", out).stderr.startswith(f"ldbb-bayes: {kept} must not hold an unfinished run")
-    with fitting(folder, out, *target, "--resume") as process:
-        wait_for(lambda: (kept / "block-00001.npz").exists())
-        process.send_signal(signal.SIGINT)
-        stdout, stderr = process.communicate(timeout=60)
-    assert (process.returncode, stdout) == (130, "")
-    assert stderr == f"ldbb-bayes: interrupted; {kept} keeps the run. The same command with --resume goes on with it.\n"
-    resumed = run("fit", folder, *target, "--json", "--out", out, "--resume")
-    assert resumed.returncode == 0, resumed.stderr
-    assert numbers(resumed.stdout) == numbers(whole.stdout)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["r", "whole"]
+def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke) -> None:
+    out, other = tmp_path / "out", tmp_path / "own.toml"
+    slopes = (f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
+    other.write_text(model_to_toml(lb.HybridModel.default(1).fixing(*slopes)))
+    code, shown, _ = invoke("compare", three, "--also", f"one slope={other}", "--json", "--out", out, "--seed", 2)
+    assert code == 0
+    record = json.loads(shown)
+    assert set(record["models"]) == {"constant", "linear", "one slope"}
+    assert set(record["savage_dickey"]) == set(record["log_bayes_factor"]) == {"linear/constant", "one slope/constant"}
+    for ratio, second in record["savage_dickey"].items():
+        assert second["log_bayes_factor"] == pytest.approx(record["log_bayes_factor"][ratio], abs=0.05)
+    assert (record["seed"], record["sensitivity_of"]) == (2, "linear/constant")
+    assert json.loads((out / "comparison.json").read_text()) == record
+    assert set(pd.read_csv(out / "tests.csv")["model"]) == set(record["models"])
+    assert len(pd.read_csv(out / "local_fits.csv")) == 2 * 13
+    assert len(pd.read_csv(out / "slope_subsets.csv")) == 64
 
 
-def test_nearly_equal_forces_with_flat_priors(tmp_path: Path) -> None:
-    """A millinewton apart: answered, with an uncertainty that says the number is worth nothing. Closer: refused."""
-    campaign = simulated(plan((40, 40), forces_N=(100.0, 100.001)))
-    options = ["--preset", "paper", "--degree", 0, "--sampler", "quadrature"]
-    done = run("fit", lb.write_campaign(campaign, tmp_path / "c"), *options, "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["parameters"]["C_XXX"]["sd"] > 1e-2
-    close = lb.Campaign(tuple(replace(t, force_N=100.0 + 1e-7 * i) for i, t in enumerate(campaign.tests)))
-    done = run("fit", lb.write_campaign(close, tmp_path / "d"), "--preset", "paper", "--degree", 0)
-    assert done.returncode == 2
-    assert "flat priors must have at least two force levels" in done.stderr
+def test_compare(three: Path, tmp_path: Path, invoke: Invoke) -> None:
+    options = ("--without", "truncation,force-error,mount", "--tolerance", 0.1)
+    out = tmp_path / "out"
+    code, shown, _ = invoke("compare", three, *options, "--out", out)
+    assert code == 0
+    shown = " ".join(shown.split())
+    for words in ("ln B(linear/constant) =", "with truncation", "with force error", "White noise alone", "Slopes one by one"):
+        assert words in shown
+    figures = drawn("evidence compliance_with_local_fits geometry_with_local_fits predictive_p_values")
+    assert names(out) == {"comparison.json", "sensitivity.csv", "slope_subsets.csv", "tests.csv", "local_fits.csv"} | figures
 
 
-def test_dead_circles_give_valid_json(tmp_path: Path) -> None:
-    campaign = simulated(plan())
-    dead = lb.Campaign((campaign.tests[0].with_reading_um(np.zeros(40)), *campaign.tests[1:]))
-    done = run("fit", lb.write_campaign(dead, tmp_path / "c"), "--degree", 0, "--sampler", "quadrature", "--out", tmp_path / "r")
-    assert done.returncode == 0, done.stderr
-
-    def refuse(name: str) -> None:
-        raise AssertionError(name)
-
-    result = json.loads((tmp_path / "r" / "summary.json").read_text(), parse_constant=refuse)
-    assert result["fit"]["fitness_percent"]["f036"] is None
+def test_compare_that_misses_its_tolerance(
+    three: Path, compared: comparison.Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(comparison, "compare", lambda *_, **__: replace(compared, largest_error=1.0))
+    code, shown, _ = invoke("compare", three, "--json")
+    assert (code, json.loads(shown)["largest_error"]) == (1, 1.0)
 
 
-def test_help_and_version() -> None:
-    assert run("--version").stdout == f"ldbb-bayes {lb.__version__}\n"
-    for command in ([], ["fit"], ["summarize"]):
-        done = run(*command, "--help")
-        assert done.returncode == 0
-        assert "Usage" in done.stdout
+def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    """Identify asks it, simulate runs it, design judges it; an existing one is kept."""
+    out = tmp_path / "next"
+    arguments = ("design", folder, "--tests", 4, "--forces", "36:742:353", "--clockings", "0/0,45/90", "--robust")
+    record = json.loads(invoke(*arguments, "--against", f"own={folder}", "--json", "--out", out)[1])
+    assert record == json.loads((out / "design.json").read_text())
+    tables = {"expected.csv", "sensitivity.csv", "trade_off.csv", "robustness.csv"}
+    figures = drawn("information efficiency trade_off expected_widths")
+    assert names(out) == {"campaign.toml", "model.toml", "design.json"} | tables | figures
+    next_tests = lb.read_campaign(out)
+    assert next_tests.is_plan
+    listed = [(t["force_N"], t["work_ball_deg"], t["tool_ball_deg"]) for t in record["tests"] for _ in range(t["count"])]
+    assert sorted(listed) == sorted((t.force_N, t.work_ball_deg, t.tool_ball_deg) for t in next_tests.tests)
+    assert len(listed) == 4
+    assert {force for force, *_ in listed} <= {36.0, 389.0, 742.0}
+    assert [entry["name"] for entry in record["compared"]] == ["equal steps", "own"]
+    assert len(pd.read_csv(out / "expected.csv")) == 19
+    assert len(pd.read_csv(out / "sensitivity.csv")) == 6
+    assert set(pd.read_csv(out / "trade_off.csv")) >= {"tests", "cost", "efficiency", "efficiency_equal_steps", "sd_C_XXX"}
+    assert "worst" in set(pd.read_csv(out / "robustness.csv"))
+    assert json.loads(invoke("identify", out, "--model", out / "model.toml", "--json")[1])["measured"] is False
+    assert invoke("simulate", out, "--out", tmp_path / "run")[0] == 0
+    assert not lb.read_campaign(tmp_path / "run").is_plan
+    assert "must not exist" in invoke(*arguments, "--out", out)[2]
 
 
-def test_force_replaces_results_and_nothing_else(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Somebody's readings, a campaign, and the folder one stands in are never deleted."""
-    precious, campaign = tmp_path / "stuff", tmp_path / "c"
-    precious.mkdir()
-    (precious / "my_readings.csv").write_text("mine")
-    lb.write_campaign(lb.read_campaign(folder), campaign)
-    (tmp_path / "result").mkdir()
-    (tmp_path / "result" / "posterior.nc").write_text("old")
-    cases = [
-        (["fit", str(folder), "--out", str(precious)], "got 'my_readings.csv'. Move it away"),
-        (["fit", str(campaign), "--out", str(campaign)], "nothing but earlier results to be replaced"),
-        (["demo", "--out", str(precious)], "got 'my_readings.csv'"),
-        (["simulate", str(folder), "--out", str(tmp_path / "result")], "got 'posterior.nc'"),
-        (["fit", str(folder), "--out", "."], "must not be the folder you stand in"),
-    ]
-    for arguments, message in cases:
-        with pytest.raises(SystemExit) as left:
-            app([*arguments, "--force"])
-        assert left.value.code == 2
-        assert message in capsys.readouterr().err
-    assert (precious / "my_readings.csv").read_text() == "mine"
-    assert lb.read_campaign(campaign).sha256 == lb.read_campaign(folder).sha256
-    with pytest.raises(SystemExit) as left:
-        app(["simulate", str(folder), "--out", str(campaign), "--force"])
-    assert left.value.code in (0, None)
+def test_design_by_goal(folder: Path, invoke: Invoke) -> None:
+    forces = ("--forces", "36,742")
+    code, shown, _ = invoke("design", folder, "--forces", "36,400,742", "--target", "C_XYX=1e-6", "--cost-circle", 10)
+    assert code == 0
+    for words in ("expected u", "recommended", "no less than", "Run ", "fewest found that reach u(C_XYX) ≤ 0.001 µm/N"):
+        assert words in " ".join(shown.split())
+    assert "Run 4 circles" in " ".join(invoke("design", folder, "--budget", 40, "--cost-circle", 10, *forces)[1].split())
+    code, shown, _ = invoke("design", folder, "--target", "E_C0YX=1e-9", *forces, "--json")
+    record = json.loads(shown)
+    assert (code, record["reached"]) == (1, False)
+    assert any("No number of these circles" in note for note in record["notes"])
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "ascii"])
-def test_terminals_that_cannot_show_every_sign(folder: Path, encoding: str) -> None:
-    environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
-    for arguments in (["check", str(folder)], ["fit", "--help"]):
-        command = [sys.executable, "-m", "ldbb_bayes", *arguments]
-        done = subprocess.run(command, capture_output=True, env=environment, check=False)
-        assert done.returncode == 0, done.stderr
-        assert b"Traceback" not in done.stderr
+def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    """A tidy table as pilot, with its options; the paper's preset; added to what was run."""
+    table = tidy(lb.read_campaign(folder), tmp_path / "tidy.csv")
+    options = ("--radius-mm", 100, "--preset", "paper", "--augment", "--tests", 2, "--forces", "36,742", "--json")
+    record = json.loads(invoke("design", table, *options)[1])
+    assert (record["criterion"], record["expected"]["C_XXX"]["prior_sd"]) == ("d", None)
+    assert record["tests"][0]["radius_mm"] == 100.0
 
 
-def test_a_reader_that_leaves_early_is_no_error(folder: Path) -> None:
-    for arguments in ("check", "check --json"):
-        command = f"{sys.executable} -m ldbb_bayes {arguments.split()[0]} {folder} {' '.join(arguments.split()[1:])} | true"
-        done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert done.stderr == ""
+def test_design_without_certificate(folder: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    design = lb.design(lb.HybridModel.default(1), lb.read_campaign(folder), tests=3, forces_N=(36.0, 742.0))
+    broken = replace(design, certificate=replace(design.certificate, max_sensitivity=2.0 * design.certificate.bound, holds=False))
+    monkeypatch.setattr(designing, "design", lambda *_, **__: broken)
+    code, shown, _ = invoke("design", folder)
+    assert code == 1
+    assert "The certificate does NOT hold" in " ".join(shown.split())
 
 
-def test_what_differs_from_the_preset_is_said(folder: Path, tmp_path: Path) -> None:
-    without = run("fit", folder, "--degree", 0, "--without", "ball-form,truncation", "--sampler", "quadrature")
-    assert "preset default without BallForm, truncation, reference" in " ".join(without.stdout.split())
-    paper = run("fit", folder, "--degree", 0, "--preset", "paper", "--sampler", "quadrature")
-    assert "the intervals cover white noise alone" in " ".join(paper.stdout.split())
-    (tmp_path / "model.toml").write_text("schema = 1\ndegree = 0\n[prior]\ntau_um = 20.0\n")
-    edited = run("fit", folder, "--model", tmp_path / "model.toml", "--sampler", "quadrature")
-    assert "preset default with edited priors" in " ".join(edited.stdout.split())
+def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
+    out = tmp_path / "v"
+    common = ("validate", planned, "--degree", 0, "--replicates", 10, "--draws", 19, "--seed", 3, "--workers", 1)
+    code, shown, _ = invoke(*common, "--json", "--out", out)
+    assert code == 0
+    record = json.loads(shown)
+    assert record["calibrated"]
+    assert record["replicates"] == 10
+    assert set(record["quantities"]["C_XXX"]) == {"inside_band", "largest_difference", "coverage"}
+    assert names(out) == {"ranks.csv", "validation.json"} | drawn("rank_ecdf")
+    assert json.loads((out / "validation.json").read_text()) == record
+    ranks = pd.read_csv(out / "ranks.csv", index_col="replicate")
+    assert ranks.shape == (10, 18)
+    assert np.all((ranks >= 0) & (ranks <= 19))
+    assert "must not exist" in invoke(*common, "--out", out)[2]
+
+
+@pytest.mark.slow
+def test_validate_of_a_wrong_model(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
+    (tmp_path / "truth.toml").write_text(model_to_toml(lb.HybridModel.default(0)))
+    arguments = ("--degree", 0, "--without", "discrepancy,ball-form", "--data-model", tmp_path / "truth.toml", "--draws", 49)
+    code, shown, _ = invoke("validate", planned, *arguments, "--replicates", 40, "--workers", 1)
+    assert code == 1
+    assert "NOT CALIBRATED" in shown
+
+
+def test_machine(tmp_path: Path, invoke: Invoke) -> None:
+    record = json.loads(invoke("machine", "wCAFYXZSt", "--json")[1])
+    assert record["condition_number"] == pytest.approx(9742.79, abs=0.01)
+    assert (record["rank"], len(record["null"]), record["compliances"][0]["members"]) == (6, 5, {"C_XXX": 1.0, "C_XXY": 1.0})
+    units = {entry["name"]: entry["unit"] for entry in record["compliances"] + record["geometric_errors"]}
+    assert (units["C_CCY"], units["E_YX2"], units["E_C0YX"]) == ("rad/(N mm)", "1/mm", "rad")
+    out = tmp_path / "m"
+    shown = " ".join(invoke("machine", "wXFYZt", "--plane", "XY,YZ", "--out", out)[1].split())
+    for words in ("X in the workpiece branch", "pattern in YZ", "E_A(0Y)Z", "squareness error of Z to Y", "can be told apart"):
+        assert words in shown
+    atlases = {f"{kind}_atlas_{plane}" for kind in ("compliance", "geometric") for plane in ("XY", "YZ")}
+    assert names(out) == {"machine.json"} | drawn(" ".join(atlases))
+    assert invoke("machine", "wXFYZt", "--out", out)[0] == 2
+    assert invoke("machine", "wXFYZt", "--out", out, "--force")[0] == 0
+    assert not (out / "compliance_atlas_YZ.svg").exists()

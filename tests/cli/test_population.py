@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli.main import app
-from ldbb_bayes.cli.population import POPULATION_FILES
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.pooled import digest_of
-from ldbb_bayes.model.spec import model_to_toml
+from ldbb_bayes.model.population_prior import digest_of
+from ldbb_bayes.model.specification import model_to_toml
+from ldbb_bayes.report.wording import population_doubts
 
 pytest.importorskip("pyarrow")
 MEAN, SPREAD, STIFF = 5e-5, 4e-6, 1.2e-4
@@ -46,7 +46,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "model.toml").write_text(model_to_toml(CONSTANT), encoding="utf-8")
     arguments = ["batch", *map(str, paths), str(folder / "c9"), "--out", str(folder / "b"), "--workers", "1", "--no-compare"]
     done = CliRunner().invoke(app, [*arguments, "--model", str(folder / "model.toml"), "--ess", "200", "--quiet"])
-    assert (folder / "b" / "campaigns.parquet").is_dir(), done.output
+    assert (folder / "b" / "campaigns.parquet").is_file(), done.output
     return folder / "b"
 
 
@@ -55,7 +55,7 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path) -> None:
     code, stdout, stderr = invoke(rows, "--out", out, "--parameters", "C_XXX,C_YYY,E_XX1", "--json")
     assert code == 0, stderr
     record = json.loads(stdout)
-    assert sorted(path.name for path in out.iterdir()) == sorted(POPULATION_FILES)
+    assert sorted(path.name for path in out.iterdir()) == ["machines.csv", "machines.png", "machines.svg", "population.json"]
     assert json.loads((out / "population.json").read_text()) == record
     assert record["sha256"] == digest_of(record)
     assert (record["schema"], record["kind"], record["machines"], record["campaigns"]) == (1, "population", 6, 7)
@@ -100,11 +100,11 @@ def test_flat_campaigns_are_left_out(rows: Path) -> None:
     table = lb.read_batch(rows)
     table.at[2, "gaussian_names"] = None
     table["converged"] = table.index != 3
-    table.at[4, "misfits"] = ["white noise of f400"]
+    table.at[4, "kinds"] = ["noise"]
     table.at[6, "sha256"] = table.at[1, "sha256"]
     found = lb.population(table, parameters=["C_XXX"])
     assert found.campaigns == 5
-    said = " ".join(found.doubts)
+    said = " ".join(population_doubts(found))
     assert "Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): " in said
     assert "Not converged, refit with more draws: " in said
     assert "Noise that is not white, so that uncertainties may be too small: " in said

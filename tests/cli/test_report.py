@@ -16,14 +16,13 @@ from campaigns import plan, simulated
 from reports import NOT_COMPARED, fitted
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.compared import Comparison
+from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.cli.fits import figure_names, write_result
 from ldbb_bayes.cli.main import app
-from ldbb_bayes.cli.report import _figure_files
-from ldbb_bayes.cli.show import write_result
 from ldbb_bayes.report import findings
-from ldbb_bayes.report.plain import json_text
-from ldbb_bayes.report.result import full_result
-from ldbb_bayes.report.writing import REPORT_FILES
+from ldbb_bayes.report.findings import full_result
+from ldbb_bayes.report.page import REPORT_FILES
+from ldbb_bayes.table import json_text
 
 
 def invoke(*arguments: object) -> int:
@@ -49,8 +48,7 @@ def result(tmp_path_factory: pytest.TempPathFactory, recovered: lb.Campaign) -> 
 @pytest.fixture(scope="module")
 def comparison(tmp_path_factory: pytest.TempPathFactory, compared: Comparison) -> Path:
     folder = tmp_path_factory.mktemp("comparison")
-    campaign = {"name": compared.campaign, "sha256": compared.sha256}
-    record = {"schema": 1, "campaign": campaign, "seed": 1, **compared.as_dict()}
+    record = {"schema": 1, "seed": 1, **compared.as_dict()}
     (folder / "comparison.json").write_text(json_text(record), encoding="utf-8")
     return folder
 
@@ -91,7 +89,7 @@ def test_figures(result: Path, comparison: Path, tmp_path: Path) -> None:
     names = ("traces", "budget", "circularity", "contributions", "corner", "evidence", "alias", "correlation", "nuisance_costs")
     assert {f"{name}.{kind}" for name in names for kind in ("svg", "png", "pdf")} <= drawn
     assert all((figures / name).stat().st_size > 1000 for name in drawn)
-    assert drawn <= set(_figure_files())
+    assert drawn <= set(figure_names())
 
 
 @pytest.mark.slow

@@ -14,8 +14,7 @@ import pytest
 from trends import drawn_rows
 
 from ldbb_bayes.cli.main import app
-from ldbb_bayes.cli.trend import TREND_FILES
-from ldbb_bayes.fleet.detection import detection
+from ldbb_bayes.fleet.change import detection
 
 
 def invoke(*arguments: object) -> int:
@@ -36,7 +35,7 @@ def batch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         assert paths == [folder]
         return rows[[name for name in columns if name in rows]]
 
-    monkeypatch.setattr("ldbb_bayes.fleet.reading.read_batch", read)
+    monkeypatch.setattr("ldbb_bayes.fleet.dataset.read_batch", read)
     monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "detection", partial(detection, replicates=50, further=3))
     return folder
 
@@ -50,7 +49,7 @@ def test_json_and_files(batch: Path, tmp_path: Path, capsys: pytest.CaptureFixtu
     assert list(record["parameters"]) == ["C_XXX", "C_YYY"]
     assert record["assumptions"]["detect"] == 0.3
     assert (record["assumptions"]["seed"], record["assumptions"]["ci"]) == (3, 0.9)
-    assert sorted(path.name for path in out.iterdir()) == sorted(TREND_FILES)
+    assert sorted(path.name for path in out.iterdir()) == ["control_chart.png", "control_chart.svg", "trend.csv", "trend.json"]
     assert json.loads((out / "trend.json").read_text()) == record
     table = pd.read_csv(out / "trend.csv")
     assert len(table) == 12

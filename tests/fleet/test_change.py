@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.stats import halfnorm, multivariate_normal, norm
 
-from ldbb_bayes.fleet.change import Series, carry, mixture_quantile, scatter_rule, steps_of, weigh
+from ldbb_bayes.fleet.change import Series, carry, scatter_rule, steps_of, weigh
 
 Array = NDArray[np.float64]
 P, S = 3, 2
@@ -147,13 +147,7 @@ def test_scatter_rule_is_a_half_normal(step: float) -> None:
     assert weight @ np.exp(-nodes / 0.003) == pytest.approx(halfnorm(scale=0.01).expect(lambda r: np.exp(-r / 0.003)), rel=0.01)
 
 
-def test_quantiles_of_a_mixture() -> None:
-    weight, mean, sd = np.array([0.3, 0.7]), np.array([-2.0, 1.0]), np.array([0.5, 2.0])
-    for probability in (0.0015, 0.3, 0.975):
-        found = mixture_quantile(weight, mean, sd, probability)
-        assert weight @ norm(mean, sd).cdf(found) == pytest.approx(probability, abs=1e-12)
-
-
+@pytest.mark.slow
 def test_probabilities_are_calibrated() -> None:
     """Series drawn from the model: of those said to have changed with probability 0.8, 0.8 have."""
     rng = np.random.default_rng(11)

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import halfnorm
 
-from ldbb_bayes.fleet.change import Series, carry, scatter_rule, steps_of, weigh
-from ldbb_bayes.fleet.control import chart_of, instrument_moments, levels_of
+from ldbb_bayes.fleet.change import Series, carry, chart_of, instrument_moments, levels_of, scatter_rule, steps_of, weigh
 
 Array = NDArray[np.float64]
 P, S = 2, 1
@@ -35,6 +34,7 @@ def analysed(series: Series):  # type: ignore[no-untyped-def]
     return nodes, prior, carried, steps, weigh(steps, prior, 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [0.997, 0.8])
 def test_limits_cover_as_they_say(limits: float) -> None:
     """Where nothing changes; of every campaign from the second on, and of the early ones by themselves."""
@@ -52,6 +52,7 @@ def test_limits_cover_as_they_say(limits: float) -> None:
     assert share.mean() == pytest.approx(limits, abs=3.0 * error / np.sqrt(3))
 
 
+@pytest.mark.slow
 def test_too_narrow_limits_would_be_seen() -> None:
     """Of a machine that changes ten times as much as the prior has it."""
     rng = np.random.default_rng(6)

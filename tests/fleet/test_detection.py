@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ldbb_bayes.fleet.change import Series, carry, scatter_rule, steps_of, weigh
-from ldbb_bayes.fleet.detection import _Looks, detection
+from ldbb_bayes.fleet.change import Series, _Looks, carry, detection, scatter_rule, steps_of, weigh
 
 Array = NDArray[np.float64]
 P = 2

@@ -7,7 +7,7 @@ import pytest
 from fleets import fleet
 from matplotlib.colors import same_color
 
-from ldbb_bayes.fleet.figures_population import _ODD, machine_chart
+from ldbb_bayes.fleet.charts import _ODD, machine_chart
 from ldbb_bayes.fleet.population import pool
 from ldbb_bayes.report.figures import save_figure
 

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 from fleets import dense, fleet, scaled
 
-from ldbb_bayes.fleet.mixtures import mixture_moments, mixture_quantiles, weighted_quantiles
-from ldbb_bayes.fleet.pooling import Common, pooling
-from ldbb_bayes.fleet.stacks import back, cholesky, forward, log_determinant
+from ldbb_bayes.fleet.pooling import (
+    Common,
+    back,
+    cholesky,
+    forward,
+    log_determinant,
+    pooling,
+)
 from ldbb_bayes.fleet.statistics import FleetStatistics
 
 SPREAD = np.array([0.3, 0.05, 1.4])
@@ -106,18 +111,3 @@ def test_stacks_are_numpy_s(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(log_determinant(lower), np.linalg.slogdet(matrix)[1], rtol=1e-12)
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
         cholesky(-np.moveaxis(matrix, 0, -1))
-
-
-def test_mixtures_are_those_of_draws(rng: np.random.Generator) -> None:
-    weight, mean, sd = np.array([0.7, 0.25, 0.05]), rng.standard_normal((3, 2)), np.array([[0.1, 1.0], [0.5, 0.01], [3.0, 0.3]])
-    which = rng.choice(3, size=400_000, p=weight)
-    draws = mean[which] + sd[which] * rng.standard_normal((len(which), 2))
-    middle, spread = mixture_moments(weight, mean, sd)
-    np.testing.assert_allclose(middle, draws.mean(axis=0), atol=0.01)
-    np.testing.assert_allclose(spread, draws.std(axis=0), rtol=0.03)
-    levels = (0.025, 0.5, 0.975)
-    found = mixture_quantiles(weight, mean, sd, levels)
-    shares = [(draws <= row).mean(axis=0) for row in found]
-    np.testing.assert_allclose(shares, np.array(levels)[:, None] * np.ones(2), atol=0.002)
-    equal = np.full(len(draws), 1.0 / len(draws))
-    np.testing.assert_allclose(weighted_quantiles(equal, draws, levels), np.quantile(draws, levels, axis=0), atol=1e-3)

@@ -7,8 +7,7 @@ import pytest
 from fleets import fleet
 from scipy.stats import halfnorm
 
-from ldbb_bayes.fleet.pooling import pooling
-from ldbb_bayes.fleet.spreads import SpreadDensity, draw_spreads
+from ldbb_bayes.fleet.pooling import SpreadDensity, draw_spreads, pooling
 from ldbb_bayes.inference.posterior import pareto_smooth
 
 SCALE = 0.3

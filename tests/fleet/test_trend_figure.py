@@ -12,8 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from trends import drawn_rows
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.detection import detection
-from ldbb_bayes.fleet.figures_trend import control_chart
+from ldbb_bayes.fleet.change import detection
+from ldbb_bayes.fleet.charts import control_chart
 
 
 @pytest.fixture(autouse=True)

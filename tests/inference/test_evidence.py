@@ -1,4 +1,4 @@
-"""The exact evidence against brute force on the dense oracle, to 1e-6, and what it refuses."""
+"""Exact evidence against brute force on the dense oracle, to 1e-6; nested Bayes factors by two routes; marginals."""
 
 from __future__ import annotations
 
@@ -6,24 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import oracle_of, plan, simulated
+from campaigns import HYPER_UM, TRUTH, oracle_of, plan, simulated
 from oracle import Oracle
 from pairs import pair_by_quadrature
-from scipy import stats
+from scipy import integrate, stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.evidence import evidence_of, log_prob_truncation
-from ldbb_bayes.inference.origin import record_of
-from ldbb_bayes.inference.quadrature import HyperPosterior
+from ldbb_bayes.inference.evidence import Evidence, evidence_of, evidence_on, log_prob_truncation, savage_dickey
+from ldbb_bayes.inference.mcmc import StoppingRule
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.model.truncation import Orthant
 
+FOUR = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e-10), "E_YY1": (-5e-5, 4e-5)}
+PRIORS = FOUR | {"C_XYX": (2e-6, 3e-6), "C_CXY": (3e-8, 3e-8)}
 SMALL = lb.HybridModel.default(0).without("ball-form", "setup-shift")
 FORCES_N = (100.0, 400.0, 742.0)
 
 
 @pytest.fixture(scope="module")
 def campaign() -> lb.Campaign:
-    return simulated(plan((26, 20, 30), forces_N=FORCES_N), seed=3)
+    return simulated(plan((12, 9, 14), forces_N=FORCES_N), seed=3)
 
 
 def brute_force(oracle: Oracle, *, truncated: bool) -> float:
@@ -62,26 +65,15 @@ def test_to_a_millionth_of_a_nat(campaign: lb.Campaign, truncated: bool) -> None
     assert found.log_value == pytest.approx(brute_force(oracle, truncated=truncated), abs=1e-6, rel=0.0)
 
 
-@pytest.mark.parametrize("degree", [0, 1])
-def test_the_stated_error_holds(degree: int) -> None:
+def test_the_stated_error_holds() -> None:
     """A loose tolerance against a tight one, arcs and clockings, all four hyper-parameters."""
-    plans = (plan(), plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0))
-    for seed, planned in enumerate(plans):
-        bound = lb.HybridModel.default(degree).bind(simulated(planned, seed=seed))
+    for degree, planned in enumerate((plan(), plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0))):
+        bound = lb.HybridModel.default(degree).bind(simulated(planned, seed=degree))
         plain = HyperPosterior(bound, truncated=False)
-        loose, tight = evidence_of(plain, tolerance=1e-2), evidence_of(plain, tolerance=1e-4)
-        assert loose.error <= 1e-2
+        loose, tight = evidence_of(plain, tolerance=3e-2), evidence_of(plain, tolerance=1e-3)
+        assert loose.error <= 3e-2
         assert abs(loose.log_value - tight.log_value) <= loose.error
         assert tight.nodes > loose.nodes
-
-
-def test_truncation_raises_the_evidence_of_what_it_allows(recovered: lb.Campaign) -> None:
-    """ln Z_T = ln Z + ln P(T | y) − ln P(T): three free compliances of one sign in eight."""
-    model = lb.HybridModel.default(0)
-    plain, truncated = lb.log_evidence(model.without("truncation"), recovered), lb.log_evidence(model, recovered)
-    posterior = lb.sample(model, recovered, sampler="quadrature", seed=1)
-    log_prob = record_of(posterior)["fit"]["log_prob_truncation"]
-    assert truncated.log_value - plain.log_value == pytest.approx(log_prob - np.log(1 / 8), abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -97,18 +89,19 @@ def test_refused(campaign: lb.Campaign, model: lb.HybridModel, planned: bool, to
         lb.log_evidence(model, plan() if planned else campaign, tolerance=tolerance)
 
 
-@pytest.mark.parametrize(("degree", "without"), [(2, ()), (1, ("discrepancy",)), (1, ("setup-shift", "discrepancy"))])
+@pytest.mark.parametrize(("degree", "without"), [(2, ()), (1, ("setup-shift", "discrepancy"))])
 def test_readings_of_the_wrong_sign(recovered: lb.Campaign, degree: int, without: tuple[str, ...]) -> None:
     """All compliances negative and strongly correlated through the mount: far from physical, and said so at once."""
     flipped = replace(recovered, tests=tuple(t.with_reading_um(-np.asarray(t.reading_um)) for t in recovered.tests))
     bound = lb.HybridModel.default(degree).without(*without).bind(flipped)
     plain, truncated = HyperPosterior(bound, truncated=False), HyperPosterior(bound, truncated=True)
     found = log_prob_truncation(plain, truncated)
-    assert -2000.0 < found.log_value < -50.0
-    assert found.error < 0.5
+    assert -2000.0 < found[0] < -50.0
+    assert found[1] < 0.5
     assert truncated.log_density(truncated.mode[None])[0] < plain.log_density(plain.mode[None])[0] - 40.0
 
 
+@pytest.mark.slow
 def test_a_strong_contradiction_by_one_dimensional_quadrature() -> None:
     """Two direct compliances far below zero, σ the only hyper-parameter: dense oracle and a plain sum over σ."""
     terms = ("setup-shift", "discrepancy", "ball-form", "force-error")
@@ -131,3 +124,150 @@ def test_a_strong_contradiction_by_one_dimensional_quadrature() -> None:
     top = log_density.max()
     expected = top + np.log(np.trapezoid(np.exp(log_density - top), free)) - 3.0 * np.log(0.5)
     assert lb.log_evidence(model, campaign).log_value == pytest.approx(expected, abs=5e-3)
+
+
+@pytest.mark.parametrize("truncated", [True, False])
+def test_evidence_with_prior_means_by_brute_force(truncated: bool) -> None:
+    """White noise alone: an integral over σ of a dense Gaussian, times P(T | y, σ) / P(T)."""
+    campaign = simulated(plan((12, 12), forces_N=(100.0, 600.0)), seed=4)
+    nuisances = ("ball-form", "bar-length", "mount", "force-error", "setup-shift", "discrepancy", "hysteresis")
+    bare = lb.HybridModel.default(0).without(*nuisances)
+    means, sds = ({key: value[k] for key, value in FOUR.items()} for k in (0, 1))
+    model = replace(bare, prior=replace(bare.prior, means=means, overrides=sds))
+    model = model if truncated else model.without("truncation")
+    dense = oracle_of(campaign, 0, terms=(), truncated=truncated, given_priors=FOUR)
+    rows = dense._rows()
+
+    def log_density(sigma: float) -> float:
+        log_value, mean, covariance = dense.given(np.array([sigma]))
+        inside = 0.0
+        if truncated:
+            inside = stats.multivariate_normal(-rows @ mean, rows @ covariance @ rows.T, seed=1).logcdf(np.zeros(3))
+        return log_value + inside + dense.log_prior_of_log(np.log([sigma])) - np.log(sigma)
+
+    free = np.linspace(np.log(0.07e-3), np.log(6e-3), 40)
+    top = max(log_density(float(np.exp(one))) for one in free)
+    best = free[int(np.argmax([log_density(float(np.exp(one))) + one for one in free]))]
+    value, _ = integrate.quad(
+        lambda one: np.exp(log_density(float(np.exp(one))) + one - top), free[0], free[-1], points=[best], limit=60, epsrel=1e-6
+    )
+    found = lb.log_evidence(model, campaign, tolerance=1e-3)
+    assert found.log_value == pytest.approx(np.log(value) + top - dense._log_prob_prior(), abs=5e-3)
+
+
+SLOPES = tuple(f"{name}_1" for name in ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
+CAMPAIGNS = {
+    "uniform": simulated(plan(), seed=1),
+    "arcs, clocked": simulated(plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0), seed=2),
+    "three forces": simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)), seed=3),
+}
+
+
+NESTED = [("uniform", SLOPES, True), ("three forces", SLOPES, False), ("prior means", ("C_XYX", "C_CXY_1"), False)]
+MORE = [
+    *(("uniform", ("C_CCY", "C_CCY_1"), False), ("three forces", ("C_XYX_1",), True), ("arcs, clocked", ("E_C0YX",), True)),
+    *(("arcs, clocked", ("C_CCY_1", "C_XXX_1"), False), ("prior means", ("C_CCY", "C_CCY_1"), True)),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "fixed", "truncated"), [*NESTED, *(pytest.param(*case, marks=pytest.mark.slow) for case in MORE)]
+)
+def test_nested_bayes_factor_is_the_difference_of_evidences(name: str, fixed: tuple[str, ...], truncated: bool) -> None:
+    """Whatever is tested against zero may have a prior mean, and so may others."""
+    linear, campaign = lb.HybridModel.default(1), CAMPAIGNS["three forces" if name == "prior means" else name]
+    if name == "prior means":
+        means, sds = ({key: value[k] for key, value in PRIORS.items()} for k in (0, 1))
+        linear = replace(linear, prior=replace(linear.prior, means=means, overrides=sds))
+    model = linear if truncated else linear.without("truncation")
+    posterior = HyperPosterior(model.bind(campaign), truncated=truncated)
+    evidence = evidence_of(posterior, tolerance=1e-2)
+    value, error = savage_dickey(posterior, evidence, fixed)
+    smaller = lb.log_evidence(model.fixing(*fixed), campaign, tolerance=1e-2)
+    direct, direct_error = lb.log_bayes_factor(smaller, evidence)
+    assert value == pytest.approx(direct, abs=0.05)
+    assert abs(value - direct) < 3.0 * (error + direct_error) + 1e-4
+
+
+@pytest.mark.slow
+def test_where_the_slopes_are_beyond_doubt() -> None:
+    """The two models put the hyper-parameters in different places; the ratio is integrated where it is large."""
+    truth = TRUTH | {"C_YYY_1": 4e-8, "C_XXX_1": -3e-8}
+    campaign = lb.HybridModel.default(1).simulate(plan(), seed=3, parameters=truth, hyper_um=HYPER_UM).campaign
+    posterior = HyperPosterior(lb.HybridModel.default(1).bind(campaign), truncated=True)
+    value, error = savage_dickey(posterior, evidence_of(posterior, tolerance=1e-2), SLOPES)
+    constant, linear = (lb.log_evidence(lb.HybridModel.default(degree), campaign, tolerance=1e-2) for degree in (0, 1))
+    direct, _ = lb.log_bayes_factor(constant, linear)
+    assert direct < -20.0
+    assert value == pytest.approx(direct, abs=0.05)
+    assert error < 0.05
+
+
+def test_fixing_all_slopes_is_the_constant_model() -> None:
+    model = lb.HybridModel.default(1)
+    fixed, constant = model.fixing(*SLOPES), model.with_degree(0)
+    values = [lb.log_evidence(m, CAMPAIGNS["uniform"], tolerance=1e-2).log_value for m in (fixed, constant)]
+    assert values[0] == pytest.approx(values[1], abs=1e-6)
+
+
+def test_unknown_names_are_refused() -> None:
+    posterior = HyperPosterior(lb.HybridModel.default(0).bind(CAMPAIGNS["uniform"]), truncated=False)
+    with pytest.raises(InputError, match=r"parameter must be one of C_XXX, .* got 'C_XXX_1'"):
+        savage_dickey(posterior, evidence_of(posterior, tolerance=1e-2), ["C_XXX_1"])
+
+
+def test_different_readings_are_refused() -> None:
+    bound = lb.HybridModel.default(0).bind(CAMPAIGNS["uniform"]).keeping(["f036", "f300", "f520"])
+    posterior = HyperPosterior(bound, truncated=False)
+    some = evidence_on(posterior, posterior.coarse)
+    with pytest.raises(InputError, match="must be between models of the same readings, got two campaigns"):
+        lb.log_bayes_factor(Evidence(0.0, 0.0, 1, CAMPAIGNS["uniform"].sha256), some)
+
+
+def test_marginals_against_independent_draws() -> None:
+    model = lb.HybridModel.default(0)
+    campaign = simulated(plan())
+    exact = lb.marginals(model, campaign, tolerance=1e-2)
+    tree = lb.sample(model, campaign, sampler="independent", seed=2, rule=StoppingRule(ess=6000.0))
+    drawn = lb.summarize(tree)
+    assert list(exact.index) == list(drawn.index)
+    assert list(exact["unit"]) == list(drawn["unit"])
+    error = exact["sd"] / np.sqrt(drawn["ess_bulk"])
+    assert ((drawn["mean"] - exact["mean"]) / error).abs().max() < 4.0
+    assert (drawn["sd"] / exact["sd"] - 1.0).abs().max() < 0.05
+    for column, level in (("median", 0.5), ("ci_low", 0.025), ("ci_high", 0.975)):
+        for name, variable in tree["posterior"].data_vars.items():
+            share = float((variable.to_numpy() < exact.loc[name, column]).mean())
+            assert share == pytest.approx(level, abs=4.0 * np.sqrt(level * (1.0 - level) / 6000.0) + 0.005), (name, column)
+
+
+def test_marginals_refuse() -> None:
+    with pytest.raises(InputError, match="must be asked of a campaign with readings, got a plan"):
+        lb.marginals(lb.HybridModel.default(0), plan())
+    with pytest.raises(InputError, match="ci_prob must lie between 0 and 1, got 95"):
+        lb.marginals(lb.HybridModel.default(0), simulated(plan()), ci_prob=95.0)
+    with pytest.raises(InputError, match="tolerance must lie between 0 and 1, got -1"):
+        lb.marginals(lb.HybridModel.default(0), simulated(plan()), tolerance=-1.0)
+
+
+@pytest.mark.parametrize("mean", [-40.0, -2.0, 0.0, 1.0, 5.0])
+def test_one_truncated_normal_in_closed_form(mean: float) -> None:
+    found, variance, axes = Orthant(np.array([[mean]]), np.array([[[2.0]]])).moments()
+    known = stats.truncnorm(-mean / 2.0, np.inf)
+    assert found[0, 0] == pytest.approx(known.mean(), rel=1e-5, abs=1e-7)
+    assert variance[0, 0, 0] == pytest.approx(known.var(), rel=1e-4)
+    assert axes[0, 0, 0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("rows", [2, 3])
+def test_moments_inside_the_orthant_by_rejection(rows: int) -> None:
+    rng = np.random.default_rng(rows)
+    spread = np.eye(rows, 4) + 0.4 * rng.normal(size=(rows, 4))
+    mean = rng.normal(size=rows)
+    shift, covariance, axes = (part[0] for part in Orthant(mean[None], spread[None]).moments(1 << 14))
+    white = rng.standard_normal((400_000, 4))
+    white = white[np.all(mean + white @ spread.T >= 0.0, axis=1)]
+    along = axes.T @ shift
+    np.testing.assert_allclose(along, white.mean(axis=0), atol=5.0 / np.sqrt(len(white)))
+    expected = np.eye(4) + axes.T @ (covariance - np.eye(len(shift))) @ axes
+    np.testing.assert_allclose(expected, np.cov(white.T), atol=8.0 / np.sqrt(len(white)))

@@ -87,3 +87,4 @@ def test_shown() -> None:
     found = lb.least_squares(simulated(plan(), seed=1))
     assert "RMSE" in str(found)
     assert "Eq. 31" in found._repr_html_()
+    assert lb.LeastSquares.from_dict(found.as_dict()).table.equals(found.table)

@@ -1,15 +1,32 @@
-"""Predictions in their layers against dense algebra."""
+"""Predictions in their layers against dense algebra; checks: uniform when the model is right, small when something is planted."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import arviz_base
+import arviz_stats
 import numpy as np
 import pytest
 from campaigns import oracle_of, plan, simulated
+from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.predictive import fit_quality, machine_coefficients, shared_coefficients
-from ldbb_bayes.model.basis import basis
+from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, State, bound_of, draws_of, power_sensitivity
+from ldbb_bayes.inference.predictive import (
+    TestChecks,
+    autocorrelation,
+    every_check,
+    failing,
+    fit_quality,
+    machine_coefficients,
+    predictive_checks,
+    shared_coefficients,
+)
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.report.wording import check_words, fit_verdict
 
+MODEL = lb.HybridModel.default(0)
 PHI = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
 
 
@@ -51,3 +68,110 @@ def test_fitness_of_a_dead_circle_is_not_a_number() -> None:
     dead = campaign.tests[0].with_reading_um(np.zeros(40))
     bound = lb.HybridModel.default(0).bind(lb.Campaign((dead, *campaign.tests[1:])))
     assert np.isnan(fit_quality(bound, PHI, bound.centre[None]).fitness_percent["f036"])
+
+
+def checks_of(campaign: lb.Campaign, model: lb.HybridModel = MODEL) -> dict[str, TestChecks]:
+    tree = lb.sample(model, campaign, sampler="independent", seed=1, rule=lb.StoppingRule(ess=400.0))
+    bound = bound_of(tree)
+    beta, phi = (part.reshape(-1, part.shape[-1]) for part in draws_of(tree, bound))
+    return predictive_checks(bound, phi, beta, np.random.default_rng(0))
+
+
+def misfits(checks: dict[str, TestChecks]) -> list[str]:
+    return [check_words(check) for check in failing(every_check(checks))]
+
+
+def planted(harmonic: int, amplitude_um: float) -> lb.Campaign:
+    """A wave on one test of the campaign."""
+    campaign = simulated(plan((120,) * 4))
+    tests = list(campaign.tests)
+    wave = amplitude_um * np.cos(harmonic * tests[2].angles_rad())
+    tests[2] = tests[2].with_reading_um(np.asarray(tests[2].reading_um) + wave)
+    return replace(campaign, tests=tuple(tests))
+
+
+def test_a_right_model_passes() -> None:
+    checks = checks_of(simulated(plan((120, 90, 120, 100), arc_deg=230.0)))
+    assert misfits(checks) == []
+    assert len(every_check(checks)) == 4 * 15
+
+
+@pytest.mark.parametrize(("harmonic", "amplitude_um", "found"), [
+    (7, 4.0, {"order 7 of f520"}), (20, 1.0, {"white noise of f520", "autocorrelation of f520"}),
+])  # fmt: skip
+def test_a_wave_on_one_circle_is_found_where_it_is(harmonic: int, amplitude_um: float, found: set[str]) -> None:
+    every = misfits(checks_of(planted(harmonic, amplitude_um)))
+    assert found <= set(every)
+    assert every[0] in found
+
+
+def test_few_readings_have_no_scatter_to_look_at() -> None:
+    checks = checks_of(simulated(plan((20, 40, 40, 40))))
+    assert checks["f036"].noise_p is None
+    assert checks["f036"].autocorrelation is None
+    assert checks["f300"].noise_p is not None
+
+
+def test_autocorrelation_of_white_noise_is_uniform() -> None:
+    rng = np.random.default_rng(2)
+    angle = np.sort(rng.uniform(0.0, 360.0, 150))
+    p_values = [autocorrelation(lb.CircularTest(100.0, angle, rng.normal(size=150)))[1] for _ in range(400)]
+    assert stats.kstest(p_values, "uniform").pvalue > 0.01
+
+
+def test_autocorrelation_of_smoothed_noise_is_seen() -> None:
+    rng = np.random.default_rng(2)
+    smooth = np.convolve(rng.normal(size=402), np.ones(3) / 3.0, mode="valid")
+    value, p = autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
+    assert value > 0.5
+    assert p < 1e-6
+    assert autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (0.0, 1.0)
+
+
+def test_sensitivity_of_a_conjugate_normal() -> None:
+    """y ~ N(x, 1), x ~ N(0, s²): a tight prior moves the posterior when scaled, a wide one does not."""
+    rng = np.random.default_rng(0)
+    found = {}
+    for scale in (0.5, 50.0):
+        precision = 1.0 + 1.0 / scale**2
+        x = rng.normal(3.0 / precision, precision**-0.5, (4, 2000))
+        parts = {"prior": stats.norm(0.0, scale).logpdf(x), "likelihood": stats.norm(3.0, 1.0).logpdf(x)}
+        found[scale] = power_sensitivity({"x": x}, parts)["x"]
+    assert found[0.5]["prior"] > 0.1
+    assert found[50.0]["prior"] < 0.02
+    assert found[50.0]["likelihood"] > 0.05
+
+
+def test_sensitivity_is_that_of_arviz() -> None:
+    """Of arrays here, of labelled data there; a part that is constant counts as none."""
+    rng = np.random.default_rng(3)
+    draws = {"a": rng.normal(size=(4, 300)), "b": rng.gamma(2.0, size=(4, 300))}
+    parts = {"one": -0.5 * draws["a"] ** 2, "two": draws["a"] - draws["b"], "none": np.ones((4, 300))}
+    found = power_sensitivity(draws, parts)
+    for name in ("one", "two"):
+        tree = arviz_base.from_dict({"posterior": draws, "log_prior": {"part": parts[name]}})
+        expected = arviz_stats.psense(tree, group="prior")
+        assert [found[own][name] for own in draws] == pytest.approx([float(expected[own]) for own in draws], rel=1e-12)
+    assert [found[own]["none"] for own in draws] == [0.0, 0.0]
+
+
+def test_the_line_puts_first_what_matters_most() -> None:
+    checks = {"a": TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)}
+    sensitivity = {"E_XX1": {"prior": 0.06}, "C_XXX": {"prior": 0.2}, "C_XYX": {"prior": 0.01}}
+    fit = Fit(1.0, {"a": 99.0}, -1.0, 0.0, -2.0, 0.0, (), checks, sensitivity)
+    missed, against = Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0), Concern(ConcernKind.TRUNCATION, -20.0, -6.9)
+    assert fit_verdict(fit) == (
+        "Converged; the model expects readings like these (15 checks, smallest p = 0.2, white noise of a); "
+        "2 of 3 numbers are sensitive to their prior (C_XXX, E_XX1)."
+    )
+    assert (fit.state, fit.kinds) == (State.USABLE, ())
+    assert "speak against non-negative compliance" in fit_verdict(replace(fit, concerns=(against,)))
+    assert replace(fit, concerns=(against,)).state == State.DOUBTFUL
+    assert fit_verdict(replace(fit, concerns=(missed, against))) == "NOT CONVERGED: do not use the numbers."
+    assert replace(fit, concerns=(missed,)).state == State.UNUSABLE
+    unlikely = replace(fit, predictive_checks={"a": replace(checks["a"], orders_p={0: 1e-9, 1: 0.5})})
+    assert fit_verdict(unlikely).startswith("Converged; the model does not expect readings like these (order 0 of a); 2 of 3")
+    assert (unlikely.state, unlikely.kinds) == (State.DOUBTFUL, ("order",))
+    assert "order" not in str(fit)
+    assert "<p>Converged; the model does not expect" in unlikely._repr_html_()
+    assert Fit.from_dict(unlikely.as_dict()) == unlikely

@@ -1,24 +1,31 @@
-"""The joint sampler end to end: layout, stopping, reproducibility, and the agreement of what is stored."""
+"""sample(): layout, reproducibility, agreement of what is stored, what a fit finds; two routes and a third to one posterior."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import arviz_stats
 import numpy as np
 import pytest
 import xarray as xr
 from campaigns import plan, simulated
+from collapsed import collapsed
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.ensemble import Progress, run_ensembles
-from ldbb_bayes.inference.origin import bound_of, campaign_of, record_of
-from ldbb_bayes.inference.posterior import assess
-from ldbb_bayes.inference.stopping import Assessment, StoppingRule
-from ldbb_bayes.inference.summary import result_json
+from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.posterior import State, bound_of, campaign_of, draws_of, fit_of, record_of, result_json
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.report.findings import fit_in_words
 
 QUICK = StoppingRule(ess=300.0, rhat=1.05, lengths=1.0)
+ROUGH = StoppingRule(ess=150.0, rhat=1.1, lengths=0.3)
+MODEL = lb.HybridModel.default(1)
+FEW = plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0))
 
 
 @pytest.fixture(scope="module")
@@ -28,105 +35,118 @@ def campaign() -> lb.Campaign:
 
 @pytest.fixture(scope="module")
 def posterior(campaign: lb.Campaign) -> xr.DataTree:
-    return lb.sample(lb.HybridModel.default(1), campaign, seed=3, rule=QUICK)
+    return lb.sample(MODEL, campaign, seed=3, rule=QUICK)
 
 
-def test_layout(posterior: xr.DataTree, campaign: lb.Campaign) -> None:
-    assert set(posterior.children) == {
-        "posterior",
-        "prior",
-        "sample_stats",
-        "log_prior",
-        "log_likelihood",
-        "observed_data",
-        "constant_data",
-        "provenance",
-    }
-    bound = lb.HybridModel.default(1).bind(campaign)
-    assert list(posterior["posterior"].data_vars) == [*bound.names, "sigma", "delta", "kappa", "tau"]
+@pytest.fixture(scope="module")
+def independent(campaign: lb.Campaign) -> xr.DataTree:
+    return lb.sample(MODEL, campaign, sampler="independent", seed=3, rule=QUICK)
+
+
+def test_layout(posterior: xr.DataTree, independent: xr.DataTree, campaign: lb.Campaign) -> None:
+    sampled = {"posterior", "prior", "sample_stats", "log_prior", "log_likelihood"}
+    assert set(posterior.children) == sampled | {"observed_data", "constant_data", "provenance"}
+    for group in posterior.children:
+        assert list(independent[group].data_vars) == list(posterior[group].data_vars)
+    assert list(posterior["posterior"].data_vars) == [*MODEL.bind(campaign).names, "sigma", "delta", "kappa", "tau"]
     assert posterior["posterior"]["C_XXX"].dims == ("chain", "draw")
     assert posterior["posterior"].sizes["chain"] == 4
     assert posterior["posterior"]["C_CCY"].attrs["unit"] == "rad/(N mm)"
     assert posterior["log_likelihood"]["per_test"].dims == ("chain", "draw", "test")
     assert list(posterior["log_likelihood"].coords["test"].to_numpy()) == [t.name for t in campaign.tests]
-    np.testing.assert_allclose(
-        posterior["observed_data"]["reading_mm"].to_numpy(), np.concatenate([t.readings_mm() for t in campaign.tests])
-    )
+    readings = np.concatenate([t.readings_mm() for t in campaign.tests])
+    np.testing.assert_array_equal(posterior["observed_data"]["reading_mm"].to_numpy(), readings)
 
 
 def test_stored_densities_are_consistent(posterior: xr.DataTree, campaign: lb.Campaign) -> None:
     """lp = ln likelihood + ln prior(β) + ln prior(φ) + Jacobian of the free coordinates, up to nothing at all."""
-    bound = lb.HybridModel.default(1).bind(campaign)
-    pick = {"chain": 2, "draw": 17}
-    draws = posterior["posterior"].isel(pick)
+    bound, pick = MODEL.bind(campaign), {"chain": 2, "draw": 17}
+    draws, log_prior = posterior["posterior"].isel(pick), posterior["log_prior"].isel(pick)
     beta = np.array([[float(draws[name]) for name in bound.names]])
     phi = np.array([[float(draws[name]) for name in bound.hyper_prior.names]])
-    log_prior = posterior["log_prior"].isel(pick)
-    expected = (
-        bound.log_likelihood(phi, beta)[0]
-        + float(log_prior["parameters"])
-        + float(log_prior["hyper"])
-        + bound.hyper_prior.free(phi).sum()
-    )
+    prior = float(log_prior["parameters"]) + float(log_prior["hyper"]) + bound.hyper_prior.free(phi).sum()
+    expected = bound.log_likelihood(phi, beta)[0] + prior
     assert float(posterior["sample_stats"]["lp"].isel(pick)) == pytest.approx(expected, abs=1e-6)
     per_test = posterior["log_likelihood"]["per_test"].isel(pick).to_numpy()
     np.testing.assert_allclose(per_test, bound.log_likelihood_per_test(phi, beta)[0], atol=1e-7)
 
 
-def test_draws_and_prior_are_inside_the_truncation(posterior: xr.DataTree, campaign: lb.Campaign) -> None:
-    bound = lb.HybridModel.default(1).bind(campaign)
-    for group in ("posterior", "prior"):
-        beta = np.stack([posterior[group][name].to_numpy() for name in bound.names], axis=-1)
+def test_draws_and_prior_are_inside_the_truncation(posterior: xr.DataTree, independent: xr.DataTree) -> None:
+    bound = bound_of(posterior)
+    for group in (posterior["posterior"], posterior["prior"], independent["posterior"]):
+        beta = np.stack([group[name].to_numpy() for name in bound.names], axis=-1)
         assert bound.truncation.holds(beta).all()
     assert posterior["posterior"]["sigma"].min() >= 0.24e-3 / np.sqrt(12.0)
     assert posterior["prior"]["C_XYX"].to_numpy().std() == pytest.approx(1e-5, rel=0.05)
 
 
-def test_saved_and_read_back_identically(posterior: xr.DataTree, tmp_path: Path) -> None:
-    lb.save(posterior, tmp_path / "posterior.nc")
-    assert lb.load(tmp_path / "posterior.nc").identical(posterior)
+def test_saved_and_read_back_identically(posterior: xr.DataTree, campaign: lb.Campaign, tmp_path: Path) -> None:
+    file = lb.save(posterior, tmp_path / "posterior.nc")
     assert lb.load(tmp_path).identical(posterior)
     assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
-
-
-def test_campaign_and_model_come_back_from_the_posterior(posterior: xr.DataTree, campaign: lb.Campaign) -> None:
-    back = campaign_of(posterior)
+    back = campaign_of(lb.load(file))
     assert back.sha256 == campaign.sha256 == record_of(posterior)["campaign"]["sha256"]
     assert (back.mount, back.force_law, back.name) == (campaign.mount, campaign.force_law, campaign.name)
-    bound, original = bound_of(posterior), lb.HybridModel.default(1).bind(campaign)
-    assert bound.model == original.model
-    np.testing.assert_array_equal(bound.interest, original.interest)
+    assert bound_of(posterior).model == MODEL
+    np.testing.assert_array_equal(bound_of(posterior).interest, MODEL.bind(campaign).interest)
 
 
-def test_same_seed_same_draws(campaign: lb.Campaign, posterior: xr.DataTree) -> None:
-    again = lb.sample(lb.HybridModel.default(1), campaign, seed=3, rule=QUICK)
-    assert again["posterior"].dataset.drop_attrs().equals(posterior["posterior"].dataset.drop_attrs())
-    other = lb.sample(lb.HybridModel.default(1), campaign, seed=4, rule=QUICK)
-    assert not np.array_equal(other["posterior"]["C_XXX"][:, :5], posterior["posterior"]["C_XXX"][:, :5])
+def test_every_field_of_a_campaign_comes_back(campaign: lb.Campaign) -> None:
+    tests = [replace(t, direction="CCW", temperature_C=20.5, time_s=60.0 * k, setup=k + 1) for k, t in enumerate(campaign.tests)]
+    foreseen = (replace(tests[0].with_reading_um(None), radius_mm=100.0, name=""),)
+    full = replace(
+        campaign, tests=tuple(tests), foreseen=foreseen, machine_id="VMC 07", date="2026-11-20", feed_mm_per_min=2000.0
+    )
+    tree = lb.sample(lb.HybridModel.default(0), full, sampler="independent", rule=ROUGH)
+    assert campaign_of(tree).sha256 == full.sha256
+    assert (campaign_of(tree).machine_id, campaign_of(tree).date) == ("VMC 07", "2026-11-20")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a file of ours", None])
+def test_damaged_results_are_refused(tmp_path: Path, posterior: xr.DataTree, content: bytes | None) -> None:
+    file = lb.save(posterior, tmp_path / "posterior.nc")
+    file.write_bytes(file.read_bytes()[:50_000] if content is None else content)
+    with pytest.raises(InputError, match=r"posterior\.nc must be a posterior written by ldbb-bayes"):
+        lb.load(tmp_path)
+    with pytest.raises(InputError, match="result must be a folder"):
+        lb.load(tmp_path / "nothing")
+
+
+def test_results_of_another_edition_are_refused(tmp_path: Path, posterior: xr.DataTree) -> None:
+    older = posterior.copy()
+    text = older["provenance"].attrs["json"]
+    older["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": text.replace('"concerns"', '"warnings"')}))
+    with pytest.raises(
+        InputError, match=r"must be of this edition of ldbb-bayes, got a fit of another \(its concerns\). Fit again"
+    ):
+        lb.load(lb.save(older, tmp_path / "posterior.nc"))
+
+
+@pytest.mark.parametrize("sampler", ["joint", "independent"])
+def test_same_seed_same_draws(campaign: lb.Campaign, posterior: xr.DataTree, independent: xr.DataTree, sampler: str) -> None:
+    first = posterior if sampler == "joint" else independent
+    again = lb.sample(MODEL, campaign, sampler=sampler, seed=3, rule=QUICK)
+    assert again["posterior"].dataset.drop_attrs().equals(first["posterior"].dataset.drop_attrs())
 
 
 def test_diagnostics_are_arvizs(posterior: xr.DataTree) -> None:
     table = lb.summarize(posterior)
     reference = arviz_stats.summary(posterior, ci_prob=0.95, ci_kind="eti", round_to="none")
-    np.testing.assert_allclose(table["mean"].astype(float), reference["mean"].astype(float), rtol=1e-10)
-    np.testing.assert_allclose(table["sd"].astype(float), reference["sd"].astype(float), rtol=1e-3)
-    np.testing.assert_allclose(table["ess_bulk"].astype(float), reference["ess_bulk"].astype(float), rtol=1e-6)
+    for column, rtol in (("mean", 1e-10), ("sd", 1e-3), ("ess_bulk", 1e-6)):
+        np.testing.assert_allclose(table[column].astype(float), reference[column].astype(float), rtol=rtol)
     record = record_of(posterior)["sampler"]
     assert record["converged"]
     assert record["ess_bulk_min"] == pytest.approx(table["ess_bulk"].min())
     # The two middle draws are equally far from the median but for rounding, which orders them one way or the other.
     assert record["rhat_max"] == pytest.approx(table["rhat"].max(), abs=1e-5)
-    assert table["ess_bulk"].min() >= 300.0
-    assert table["ess_tail"].min() >= 300.0
+    assert table[["ess_bulk", "ess_tail"]].to_numpy().min() >= 300.0
 
 
 def test_summary_numbers(posterior: xr.DataTree) -> None:
-    table = lb.summarize(posterior, ci_prob=0.9)
     draws = posterior["posterior"]["C_XXX"].to_numpy().ravel()
-    row = table.loc["C_XXX"]
+    row = lb.summarize(posterior, ci_prob=0.9).loc["C_XXX"]
     np.testing.assert_allclose([row["ci_low"], row["ci_high"]], np.quantile(draws, [0.05, 0.95]))
-    assert row["prior_sd"] == 1e-4
-    assert row["unit"] == "mm/N"
+    assert (row["prior_sd"], row["unit"]) == (1e-4, "mm/N")
     with pytest.raises(InputError, match="ci_prob must lie between 0 and 1, got 95"):
         lb.summarize(posterior, ci_prob=95)
 
@@ -139,49 +159,46 @@ def test_json_names(posterior: xr.DataTree) -> None:
     assert set(result["parameters"]["C_XXX"]) == {"unit", "mean", "sd", "median", "ci95", "prior_mean", "prior_sd"}
     assert list(result["hyper"]) == ["sigma_um", "delta_um", "kappa_um", "tau_um"]
     assert {"kind", "ess_bulk_min", "ess_tail_min", "rhat_max", "converged", "draws", "seconds"} <= set(result["sampler"])
-    assert {"rmse_um", "fitness_percent", "log_prob_truncation", "warnings"} <= set(result["fit"])
+    assert {"rmse_um", "fitness_percent", "log_prob_truncation", "concerns"} <= set(result["fit"])
+    assert {"state", "kinds", "verdict", "misfits", "warnings"} == set(fit_in_words(posterior))
     assert {"versions", "seed", "started", "platform"} <= set(result["provenance"])
     assert result["hyper"]["tau_um"]["prior_sd"] == pytest.approx(5.0 * np.sqrt(1 - 2 / np.pi), rel=1e-3)
 
 
 def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) -> None:
     tree = lb.sample(lb.HybridModel.paper(0), recovered, seed=1, rule=QUICK)
-    table = lb.summarize(tree)
-    bound = lb.HybridModel.paper(0).bind(recovered)
-    sigma = float(table.loc["sigma", "mean"])
+    table, bound = lb.summarize(tree), lb.HybridModel.paper(0).bind(recovered)
     design = np.concatenate([t.factor @ bound.interest[r] for r, t in enumerate(bound.reduced)]) * bound.scale
-    expected_sd = sigma * np.sqrt(np.diag(np.linalg.inv(design.T @ design))) * bound.scale
+    expected_sd = float(table.loc["sigma", "mean"]) * np.sqrt(np.diag(np.linalg.inv(design.T @ design))) * bound.scale
     means, sds = table["mean"].to_numpy(float)[:13], table["sd"].to_numpy(float)[:13]
     np.testing.assert_allclose((means - bound.centre) / expected_sd, 0.0, atol=0.25)
     np.testing.assert_allclose(sds / expected_sd, 1.0, atol=0.12)
-    assert result_json(tree)["parameters"]["C_XXX"]["prior_sd"] is None
+    entry = result_json(tree)["parameters"]["C_XXX"]
+    assert (entry["prior_sd"], entry["prior_mean"]) == (None, None)
     assert list(tree["prior"].data_vars) == ["sigma"]
-    assert f"{result_json(tree)['fit']['rmse_um']:.1f}" == "1.1"
+    assert f"{fit_of(tree).rmse_um:.1f}" == "1.1"
 
 
-def test_a_run_that_misses_its_target_says_so(campaign: lb.Campaign) -> None:
-    rule = StoppingRule(ess=1e6, max_steps=60)
-    result = result_json(lb.sample(lb.HybridModel.default(0), campaign, seed=1, rule=rule))
-    assert not result["sampler"]["converged"]
-    told = result["fit"]["warnings"][0]
-    assert told.startswith("Not converged: ESS ≥ 1e+06 and R-hat ≤ 1.01 was not reached in 60 steps")
-    assert "allow more steps" in told
-    few = StoppingRule(ess=10.0, rhat=1.0)
-    result = result_json(lb.sample(lb.HybridModel.default(0), campaign, sampler="quadrature", seed=1, rule=few))
-    assert not result["sampler"]["converged"]
-    assert "ask for more independent draws" in result["fit"]["warnings"][0]
+@pytest.mark.parametrize(("sampler", "rule", "words"), [
+    ("joint", StoppingRule(ess=1e6, max_steps=60), r"ESS ≥ 1e\+06 and R-hat ≤ 1.01 was not reached in 60 steps.*--max-steps"),
+    ("independent", StoppingRule(ess=10.0, rhat=1.0), "ask for more independent draws"),
+])  # fmt: skip
+def test_a_run_that_misses_its_target_says_so(campaign: lb.Campaign, sampler: str, rule: StoppingRule, words: str) -> None:
+    tree = lb.sample(lb.HybridModel.default(0), campaign, sampler=sampler, seed=1, rule=rule)
+    assert fit_of(tree).state == State.UNUSABLE
+    assert re.search(words, fit_in_words(tree)["warnings"][0])
 
 
 def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
-    result = result_json(lb.sample(lb.HybridModel.default(0).without("ball-form"), recovered, seed=1, rule=QUICK))
-    assert result["fit"]["log_prob_truncation"] < -10.0
-    assert any("contradict non-negative compliance" in warning for warning in result["fit"]["warnings"])
-    loud = simulated(plan())
-    loud = lb.Campaign(
-        tuple(t.with_reading_um(t.reading_um + 30.0 * np.sin(7 * t.angles_rad() + i)) for i, t in enumerate(loud.tests))
-    )
-    result = result_json(lb.sample(lb.HybridModel.default(0), loud, seed=1, rule=QUICK))
-    assert any(warning.startswith("Misfit: sigma = 13") for warning in result["fit"]["warnings"])
+    tree = lb.sample(lb.HybridModel.default(0).without("ball-form"), recovered, sampler="independent", seed=1, rule=QUICK)
+    assert fit_of(tree).log_prob_truncation < -10.0
+    assert "truncation" in fit_of(tree).kinds
+    assert fit_in_words(tree)["warnings"][0].startswith("The readings contradict non-negative compliance: ln P(T | y) = -")
+    loud = [
+        t.with_reading_um(t.reading_um + 30.0 * np.sin(7 * t.angles_rad() + i)) for i, t in enumerate(simulated(plan()).tests)
+    ]
+    tree = lb.sample(lb.HybridModel.default(0), lb.Campaign(tuple(loud)), sampler="independent", seed=1, rule=QUICK)
+    assert any(warning.startswith("Misfit: sigma = 13") for warning in fit_in_words(tree)["warnings"])
 
 
 def test_truncation_probability_is_reported_though_not_imposed() -> None:
@@ -189,10 +206,10 @@ def test_truncation_probability_is_reported_though_not_imposed() -> None:
     planned = plan((40,) * 3, forces_N=(100.0, 300.0, 500.0))
     tests = [t.with_reading_um(-0.03 * float(t.force_N or 0) * np.cos(t.angles_rad()) ** 2) for t in planned.tests]
     for model in (lb.HybridModel.default(0).without("truncation"), lb.HybridModel.paper(0)):
-        result = result_json(lb.sample(model, lb.Campaign(tuple(tests)), seed=1, rule=QUICK))
-        assert result["fit"]["log_prob_truncation"] < -20.0
-        assert any("contradict non-negative compliance" in warning for warning in result["fit"]["warnings"])
-        assert result["parameters"]["C_XXX"]["mean"] < 0.0
+        tree = lb.sample(model, lb.Campaign(tuple(tests)), sampler="independent", seed=1, rule=QUICK)
+        assert fit_of(tree).log_prob_truncation < -20.0
+        assert fit_of(tree).state == State.DOUBTFUL
+        assert tree["posterior"]["C_XXX"].mean() < 0.0
 
 
 def test_noise_at_the_floor_is_sampled_without_strays() -> None:
@@ -216,58 +233,69 @@ def test_progress_is_reported(campaign: lb.Campaign) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"sampler": "nuts"}, "sampler must be one of joint, collapsed, quadrature"),
+        ({"sampler": "nuts"}, "sampler must be one of joint, independent, got 'nuts'"),
+        (
+            {"sampler": "quadrature"},
+            "sampler must be one of joint, independent, got 'quadrature'. It is now called 'independent'",
+        ),
         ({"ensembles": 2}, "ensembles must be at least 4, got 2"),
         ({"walkers": 10}, "walkers must be even and at least"),
+        ({"campaign": plan()}, "must have readings to be sampled, got a plan"),
     ],
 )
-def test_refused(campaign: lb.Campaign, arguments: dict, message: str) -> None:
+def test_refused(campaign: lb.Campaign, arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        lb.sample(lb.HybridModel.default(0), campaign, **arguments)
+        lb.sample(lb.HybridModel.default(0), **{"campaign": campaign} | arguments)
 
 
-def test_a_plan_cannot_be_sampled() -> None:
-    with pytest.raises(InputError, match="must have readings to be sampled, got a plan"):
-        lb.sample(lb.HybridModel.default(0), plan())
+@pytest.mark.parametrize("model", [lb.HybridModel.default(0), lb.HybridModel.paper(0)])
+def test_three_routes_to_one_posterior(model: lb.HybridModel) -> None:
+    """Joint and independent draws against a third route that needs no lattice and no chain."""
+    bound = model.bind(simulated(FEW))
+    posterior = HyperPosterior(bound, truncated=bound.truncation.active)
+    expected = np.hstack(collapsed(posterior, 3000))
+    for sampler in ("joint", "independent"):
+        tree = lb.sample(model, bound.campaign, sampler=sampler, seed=1, rule=QUICK)
+        found = np.hstack(draws_of(tree, bound))
+        np.testing.assert_allclose((found.mean(axis=0) - expected.mean(axis=0)) / expected.std(axis=0), 0.0, atol=0.25)
+        np.testing.assert_allclose(found.std(axis=0) / expected.std(axis=0), 1.0, atol=0.25)
 
 
-@pytest.mark.parametrize("content", [b"", b"not a file of ours", None])
-def test_damaged_results_are_refused(tmp_path: Path, posterior: xr.DataTree, content: bytes | None) -> None:
-    file = lb.save(posterior, tmp_path / "posterior.nc")
-    file.write_bytes(file.read_bytes()[:50_000] if content is None else content)
-    with pytest.raises(InputError, match=r"posterior\.nc must be a posterior written by ldbb-bayes"):
-        lb.load(tmp_path)
-    with pytest.raises(InputError, match="result must be a folder"):
-        lb.load(tmp_path / "nothing")
+PRIORS = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e-10), "E_YY1": (-5e-5, 4e-5)}
 
 
-def test_ensembles_sample_a_correlated_normal_at_the_real_dimension() -> None:
-    """23 dimensions: the moves must not bias the spread (a known fault of another move is sd 0.88)."""
-    rng = np.random.default_rng(0)
-    d = 23
-    root = np.tril(rng.normal(size=(d, d)), -1) * 0.3 + np.diag(np.exp(rng.normal(size=d)))
-    inverse = np.linalg.inv(root)
-    starts = rng.normal(size=(4, 92, d)) @ root.T
-
-    def log_density(x: np.ndarray) -> np.ndarray:
-        return -0.5 * ((x @ inverse.T) ** 2).sum(axis=1)
-
-    run = run_ensembles(log_density, starts, assess, rule=StoppingRule(ess=4000.0), seed=np.random.SeedSequence(1))
-    white = run.chain.reshape(-1, d) @ inverse.T
-    assert run.converged
-    np.testing.assert_allclose(white.std(axis=0), 1.0, atol=0.05)
-    np.testing.assert_allclose(white.mean(axis=0), 0.0, atol=0.06)
+def with_means(model: lb.HybridModel) -> lb.HybridModel:
+    means, sds = {name: mean for name, (mean, _) in PRIORS.items()}, {name: sd for name, (_, sd) in PRIORS.items()}
+    return replace(model, prior=replace(model.prior, means=means, overrides=sds))
 
 
-def test_walker_major_order() -> None:
-    """Ensembles whose walkers stand still must not look like thousands of independent draws."""
-    starts = np.random.default_rng(0).normal(size=(4, 64, 2))
-    run = run_ensembles(
-        lambda x: np.where(np.isin(x[:, 0], starts[..., 0]), 0.0, -np.inf),
-        starts,
-        assess,
-        rule=StoppingRule(ess=1000.0, max_steps=400),
-        seed=np.random.SeedSequence(1),
+@pytest.mark.parametrize("sampler", [pytest.param("joint", marks=pytest.mark.slow), "independent"])
+def test_readings_less_what_prior_means_expect(sampler: str) -> None:
+    """The posterior with means m of y is that without of y − J m, moved by m: draw by draw."""
+    model = with_means(MODEL.without("force-error", "truncation"))
+    plain = replace(model, prior=replace(model.prior, means=dict.fromkeys(PRIORS, 0.0)))
+    campaign = simulated(FEW)
+    bound = model.bind(campaign)
+    less = tuple(
+        test.with_reading_um(np.asarray(test.reading_um) - basis(test.angles_rad()) @ bound.interest[r] @ bound.prior_mean * 1e3)
+        for r, test in enumerate(campaign.tests)
     )
-    assert not run.converged
-    assert run.assessment.ess_bulk_min < 500.0
+    short = StoppingRule(ess=100.0, max_steps=200)
+    moved = lb.sample(model, campaign, sampler=sampler, seed=3, rule=short)["posterior"]
+    still = lb.sample(plain, replace(campaign, tests=less), sampler=sampler, seed=3, rule=short)["posterior"]
+    for parameter in bound.parameters:
+        apart = moved[parameter.name].to_numpy() - parameter.prior_mean - still[parameter.name].to_numpy()
+        assert np.quantile(np.abs(apart) / parameter.prior_sd, 0.99) < 1e-5, parameter.name
+    for name in bound.hyper_prior.names:
+        np.testing.assert_allclose(np.quantile(moved[name], 0.5), np.quantile(still[name], 0.5), rtol=1e-5)
+
+
+def test_results_say_the_prior_means() -> None:
+    tree = lb.sample(with_means(lb.HybridModel.default(0)), simulated(FEW), sampler="independent", seed=1, rule=ROUGH)
+    table, result = lb.summarize(tree), result_json(tree)
+    assert table.loc["C_XXX", "prior_mean"] == result["parameters"]["C_XXX"]["prior_mean"] == 4.4e-5
+    assert table.loc["C_XYX", "prior_mean"] == result["parameters"]["C_XYX"]["prior_mean"] == 0.0
+    assert np.isnan(table.loc["tau", "prior_mean"])
+    assert "prior_mean" not in result["hyper"]["tau_um"]
+    assert result["model"]["priors"] == "edited"
+    assert tree["prior"]["C_YYY"].to_numpy().mean() == pytest.approx(5.0e-5, abs=3e-7)

@@ -9,8 +9,8 @@ import pytest
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.machine.forward import exact_reading_mm, geometric_reading_mm
+from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian, wrench_jacobian
-from ldbb_bayes.machine.kept import kept_compliances
 from ldbb_bayes.machine.names import geometric_names, joint_names, wrench_names
 
 ANGLE = np.deg2rad(np.arange(0.0, 361.0, 30.0))

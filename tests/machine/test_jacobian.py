@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian, wrench_jacobian
-from ldbb_bayes.machine.kept import kept_compliances
 from ldbb_bayes.machine.names import geometric_names, joint_names, wrench_names
 
 ANGLE = np.linspace(-1.0, 8.0, 77)

@@ -9,11 +9,10 @@ import pytest
 from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.machine.jacobian import wrench_jacobian
-from ldbb_bayes.model.bound import BoundModel
-from ldbb_bayes.model.gaussian import LinearGaussian
+from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.model.hybrid import BoundModel
 
 SAMPLINGS = {
     "uniform": plan((40, 40, 40, 40)),
@@ -98,10 +97,8 @@ def test_bayes_identity_at_any_beta() -> None:
     mean, spread = given.mean, given.spread()
     for k in range(len(phi)):
         scaled = spread[k] / bound.prior_sd[:, None]
-        posterior = LinearGaussian(
-            np.eye(len(bound.names)), np.ones(len(bound.names)), np.zeros(len(bound.names)), scaled @ scaled.T
-        )
-        density = posterior.prior.log_density((beta[k] - mean[k]) / bound.prior_sd) - np.log(bound.prior_sd).sum()
+        posterior = Gaussian.of(np.zeros(len(bound.names)), scaled @ scaled.T)
+        density = posterior.log_density((beta[k] - mean[k]) / bound.prior_sd) - np.log(bound.prior_sd).sum()
         left = bound.log_likelihood(phi[k : k + 1], beta[k : k + 1])[0] + bound.log_prior(beta[k])
         assert left == pytest.approx(log_evidence[k] + density, abs=1e-5)
 

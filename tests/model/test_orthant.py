@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.integrate import quad
 from scipy.special import log_ndtr
 
-from ldbb_bayes.model.orthant import Orthant, Truncation
+from ldbb_bayes.model.truncation import Orthant, Truncation
 
 
 def test_one_constraint_is_exact_however_far() -> None:

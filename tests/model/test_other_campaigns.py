@@ -9,15 +9,15 @@ import pytest
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.circular_test import CircularTest
-from ldbb_bayes.inference.origin import bound_of, record_of
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.inference.posterior import bound_of, record_of
 from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.names import geometric_names
-from ldbb_bayes.model.degeneracies import degeneracies, standing_degeneracies
+from ldbb_bayes.model.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.spec import model_from_toml, model_to_toml
+from ldbb_bayes.model.specification import model_from_toml, model_to_toml
 from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.report.wording import standing_words
 
 FORCES_N = (100.0, 400.0, 700.0)
 ANGLE = np.arange(30) * 12.0
@@ -155,9 +155,9 @@ def test_one_direction_leaves_the_model_as_it_was() -> None:
     bound = HybridModel.default(1).bind(one)
     assert "Hysteresis" not in bound.terms
     assert bound.nuisance_columns[-1].hyper == "kappa"
-    notes = standing_degeneracies(bound, degeneracies(bound))
+    notes = tuple(map(standing_words, standing_degeneracies(bound, degeneracies(bound))))
     assert any("looks exactly like C_XYX, C_XZX and C_YZY" in note for note in notes)
-    both = standing_degeneracies(HybridModel.default(1).bind(everything()), ())
+    both = tuple(map(standing_words, standing_degeneracies(HybridModel.default(1).bind(everything()), ())))
     assert any("looks exactly like C_XZX " in note for note in both)
 
 
@@ -186,12 +186,10 @@ def test_refused() -> None:
 
 
 def test_linearisation_error_knows_the_set_up() -> None:
-    from ldbb_bayes.model.linearisation import linearisation_error_mm
-
     bound = HybridModel.default(0).bind(everything())
     beta = np.zeros(len(bound.names))
     beta[bound.names.index("E_Zt0_2")] = 0.5
-    errors = {t.name: np.abs(linearisation_error_mm(bound, t, beta)).max() for t in bound.campaign.tests}
+    errors = {t.name: np.abs(bound.linearisation_error_mm(t, beta)).max() for t in bound.campaign.tests}
     for t in bound.campaign.tests:
         seen = t.setup == 2
         assert (errors[t.name] > 1e-4) == seen, t.name
@@ -207,7 +205,7 @@ def test_drift_of_a_sorted_campaign_is_stated() -> None:
     assert set(lengthwise[0].parameters) >= {"C_XXX", "C_YYY"}
     mixed = tuple(replace(t, time_s=60.0 * k) for t, k in zip(tests, (2, 0, 3, 1), strict=True))
     assert not [d for d in degeneracies(model.bind(Campaign(mixed))) if d.term == "Drift"]
-    notes = standing_degeneracies(HybridModel.default(1).bind(Campaign(tests)), ())
+    notes = tuple(map(standing_words, standing_degeneracies(HybridModel.default(1).bind(Campaign(tests)), ())))
     assert any("record time" in note for note in notes)
 
 
@@ -216,7 +214,7 @@ def test_a_campaign_of_everything_survives_files_and_fits(tmp_path) -> None:
     model = HybridModel.default(0).including(Drift("time"))
     campaign = model.simulate(everything(), seed=5).campaign
     assert lb.read_campaign(lb.write_campaign(campaign, tmp_path / "c")).sha256 == campaign.sha256
-    posterior = lb.sample(model, campaign, seed=1, sampler="quadrature")
+    posterior = lb.sample(model, campaign, seed=1, sampler="independent")
     lb.save(posterior, tmp_path / "p.nc")
     again = bound_of(lb.load(tmp_path / "p.nc"))
     assert again.names == model.bind(campaign).names
@@ -225,7 +223,7 @@ def test_a_campaign_of_everything_survives_files_and_fits(tmp_path) -> None:
     record = record_of(posterior)["model"]
     assert record["terms"][-2:] == ["Hysteresis", "Drift"]
     one = replace(campaign, tests=tuple(t for t in campaign.tests if t.direction == "CW"))
-    assert record_of(lb.sample(HybridModel.default(0), one, seed=1, sampler="quadrature"))["model"]["idle_terms"] == [
+    assert record_of(lb.sample(HybridModel.default(0), one, seed=1, sampler="independent"))["model"]["idle_terms"] == [
         "Hysteresis"
     ]
 

@@ -11,8 +11,8 @@ from scipy import integrate, stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.basis import SIZE, basis, harmonic_index
-from ldbb_bayes.model.spec import model_sha256
+from ldbb_bayes.model.fourier import SIZE, basis, harmonic_index
+from ldbb_bayes.model.specification import model_sha256
 from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, Drift, ForceError, Mount, SetupShift
 
 
@@ -31,11 +31,11 @@ def test_default_prior_of_the_papers_machine() -> None:
 
 
 def test_hyper_priors_are_normalised_half_normals_above_the_resolution() -> None:
-    prior = lb.Prior.default().hyper(("sigma", "delta", "kappa", "tau"), 0.24)
+    prior = lb.Prior.default().hyper(lb.HybridModel.default().scales, 0.24)
     np.testing.assert_allclose(prior.scale_mm, [1e-3, 1e-3, 1e-3, 5e-3])
     floor = 0.24e-3 / np.sqrt(12.0)
     np.testing.assert_allclose(prior.lower_mm, [floor, 0.0, 0.0, 0.0])
-    single = lb.Prior.default().hyper(("sigma",), 0.24)
+    single = lb.Prior.default().hyper(lb.HybridModel.paper().scales, 0.24)
     mass, _ = integrate.quad(lambda x: float(np.exp(single.log_density(np.array([x])))), floor, 2e-2, points=[1e-3])
     assert mass == pytest.approx(1.0, abs=1e-6)
     assert single.log_density(np.array([floor * 0.999])) == -np.inf
@@ -44,14 +44,14 @@ def test_hyper_priors_are_normalised_half_normals_above_the_resolution() -> None
 
 
 def test_free_coordinates_have_no_edge() -> None:
-    prior = lb.Prior.default().hyper(("sigma", "tau"), 0.24)
+    prior = lb.Prior.default().hyper(lb.HybridModel.default().without("setup-shift", "discrepancy").scales, 0.24)
     phi = np.array([[0.0693e-3, 1e-3], [1e-3, 1e-9]])
     np.testing.assert_allclose(prior.phi(prior.free(phi)), phi, rtol=1e-12)
     assert np.all(np.isfinite(prior.log_density_of_free(np.array([[-300.0, -300.0], [0.0, 0.0]]))))
 
 
 def test_hyper_draws_follow_their_density(rng: np.random.Generator) -> None:
-    prior = lb.Prior.default().hyper(("sigma", "tau"), 2.0)
+    prior = lb.Prior.default().hyper(lb.HybridModel.default().without("setup-shift", "discrepancy").scales, 2.0)
     draws = prior.draw(20_000, rng)
     floor = 2.0e-3 / np.sqrt(12.0)
     assert draws[:, 0].min() >= floor
@@ -222,7 +222,7 @@ def test_set_up_shift_moves_what_it_says() -> None:
     (together,) = SetupShift().columns(setting)
     np.testing.assert_array_equal(together.sd, zero + centre)
     first, second = SetupShift("apart").columns(setting)
-    assert (first.hyper, second.hyper) == ("delta_0", "delta_1") == SetupShift("apart").hypers
+    assert (first.hyper, second.hyper) == ("delta_0", "delta_1") == tuple(scale.name for scale in SetupShift("apart").scales)
     np.testing.assert_array_equal(first.sd, zero)
     np.testing.assert_array_equal(second.sd, centre)
     for moves, expected in (("zero", zero), ("centre", centre)):
@@ -303,7 +303,7 @@ def test_overrides_follow_the_degree() -> None:
 
 def test_a_model_with_fixed_parameters_can_be_sampled(recovered: lb.Campaign) -> None:
     model = lb.HybridModel.default(1).fixing("C_XXX_1", "C_YYY_1", "C_CXY_1", "C_CYY_1", "C_CCY_1")
-    posterior = lb.sample(model, recovered, sampler="quadrature", seed=1, rule=lb.StoppingRule(ess=400.0))
+    posterior = lb.sample(model, recovered, sampler="independent", seed=1, rule=lb.StoppingRule(ess=400.0))
     exact = lb.marginals(model, recovered, tolerance=1e-2)
     table = lb.summarize(posterior)
     assert "C_XYX_1" in table.index

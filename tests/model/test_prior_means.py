@@ -12,9 +12,8 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.basis import basis
-from ldbb_bayes.model.simulate import draw_parameters
-from ldbb_bayes.model.spec import model_from_toml, model_sha256, model_to_toml
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
 
 PRIORS = {"C_XXX": (5.1e-5, 4e-6), "C_YYY": (4.6e-5, 8e-6), "C_CXY": (-2e-8, 3e-8), "E_YY1": (-5e-5, 4e-5)}
 MEANS = {name: mean for name, (mean, _) in PRIORS.items()}
@@ -76,7 +75,7 @@ def test_probability_of_the_truncation_in_closed_form() -> None:
 def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> None:
     model = with_priors(lb.HybridModel.default(0), CLOSE)
     bound = (model if truncated else model.without("truncation")).bind(plan())
-    draws = draw_parameters(bound, 4000, rng)
+    draws = bound.draw_parameters(4000, rng)
     for name, values in zip(bound.names, draws.T, strict=True):
         mean, sd = CLOSE.get(name, (0.0, bound.prior_sd[bound.names.index(name)]))
         low = -mean / sd if truncated and name in CLOSE else -np.inf

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldbb_bayes.model.basis import ORDERS, SIZE, basis, coefficients, harmonic_index
-from ldbb_bayes.model.reduction import reduce_readings
+from ldbb_bayes.model.fourier import ORDERS, SIZE, basis, coefficients, harmonic_index, reduce_readings
 
 
 def test_basis_is_cosines_and_sines() -> None:
@@ -47,7 +46,7 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
     angle, y = rng.uniform(0.0, 7.0, 1000), rng.normal(size=1000)
     whole = reduce_readings(angle, y)
-    monkeypatch.setattr("ldbb_bayes.model.reduction._CHUNK", 33)
+    monkeypatch.setattr("ldbb_bayes.model.fourier._CHUNK", 33)
     parts = reduce_readings(angle, y)
     np.testing.assert_allclose(parts.factor.T @ parts.factor, whole.factor.T @ whole.factor, atol=1e-9)
     np.testing.assert_allclose(parts.factor.T @ parts.projection, whole.factor.T @ whole.projection, atol=1e-9)

@@ -9,7 +9,7 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.spec import model_from_toml, model_sha256, model_to_toml
+from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
 from ldbb_bayes.model.terms import BarLength, Discrepancy, Mount, SetupShift
 
 MODELS = [

@@ -53,4 +53,4 @@ def test_what_is_on_them(design: lb.Design) -> None:
         label.get_text().split(" ")[0]: bar.get_width()
         for label, bar in zip(widths.get_yticklabels(), widths.patches, strict=True)
     }
-    assert bars["C_XXX"] == pytest.approx(design.forecast.expected["C_XXX"].sd / 1e-4)
+    assert bars["C_XXX"] == pytest.approx(design.expected["C_XXX"].sd / 1e-4)

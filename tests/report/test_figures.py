@@ -14,7 +14,7 @@ from matplotlib.text import Text
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.stopping import StoppingRule
+from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.report.figures import FIGURES, chains, corner, save_figures
 
 QUICK = StoppingRule(ess=100.0, rhat=1.5, lengths=0.2)
@@ -28,7 +28,7 @@ def make(kind: str) -> xr.DataTree:
     if kind == "one test, few readings":
         return lb.sample(lb.HybridModel.default(0), simulated(plan((9,), forces_N=(300.0,))), rule=QUICK)
     arcs = simulated(plan([30] * 11, forces_N=[50.0 + 60.0 * i for i in range(11)], arc_deg=300.0))
-    return lb.sample(lb.HybridModel.default(2), arcs, sampler="quadrature", rule=QUICK)
+    return lb.sample(lb.HybridModel.default(2), arcs, sampler="independent", rule=QUICK)
 
 
 @pytest.fixture(scope="module", params=["linear", "paper", "one test, few readings", "eleven arcs, quadratic"])

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from reports import fitted
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.compared import Comparison
+from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.report import figures
 

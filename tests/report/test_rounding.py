@@ -5,16 +5,20 @@ from __future__ import annotations
 import pytest
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.report.rounding import (
+from ldbb_bayes.units import (
     Statement,
+    display_name,
+    display_unit,
+    is_direct,
     is_lopsided,
     plus_minus,
+    reading_unit,
     round_uncertainty,
     state,
     stiffness,
+    units_for,
     value_and_uncertainty,
 )
-from ldbb_bayes.units import display_name, display_unit, is_direct, reading_unit, units_for
 
 
 @pytest.mark.parametrize(

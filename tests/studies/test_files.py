@@ -77,7 +77,7 @@ def test_there_are_as_many_as_promised() -> None:
 
 
 def test_the_readme_counts_them() -> None:
-    readme = (STUDY.parents[1] / "README.md").read_text(encoding="utf-8")
+    readme = (STUDY.parents[1] / "docs" / "readings.md").read_text(encoding="utf-8")
     assert f"{len(awkward.CASES)} awkward ways" in readme
     assert f"{len(malformed.CASES)} files that are refused" in readme
 

@@ -14,8 +14,8 @@ def test_what_is_stated(root: Path, recovered: lb.Campaign) -> None:
     results = json.loads((root / "studies" / "09_report" / "results.json").read_text(encoding="utf-8"))
     assert results["page_MB"] < 3.0
     assert results["shares_sum_to_one"]
-    assert f"{100 * results['E_XX1_bar_length']:.0f} %" in (root / "README.md").read_text(encoding="utf-8")
-    posterior = lb.sample(lb.HybridModel.paper(0), recovered, sampler="quadrature", seed=1)
+    assert f"{100 * results['E_XX1_bar_length']:.0f} %" in (root / "docs" / "report.md").read_text(encoding="utf-8")
+    posterior = lb.sample(lb.HybridModel.paper(0), recovered, sampler="independent", seed=1)
     size = lb.contributions(posterior).set_index("source")["peak_to_peak"]
     for name, value in results["peak_to_peak_um"].items():
         assert size[name] == pytest.approx(value["found"], rel=1e-6)

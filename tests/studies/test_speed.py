@@ -18,6 +18,6 @@ def test_quick_run(root: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     results = json.loads((tmp_path / "results.json").read_text())
-    assert set(results["race"]) == {"joint", "collapsed", "quadrature"}
+    assert set(results["race"]) == {"joint", "independent"}
     assert all(max(row["worst_mean_z"]) < 5.0 and max(row["worst_sd_error"]) < 0.15 for row in results["race"].values())
     assert "| joint |" in (tmp_path / "table.md").read_text()

@@ -19,7 +19,7 @@ import pandas as pd
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.work import Lost
+from ldbb_bayes.jobs import Lost
 
 STUDIES = Path(__file__).parents[2] / "studies"
 FOLDERS = sorted(path.parent for path in STUDIES.glob("[0-9][0-9]_*/run.py"))

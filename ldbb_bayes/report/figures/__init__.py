@@ -14,23 +14,26 @@ import matplotlib as mpl
 import xarray as xr
 from matplotlib.figure import Figure
 
-from ldbb_bayes.report.figures.atlas import compliance_atlas, geometric_atlas
-from ldbb_bayes.report.figures.budget import budget_bars
-from ldbb_bayes.report.figures.calibration import rank_ecdf
-from ldbb_bayes.report.figures.chains import chains
-from ldbb_bayes.report.figures.circles import predictive, residuals, traces
-from ldbb_bayes.report.figures.circularity import circularity
-from ldbb_bayes.report.figures.comparison import (
+from ldbb_bayes.report.figures.bayes_factors import (
     compliance_with_local_fits,
     evidence,
     geometry_with_local_fits,
     predictive_p_values,
+    rank_ecdf,
 )
-from ldbb_bayes.report.figures.contributions import contributions, parameter_contributions
-from ldbb_bayes.report.figures.design import efficiency, expected_widths, information, trade_off
-from ldbb_bayes.report.figures.differences import difference_forest
-from ldbb_bayes.report.figures.identifiability import alias_map, correlation_map, nuisance_costs, prior_and_posterior
-from ldbb_bayes.report.figures.parameters import compliance_against_force, corner, forest
+from ldbb_bayes.report.figures.correlations import alias_map, budget_bars, correlation_map, nuisance_costs, prior_and_posterior
+from ldbb_bayes.report.figures.forests import chains, compliance_against_force, corner, difference_forest, forest
+from ldbb_bayes.report.figures.plans import efficiency, expected_widths, information, trade_off
+from ldbb_bayes.report.figures.polar import (
+    circularity,
+    compliance_atlas,
+    contributions,
+    geometric_atlas,
+    parameter_contributions,
+    predictive,
+    residuals,
+    traces,
+)
 from ldbb_bayes.report.figures.style import PALETTE, force_colours, new_figure, styled
 
 __all__ = [

@@ -1,24 +1,29 @@
-"""One style for every figure: colour-blind safe, units on every axis, no pyplot."""
+"""One style for every figure, and the shapes that figures share: colour-blind safe, units on every axis, no pyplot."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import cycle
 from typing import Any, ParamSpec, cast
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ldbb_bayes.units import display_name, display_unit
 
-__all__ = ["ACCENT", "GREY", "PALETTE", "TERM_COLOURS", "axis_label", "force_colours", "new_figure", "styled"]
+__all__ = ["PALETTE", "force_colours", "new_figure", "styled"]
 
+Array = NDArray[Any]
 P = ParamSpec("P")
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-ACCENT, GREY = PALETTE[0], "#8C8C8C"
-# One colour per source of uncertainty in every figure.
-TERM_COLOURS = {
+ACCENT, GREY, LIGHT = PALETTE[0], "#8C8C8C", "#D9D9D9"
+# One colour per source of uncertainty in every figure; a user's own terms take the spare ones in turn.
+_TERM_COLOURS = {
     "BallForm": PALETTE[1],
     "BarLength": PALETTE[3],
     "Mount": PALETTE[0],
@@ -28,10 +33,12 @@ TERM_COLOURS = {
     "Hysteresis": PALETTE[6],
     "Drift": "#F0E442",
     "ReadingNoise": GREY,
-    "Parameters": "#D9D9D9",
+    "Parameters": LIGHT,
 }
+_SPARE = ("#882255", "#44AA99", "#999933", "#332288")
 _STYLE: dict[str, Any] = {
     "font.size": 9.0,
+    "figure.titlesize": 9.5,
     "axes.titlesize": 9.5,
     "axes.titleweight": "normal",
     "axes.labelsize": 9.0,
@@ -80,3 +87,87 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
     """Factor and label for an axis that shows a parameter in its unit for reading."""
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
+
+
+def term_colours(terms: Iterable[str]) -> dict[str, str]:
+    """Return a colour for every term, in the order in which figures stack them."""
+    asked = list(dict.fromkeys(terms))
+    strangers = [term for term in asked if term not in _TERM_COLOURS]
+    return {term: colour for term, colour in _TERM_COLOURS.items() if term in asked} | dict(
+        zip(strangers, cycle(_SPARE), strict=False)
+    )
+
+
+def panels(count: int, columns: int, width: float, height: float, extra: float = 0.6, **shared: Any) -> tuple[Figure, list[Axes]]:
+    """Return a figure with ``count`` panels, at most ``columns`` in a row of ``height`` inches."""
+    rows = -(-count // columns)
+    figure = new_figure(width, extra + height * rows)
+    every = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
+    for axes in every[count:]:
+        axes.set_visible(False)
+    return figure, every[:count]
+
+
+def named_rows(names: Sequence[str], width: float, extra: float, each: float = 0.27) -> tuple[Figure, Axes, Array]:
+    """Return a figure with one row for every parameter, from top to bottom, and the heights of the rows."""
+    figure = new_figure(width, extra + each * len(names))
+    axes, rows = figure.subplots(), np.arange(len(names))[::-1]
+    axes.set_yticks(rows, [display_name(name) for name in names])
+    axes.set_ylim(-0.7, len(names) - 0.3)
+    return figure, axes, rows
+
+
+def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
+    """Write texts at the right end of rows."""
+    right = axes.secondary_yaxis("right")
+    right.set_yticks(rows, texts)
+    right.tick_params(length=0)
+    right.spines["right"].set_visible(False)
+
+
+def stacked(axes: Axes, rows: Array, shares: Mapping[str, Array], words: Callable[[str], str]) -> None:
+    """Draw the terms' shares of every row as a bar each, next to one another; what is nowhere visible is left out."""
+    start = np.zeros(len(rows))
+    for term, colour in term_colours(shares).items():
+        if np.max(shares[term]) >= _VISIBLE:
+            axes.barh(rows, shares[term], left=start, color=colour, height=0.72, label=words(term))
+            start = start + shares[term]
+    axes.set_xlim(0.0, 1.0)
+    axes.grid(axis="y", visible=False)
+
+
+_VISIBLE = 0.005
+
+
+def heat_map(axes: Axes, values: Array, across: Sequence[str], down: Sequence[str], **image: Any) -> Any:
+    """Draw a matrix in colours with named rows and columns; returns the image for its colour bar."""
+    drawn = axes.imshow(values, aspect=image.pop("aspect", "auto"), **image)
+    axes.set_xticks(range(len(across)), across)
+    axes.set_yticks(range(len(down)), down)
+    axes.grid(visible=False)
+    return drawn
+
+
+def band(axes: Axes, x: Any, low: Any, high: Any, colour: Any, alpha: float = 0.2, label: str | None = None) -> None:
+    """Shade what lies between two curves."""
+    axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0, label=label)
+
+
+def angle_axis(axes: Axes, step: int = 90) -> None:
+    """Mark the angle of the bar."""
+    axes.set_xlim(0.0, 360.0)
+    axes.set_xticks(range(0, 361, step))
+    axes.set_xlabel("angle of the bar (°)")
+
+
+def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
+    """Put the legend of one panel below all of them."""
+    handles, labels = axes.get_legend_handles_labels()
+    if labels:
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), columns))
+
+
+def nothing(axes: Axes, text: str) -> None:
+    """Say in an empty panel why it is empty."""
+    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
+    axes.set_axis_off()

@@ -1,0 +1,262 @@
+"""Are ranks uniform? The band that the empirical distribution of uniform numbers stays inside, everywhere at once.
+
+Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and Computing 32:32 (2022): pointwise binomial
+intervals, their level adjusted so that all of them hold together with the probability asked for. That probability is computed
+exactly here, count by count along the band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import model_serializer
+from scipy.stats import binom
+
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.sample import check_sampler, draw
+from ldbb_bayes.jobs import Lost, done
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.result import Numbers, Result
+
+__all__ = ["LOG_LIKELIHOOD", "Validation", "ecdf", "simultaneous_band", "validate"]
+
+Array = NDArray[Any]
+_BISECTIONS = 40
+
+
+def ecdf(ranks: Array, draws: int) -> Array:
+    """Empirical distribution of ranks in 0 … draws at (k + 1) / (draws + 1), k = 0 … draws − 1, shape (draws,)."""
+    counts = np.bincount(ranks, minlength=draws + 1)
+    return np.asarray(np.cumsum(counts)[:-1] / len(ranks))
+
+
+@cache
+def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, Array]:
+    """Lower and upper ends of the band, each of shape (draws,), for the `ecdf` of so many uniform ranks.
+
+    Parameters
+    ----------
+    replicates : int
+        Number of ranks.
+    draws : int
+        Largest rank.
+    prob : float
+        Probability with which the whole empirical distribution stays inside; as near above it as whole counts allow.
+    """
+    level = np.arange(1, draws + 1) / (draws + 1)
+    low, high = 0.0, 1.0 - prob
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if _coverage(replicates, level, *_counts(replicates, level, middle)) >= prob:
+            low = middle
+        else:
+            high = middle
+    lower, upper = _counts(replicates, level, low)
+    return lower / replicates, upper / replicates
+
+
+def _counts(replicates: int, level: Array, tail: float) -> tuple[Array, Array]:
+    """Pointwise binomial intervals that leave out less than ``tail`` in all."""
+    lower = binom.ppf(0.5 * tail, replicates, level)
+    upper = binom.isf(0.5 * tail, replicates, level)
+    return np.maximum(lower, 0.0).astype(int), np.minimum(upper, replicates).astype(int)
+
+
+def _coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
+    """P(lower ≤ counts ≤ upper at every level): from each level to the next a binomial share of the numbers not yet passed."""
+    before, start, probability = 0.0, 0, np.ones(1)
+    for point, least, most in zip(level, lower, upper, strict=True):
+        now = np.arange(least, most + 1)
+        origin = np.arange(start, start + len(probability))
+        share = (point - before) / (1.0 - before)
+        step = binom.pmf(now[None, :] - origin[:, None], replicates - origin[:, None], share)
+        probability = probability @ step
+        before, start = point, int(least)
+    return float(probability.sum())
+
+
+LOG_LIKELIHOOD = "log_likelihood"
+_INTERVALS = (0.5, 0.8, 0.95)
+
+
+@dataclass(frozen=True, eq=False)
+class Validation(Result):
+    """Ranks of true values among their posterior draws.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Parameters, hyper-parameters, and ``log_likelihood``.
+    ranks : ndarray of int, shape (replicates, quantities)
+        0 … draws; uniform when calibrated.
+    draws : int
+    sampler : str
+    prob : float
+        Probability of the band, simultaneous over ranks and quantities.
+    failures : tuple of str
+        What went wrong in replicates that gave no draws; these are not among the ranks.
+    """
+
+    names: tuple[str, ...]
+    ranks: Numbers
+    draws: int
+    sampler: str
+    prob: float
+    failures: tuple[str, ...]
+
+    @property
+    def replicates(self) -> int:
+        """Replicates with ranks."""
+        return len(self.ranks)
+
+    @cached_property
+    def band(self) -> tuple[Array, Array]:
+        """The band of `ecdf` for one quantity, shape (draws,) each: together they hold with probability ``prob``."""
+        return simultaneous_band(self.replicates, self.draws, self.prob ** (1.0 / len(self.names)))
+
+    def ecdf(self, name: str) -> Array:
+        """Return the empirical distribution of one quantity's ranks, shape (draws,)."""
+        return ecdf(self.ranks[:, self.names.index(name)], self.draws)
+
+    @cached_property
+    def outside(self) -> tuple[str, ...]:
+        """Quantities whose ranks leave the band."""
+        lower, upper = self.band
+        return tuple(name for name in self.names if np.any((self.ecdf(name) < lower) | (self.ecdf(name) > upper)))
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether all ranks stay inside the band and no replicate failed."""
+        return not self.outside and not self.failures
+
+    def coverage(self) -> pd.DataFrame:
+        """Return the share of true values inside their equal-tailed intervals, one row per quantity, and its standard error.
+
+        Columns 50, 80, 95 (what the interval claims, in per cent) and u50, u80, u95 (binomial standard errors expected of a
+        calibrated computation).
+        """
+        distance = np.abs(2 * self.ranks - self.draws)
+        table = {}
+        for prob in _INTERVALS:
+            limit = prob * (self.draws + 1)
+            inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
+            table[f"{100 * prob:g}"] = inside.mean(axis=0)
+            table[f"u{100 * prob:g}"] = np.full(len(self.names), np.sqrt(prob * (1.0 - prob) / self.replicates))
+        return pd.DataFrame(table, index=list(self.names))
+
+    @model_serializer
+    def _all_but_ranks(self) -> dict[str, Any]:
+        claimed = [f"{100 * prob:g}" for prob in _INTERVALS]
+        coverage = self.coverage()[claimed].to_dict(orient="index")
+        level = np.arange(1, self.draws + 1) / (self.draws + 1)
+        quantities = {
+            name: {
+                "inside_band": name not in self.outside,
+                "largest_difference": float(np.abs(self.ecdf(name) - level).max()),
+                "coverage": coverage[name],
+            }
+            for name in self.names
+        }
+        return {
+            "sampler": self.sampler,
+            "replicates": self.replicates,
+            "draws": self.draws,
+            "band_probability": self.prob,
+            "quantities": quantities,
+            "failures": list(self.failures),
+            "calibrated": self.calibrated,
+        }
+
+
+def validate(
+    model: HybridModel,
+    plan: Campaign,
+    *,
+    replicates: int = 100,
+    draws: int = 99,
+    sampler: str = "independent",
+    generator: HybridModel | None = None,
+    prob: float = 0.99,
+    seed: int = 1,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Validation:
+    """Simulate, infer, rank: hyper-parameters and parameters from their priors, every replicate.
+
+    Parameters
+    ----------
+    model : HybridModel
+        With proper priors.
+    plan : Campaign
+        Forces, angles, clockings; readings are ignored.
+    replicates, draws : int
+        Simulated campaigns, and independent posterior draws of each.
+    sampler : {"independent", "joint"}
+    generator : HybridModel, optional
+        What the readings are drawn from; default ``model``. Another one shows what a wrong model does.
+    prob : float
+        Probability of the band, simultaneous over ranks and quantities.
+    executor : concurrent.futures.Executor, optional
+        Runs the replicates, one BLAS thread each; default: here, one after the other. The result does not depend on it.
+    progress : callable, optional
+        Called with the number of replicates done and their total.
+
+    Raises
+    ------
+    InputError
+        For a flat prior, an unknown sampler, or numbers out of range.
+    """
+    _check(model, generator, replicates, draws, sampler, prob)
+    bound = model.bind(plan)
+    job = partial(_ranks, model, generator or model, plan, sampler, draws)
+    rows: dict[int, Array | str] = {}
+    for i, row in done(job, np.random.SeedSequence(seed).spawn(replicates), executor):
+        rows[i] = row.reason if isinstance(row, Lost) else row
+        if progress is not None:
+            progress(len(rows), replicates)
+    finished = [rows[i] for i in range(replicates)]
+    failures = tuple(row for row in finished if isinstance(row, str))
+    if len(failures) == replicates:
+        raise InputError(f"at least one replicate must give draws, got none. First reason: {failures[0]}")
+    ranks = np.array([row for row in finished if not isinstance(row, str)])
+    return Validation((*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD), ranks, draws, sampler, prob, failures)
+
+
+def _ranks(
+    model: HybridModel, generator: HybridModel, plan: Campaign, sampler: str, draws: int, seed: np.random.SeedSequence
+) -> Array | str:
+    """Ranks of the truth among the draws of the posterior of one simulated campaign, or why there are none."""
+    simulating, sampling = seed.spawn(2)
+    simulation = generator.simulate(plan, seed=int(simulating.generate_state(1)[0]))
+    bound = model.bind(simulation.campaign)
+    start = HyperPosterior(bound, truncated=bound.truncation.active)
+    try:
+        beta, phi = draw(sampler, start, draws, seed=sampling)
+    except InputError as error:
+        return str(error)
+    true = simulation.parameters | {name: value * 1e-3 for name, value in simulation.hyper_um.items()}
+    truth = np.array([true.get(name, 0.0) for name in (*bound.names, *bound.hyper_prior.names)])
+    ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
+    p = len(bound.names)
+    true_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
+    return np.append(ranks, (bound.log_likelihood(phi, beta) < true_likelihood).sum())
+
+
+def _check(model: HybridModel, generator: HybridModel | None, replicates: int, draws: int, sampler: str, prob: float) -> None:
+    check_sampler(sampler)
+    if model.prior.flat or (generator is not None and generator.prior.flat):
+        raise InputError("validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.")
+    for name, value, least in (("replicates", replicates, 10), ("draws", draws, 9)):
+        if value < least:
+            raise InputError(f"{name} must be at least {least}, got {value}. Ask for more.")
+    if not 0.0 < prob < 1.0:
+        raise InputError(f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99.")

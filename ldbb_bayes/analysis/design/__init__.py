@@ -1,0 +1,1 @@
+"""Which tests to run next: optimum design of campaigns."""

@@ -1,1 +1,0 @@
-"""Optimum experimental design for linear Gaussian models, free of any domain."""

@@ -1,0 +1,541 @@
+"""What stands around the numbers of a sheet: the header and its columns, the lines above, loads and directions in names."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from ldbb_bayes.campaign.campaign import PER_TEST
+from ldbb_bayes.campaign.layout import ROLES, UNITS, Layout, Notes, plain, unit_named
+from ldbb_bayes.campaign.spreadsheet import Sheet, could_be_thousands, is_missing, looks_like_number, number
+from ldbb_bayes.errors import InputError, nearest
+
+__all__ = [
+    "Heading",
+    "Said",
+    "direction_not_understood",
+    "directions_said",
+    "find_headings",
+    "load_in_name",
+    "loads_not_understood",
+    "note_heading",
+    "said_above",
+    "unit_of",
+]
+
+# Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make one.
+_LONGEST, _LONGEST_NAME, _LARGEST_ABOVE, _BLOCK = 300, 200, 1000, 9
+_NUMBER = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
+_BETWEEN = r"[\s:=;,|]"
+# A number, not the beginning of a clock, a date or a longer number.
+_WHOLE = r"(?![\d:/]|[.,]\d|[\-−]\d|\s\d{3}(?!\d))"
+_MM_PER_MIN = {"mm/min": 1.0, "m/min": 1e3, "inch/min": 25.4, "in/min": 25.4, "ipm": 25.4, "mm/s": 60.0, "mm/sec": 60.0}
+# By word: the unit meant where none is named, and all units with what one is in ours.
+_SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
+    "force_N": (
+        r"(?:radial )?(?:force|(?:prüf|mess|radial|soll|ist|zug)?kraft|last|load|force_N)(?: F| setpoint| nominal)?",
+        "N",
+        UNITS["force"],
+    ),
+    "pressure_bar": (r"(?:pressure|(?:prüf|mess|regel|zylinder|soll|ist)?druck|pressure_bar)(?: P)?", "bar", UNITS["pressure"]),
+    "radius_mm": (r"(?:radius|nominal length)(?: R)?", "mm", {unit: 1e-3 * one for unit, one in UNITS["reading"].items()}),
+    "feed_mm_per_min": (r"(?:feed|feedrate|feed rate|vorschub)", "mm/min", _MM_PER_MIN),
+    "start_deg": (r"(?:start(?:ing)? angle|start|startwinkel)(?: at)?", "deg", UNITS["angle"]),
+    "overshoot_deg": (r"(?:angular overshoot|overshoot|run-in|überlauf)(?: angle)?", "deg", UNITS["angle"]),
+}
+_ANOTHER = re.compile(
+    r"\b(?:max|maximum|min|minimum|limit|ambient|supply|preload|range|rated|case|no|nr|number|clamping|spring|gravity|cutting|"
+    r"air|atmospheric|barometric|system|hydraulic|oil|ball|tool|corner|nose)\b",
+    re.IGNORECASE,
+)
+_IN_NAME = re.compile(rf"(?<![\d.,A-Za-z])({_NUMBER})[ _]?(kN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])", re.IGNORECASE)
+# A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N).
+_CUT = re.compile(
+    r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])|\d[_p\-]\d[ _]?N(?![a-z])"
+    r"|\d[ ']\d{3}[ _]?k?N(?![a-z])",
+    re.IGNORECASE,
+)
+# Three digits at most: F2000 is a feed.
+_AS_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
+# Up to these a number with a mark before three digits may be of thousands.
+_LARGEST = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
+_COUNTER = ("ccw", "counter", "anti", "contra", "gegen", "entgegen")
+_CLOCK_HAND = r"(?:ent)?gegen(?:[ _-]de[nm])?[ _-]?uhrzeigersinn|(?:im[ _-])?uhrzeigersinn"
+_SENSES = rf"({_CLOCK_HAND}|ccw|cw|(?:counter|anti|contra)[^a-z0-9]{{0,3}}clock[-_ ]?wise|clock[-_ ]?wise)(?![a-z])"
+_SENSE = re.compile(rf"(?<![a-zA-Z]){_SENSES}", re.IGNORECASE)
+_DIRECTION = re.compile(r"\b(?:direction|dir|\w*richtung|sense)\b(.*)", re.IGNORECASE)
+Lines = Sequence[tuple[int, str]]
+
+
+@dataclass(frozen=True)
+class Said:
+    """One value of a line above the table, in the unit of its field's name; NaN where it is not clear which: 1,000."""
+
+    value: float
+    unit: str
+    line: int
+
+
+def said_above(above: Lines) -> dict[str, list[Said]]:
+    """Everything the lines say, by field; what is in no known unit, or of another kind (maximum, ambient, …), is left alone."""
+    found: dict[str, list[Said]] = {}
+    for line, text in above:
+        for key, (words, usual, units) in _SAID.items():
+            for match in _pattern(words).finditer(text[:_LONGEST]):
+                before = re.split(r"[;,|\t]", text[: match.start()])[-1] + match[0][: match.start("number") - match.start()]
+                if _ANOTHER.search(before) or _ANOTHER.fullmatch(match["after"]):
+                    continue
+                after = "" if match["cell"] and _unit(match["after"], units) is None else match["after"]
+                named = match["inside"] or match["brackets"] or after
+                unit = _unit(named, units) if named else usual
+                if unit is not None:
+                    value = math.nan if _may_be_thousands(key, match["number"]) else _value(match["number"]) * units[unit]
+                    found.setdefault(key, []).append(Said(value, named, line))
+    return found
+
+
+@cache
+def _pattern(words: str) -> re.Pattern[str]:
+    """Words, a unit in brackets or after "in", the number, and what follows it."""
+    unit = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
+    rest = r"\s*(?P<cell>[;|,\t]?)\s*(?P<after>[^\s;,|()\[\]]*)"
+    return re.compile(
+        rf"\b{words}\b{_BETWEEN}{{0,4}}(?:{unit}{_BETWEEN}{{0,4}})?(?P<number>{_NUMBER}){_WHOLE}(?!'){rest}", re.IGNORECASE
+    )
+
+
+def _unit(named: str, units: Mapping[str, float]) -> str | None:
+    wanted = {named.casefold(), unit_named(named).casefold()}
+    return next((unit for unit in units if unit.casefold() in wanted), None)
+
+
+def _value(text: str) -> float:
+    return number(text, "," if "," in text else ".")
+
+
+def _may_be_thousands(key: str, text: str) -> bool:
+    """Whether a mark before three digits may stand between thousands, by the sizes there are: ``1,000 N``, not ``150.000 mm``."""
+    return could_be_thousands(text) and float(re.sub(r"[^\d]", "", text)) <= _LARGEST.get(key, 0.0)
+
+
+def directions_said(above: Lines, names: Sequence[str]) -> set[str]:
+    """CW and CCW as the lines above say them after a word for direction, and as the first name holds them that holds any."""
+    found = next((senses for name in names if (senses := _senses(name[:_LONGEST]))), set())
+    for _, text in _of_direction(above):
+        both = len(_senses(text)) > 1
+        # Of a line that lists both before it says one, what stands behind the last mark: (CW/CCW): CCW.
+        found = found | _senses(re.split(r"[:=;|\t]", text)[-1] if both else text)
+    return found
+
+
+def direction_not_understood(above: Lines) -> int | None:
+    """The first line that speaks of a direction and says none we know; None where there is none."""
+    return next((line for line, text in _of_direction(above) if text.strip(" :;=,|\t") and not _senses(text)), None)
+
+
+def _of_direction(above: Lines) -> list[tuple[int, str]]:
+    return [(line, match[1]) for line, text in above if (match := _DIRECTION.search(text[:_LONGEST]))]
+
+
+def _senses(text: str) -> set[str]:
+    return {"CCW" if match[1].casefold().startswith(_COUNTER) else "CW" for match in _SENSE.finditer(text)}
+
+
+def loads_not_understood(above: Lines) -> str:
+    """Of lines that name a value in newtons or bar, the first; for the message when no load is found."""
+    first = next(((line, text) for line, text in above if _IN_NAME.search(text[:_LONGEST])), None)
+    return f" Line {first[0]} reads {first[1][:60]!r}; it was not taken for either." if first else ""
+
+
+def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str] | None:
+    """Field, value and the name that says it: ``238N``, ``2.5 bar``, ``f238``; None where none says one thing alone.
+
+    Parameters
+    ----------
+    kind : {"force_N", "pressure_bar", ""}
+        Whether of this alone.
+    """
+    for name in names:
+        said = []
+        for text, word in _IN_NAME.findall(name[:_LONGEST]):
+            key, units = (
+                ("force_N", UNITS["force"]) if unit_named(word) in UNITS["force"] else ("pressure_bar", UNITS["pressure"])
+            )
+            if kind in ("", key):
+                said.append((key, text, units[unit_named(word)]))
+        if len(said) == 1:
+            key, text, one = said[0]
+            if _CUT.search(name) or (key == "force_N" and _may_be_thousands(key, text)):
+                continue
+            return key, abs(_value(text)) * one, name
+        short = _AS_F.findall(name[:_LONGEST])
+        if not said and len(short) == 1:
+            return "force_N", float(short[0]), name
+    return None
+
+
+# Beside a word for a load: not the load of the test. Beside the word for a test in the header of the column that names it.
+_OTHER_LOADS = {"step", "max", "min", "limit", "no", "nr", "number", "case", "preload", "supply", "ambient", "rated", "range"}
+_NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
+_BRACKET = re.compile(r"[\[({<]")
+_INSIDE = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
+# 0-360°
+_RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
+# A factor, or half of one, before a unit: 10-3, x 10, 0.1. One or two digits alone number the column, but for ten.
+_FACTOR = re.compile(r"[x×*]|[x×*]?\d[\d.,^⁻⁰¹²³⁴⁵⁶⁷⁸⁹−–+eE\-]*")
+_COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
+_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
+_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)((?:\d[\d.,/]*\s*)?[^\s/_,\d]+)\s*")
+_RULE = re.compile(r"[-=+_|: ]*")
+
+
+def unit_of(header: str) -> tuple[str, str]:
+    """A header's name and unit: ``Angle [°]`` → ("Angle", "deg"), ``reading_um`` → ("reading", "um").
+
+    What stands in brackets or after "in" and is no unit comes back as it is, to be refused where the column is used.
+    """
+    header = header.strip().lstrip("#").strip()
+    if len(header) > _LONGEST_NAME:
+        return header, ""
+    name, inside = _BRACKET.split(header)[0].strip(" _"), [_RANGE.sub("", text) for text in _INSIDE.findall(header)]
+    after = _AFTER_IN.fullmatch(header)
+    if not (inside and name) and after:
+        name, inside = after[1].strip(" _"), [after[2].strip()]
+    if inside and name:
+        if [plain(text) for text in inside] == ["grad"] and plain(name).startswith("winkel"):
+            return name, "deg"
+        known = {unit_named(text) for text in inside} - {""}
+        scaled = not after and bool(re.search(r"\d", re.split(r"[\])}>]", header)[-1]))
+        return name, known.pop() if len(known) == 1 and not scaled else " and ".join(inside) + " …" * scaled
+    match = _AT_END.fullmatch(header)
+    unit = unit_named(match[2]) if match else ""
+    if not match or not unit:
+        return header, ""
+    name = match[1].strip(" _")
+    # After a stroke a number is a factor of the unit; elsewhere it numbers the column: reading 2 µm.
+    if "/" not in unit and not header[: match.start(2)].rstrip().endswith("/"):
+        factor, _, unit = unit.rpartition(" ")
+        last = factor or re.split(r"[\s_,]+", match[1])[-1]
+        if _FACTOR.fullmatch(last) and not _COLUMN_NUMBER.fullmatch(last):
+            return name, f"({last}) {unit}"
+    return (name, unit) if name else (header, "")
+
+
+def _called(name: str, role: str) -> bool:
+    """Whether a header names the role."""
+    parts, words = re.findall(r"[^\W\d_]+", plain(name[:_LONGEST_NAME])), ROLES[role]
+    if role in ("force", "pressure") and set(parts) & _OTHER_LOADS:
+        return False
+    if role == "test" and not set(parts) <= {*words, *_NUMBERING}:
+        return False
+    return any(word in parts or (len(word) > 3 and any(part.startswith(word) for part in parts)) for word in words)
+
+
+def _columns_of(where: str, layout: Layout, headers: Sequence[str]) -> tuple[dict[str, int], list[int]]:
+    """Which column is what, and all columns of readings: as the layout says, else by the words of the header."""
+    asked = {role: column if isinstance(column, list) else [column] for role, column in layout.columns.items()}
+    each = {role: [_asked(where, role, column, headers) for column in columns] for role, columns in asked.items() if columns}
+    found = {role: columns[0] for role, columns in each.items()}
+    readings = each.get("reading", [])
+    if not any(headers):
+        found = _of_bare_columns(where, found, len(headers))
+        return found, readings or [found["reading"]]
+    names = [unit_of(header)[0] for header in headers]
+    for role in ROLES:
+        if role in found:
+            continue
+        own = [k for k, name in enumerate(names) if k not in found.values() and _called(name, role)]
+        own = [k for k in own if headers[k] not in PER_TEST] or own
+        if role == "reading":  # columns that are called by the load of a test: 36 N [mm], reading 238 N
+            loaded = [k for k, header in enumerate(headers) if k not in found.values() and load_in_name([header]) is not None]
+            if len(loaded) > 1 and set(own) <= set(loaded):
+                readings, own = loaded, loaded[:1]
+        if len(own) > 1:
+            both = ", or all, each a test of its own, by naming it once for each" if role == "reading" else ""
+            raise InputError(
+                f"{where}: one column must hold the {role}, got {' and '.join(repr(headers[k][:_LONGEST_NAME]) for k in own)}. "
+                f"Say which: --{role}-column{both}."
+            )
+        if own and (role == "reading" or headers[own[0]] not in PER_TEST):
+            found[role] = own[0]
+    if "angle" in found and "time" not in layout.columns:
+        found.pop("time", None)
+    elif "angle" not in found and "time" not in found and "time_s" in headers:
+        found["time"] = list(headers).index("time_s")
+    found = {role: column for role, column in found.items() if role == "reading" or column not in readings}
+    readings = readings or ([found["reading"]] if "reading" in found else [])
+    if len(readings) > 1 and "test" in found:
+        raise InputError(
+            f"{where}: a table must have one column of readings, or none that names the test, got {len(readings)} of readings "
+            f"beside {headers[found['test']][:_LONGEST_NAME]!r}. Say which: --reading-column."
+        )
+    return found, readings
+
+
+def _of_bare_columns(where: str, found: dict[str, int], width: int) -> dict[str, int]:
+    """Without a header: angle, then reading, if there are only two columns; else what was asked for."""
+    if "reading" in found and ("angle" in found or "time" in found):
+        return found
+    if found or width != 2:
+        raise InputError(
+            f"{where}: columns without a header must be named by number, got {width} of them. "
+            "Give --reading-column and --angle-column or --time-column."
+        )
+    return {"angle": 0, "reading": 1}
+
+
+def _asked(where: str, role: str, column: str | int, headers: Sequence[str]) -> int:
+    """The column that was asked for, by its number or its header, with or without the unit."""
+    if isinstance(column, int):
+        if not 1 <= column <= len(headers):
+            raise InputError(f"{where}: column of the {role} must be 1 to {len(headers)}, got {column}. Correct it.")
+        return column - 1
+    exact = [k for k, header in enumerate(headers) if plain(header) == plain(column)]
+    matching = exact or [k for k, header in enumerate(headers) if plain(unit_of(header)[0]) == plain(unit_of(column)[0])]
+    if len(matching) == 1:
+        return matching[0]
+    known = ", ".join(repr(header[:_LONGEST_NAME]) for header in headers if header) or "no header"
+    hint = f" Did you mean {nearest(column, headers)!r}?" if any(headers) else ""
+    raise InputError(
+        f"{where}: column of the {role} must be one of {known}, got {column!r} ({len(matching) or 'none'} such).{hint}"
+    )
+
+
+class _NoTableError(InputError):
+    """A sheet of words alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class Heading:
+    """The columns of one sheet.
+
+    Attributes
+    ----------
+    line : int
+        Of the header in the file; 0 where there is none.
+    first : int
+        Index into the sheet's rows of the first row of numbers.
+    headers, units : list of str
+        As the file has them; the unit each names, or empty.
+    roles : dict of role to column, from 0
+    above : list of (line, text)
+        Lines above the header.
+    readings : list of column
+        Where each column of readings is a test of its own, all of them; else the one, or none.
+    label : str
+        Of one of several such tests.
+    """
+
+    line: int
+    first: int
+    headers: list[str]
+    units: list[str]
+    roles: dict[str, int]
+    above: list[tuple[int, str]]
+    readings: list[int]
+    label: str = ""
+
+    def each(self) -> Iterator[Heading]:
+        """One heading for each column of readings, with its name as label where there are several."""
+        if len(self.readings) < 2:
+            yield self
+            return
+        for column in self.readings:
+            label = _BRACKET.split(self.headers[column])[0].strip() or self.headers[column] or f"column {column + 1}"
+            yield replace(self, roles=self.roles | {"reading": column}, readings=[column], label=label)
+
+
+def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
+    """Find the table in a sheet.
+
+    It begins below its header, whatever its first rows hold: a bad row is for the reader of rows to refuse.
+    """
+    rows = sheet.rows
+    block = _block(sheet, layout)
+    k, width = _header_row(sheet, layout, block), len(rows[block][1])
+    if k is None:
+        first = last = _upwards(sheet, block)
+        line, headers, units = 0, [""] * width, [""] * width
+    else:
+        line, last, first = rows[k][0], k, k + 1
+        headers = _headers(sheet, k, block)
+        units = [unit_of(header)[1] for header in headers]
+        below = _units_alone(rows[first][1]) if first < block else []
+        if below:
+            german = [plain(unit) == "grad" and plain(headers[c]).startswith("winkel") for c, unit in enumerate(below)]
+            units = ["deg" if german[c] else unit for c, unit in enumerate(below)]
+            units, first = [*units, *[""] * width][:width], first + 1
+        while first < block and all(_RULE.fullmatch(cell) for cell in rows[first][1]):
+            first += 1
+    above = [(line, (sheet.separator or ";").join(cells)) for line, cells in rows[max(first - _LARGEST_ABOVE, 0) : last]]
+    roles, readings = _columns_of(f"{sheet.place}, line {line}" if line else sheet.place, layout, headers)
+    for c in readings:
+        if units[c] == unit_of(headers[c])[1]:  # the load in the name of a column, and the load's unit, are not of its readings
+            units[c] = unit_of(f"reading {_IN_NAME.sub('', headers[c][:_LONGEST])}")[1]
+    return Heading(line, first, headers, units, roles, above, readings)
+
+
+def _block(sheet: Sheet, layout: Layout) -> int:
+    """The first of nine rows of numbers, cell for cell alike; of the first below the header line that was given."""
+    rows = sheet.rows
+    if layout.header_line and all(line != layout.header_line for line, _ in rows):
+        raise InputError(
+            f"{sheet.place}: header line must hold names, got nothing in line {layout.header_line}. Correct --header-line."
+        )
+    start = next((k for k, (line, _) in enumerate(rows) if line > (layout.header_line or 0)), len(rows))
+    for k in range(start, min(len(rows) - 1, start + _LARGEST_ABOVE)):
+        if all(_numbers(cells) >= 2 and len(cells) == len(rows[k][1]) for _, cells in rows[k : k + _BLOCK]):
+            return k
+    line, cells = rows[len(rows) // 2] if rows else (0, [])
+    example = f"Line {line} reads {', '.join(repr(cell[:30]) for cell in cells[:6])}. " if rows else ""
+    raise _NoTableError(
+        f"{sheet.place} must hold a table of at least {_BLOCK} rows with two columns of numbers, got none. "
+        f"{example}Check the separator (--separator), the encoding (--encoding) and what the file is; "
+        "units belong into the header, not into cells."
+    )
+
+
+def _numbers(cells: Sequence[str]) -> int:
+    return sum(map(looks_like_number, cells))
+
+
+def _upwards(sheet: Sheet, block: int) -> int:
+    """Of a table without a header: up from good rows while there are as many cells, some of them numbers."""
+    rows, k = sheet.rows, block
+    while k and len(rows[k - 1][1]) == len(rows[block][1]) and _numbers(rows[k - 1][1]):
+        k -= 1
+    if k and (_numbers(rows[k - 1][1]) or any(_numbers(cells) >= 2 for _, cells in rows[:k])):
+        raise InputError(
+            f"{sheet.place}, line {rows[k - 1][0]}: rows of a table without a header must be alike, got "
+            f"{', '.join(map(repr, rows[k - 1][1]))[:60]}. Correct or remove the line, or give --header-line."
+        )
+    return k
+
+
+def _header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
+    """Index of the row of names: as given, or the last row of words above the numbers."""
+    rows = sheet.rows
+    if layout.header_line == 0:
+        return None
+    if layout.header_line:
+        k = next(k for k, (line, _) in enumerate(rows) if line == layout.header_line)
+        if _numbers(rows[k][1]) >= 2 and not _names_columns(rows[k][1]):
+            raise InputError(
+                f"{sheet.place}, line {layout.header_line}: the header must hold names, got numbers. "
+                "Correct --header-line; 0: none."
+            )
+    else:
+        wordy = [k for k, (_, cells) in enumerate(rows[:block]) if _names_columns(cells)]
+        if not wordy:
+            return None
+        k = wordy[-2] if _units_alone(rows[wordy[-1]][1]) and len(wordy) > 1 else wordy[-1]
+    amid = next((line for line, cells in rows[:k] if _numbers(cells) >= 2 and len(cells) == len(rows[block][1])), None)
+    if amid is not None:
+        raise InputError(
+            f"{sheet.place}, line {rows[k][0]}: the header must stand above all numbers, got numbers in line {amid}. "
+            "Remove the line, or correct --header-line."
+        )
+    return k
+
+
+def _names_columns(cells: Sequence[str]) -> bool:
+    """Two words or more, and no number, unless two of the words name what every table has."""
+    words = [cell for cell in cells if cell and not (looks_like_number(cell) or is_missing(cell) or _RULE.fullmatch(cell))]
+    if len(words) < 2:
+        return False
+    return _numbers(cells) == 0 or sum(any(_called(unit_of(c)[0], r) for c in words) for r in ("angle", "reading", "time")) >= 2
+
+
+def _headers(sheet: Sheet, k: int, block: int) -> list[str]:
+    """One name for every column; where blanks separate, a unit in brackets belongs to the word before it."""
+    (line, cells), below = sheet.rows[k], sheet.rows[block][1]
+    names = cells[1:] if cells[:1] == ["#"] else list(cells)
+    if sheet.separator == " ":
+        names = re.sub(r"\0(?=[\[({<])", " ", "\0".join(names)).split("\0")
+    while len(names) > len(below) and not names[-1]:
+        names.pop()
+    if len(names) > len(below) or any(below[len(names) :]):
+        raise InputError(
+            f"{sheet.place}, line {line}: the header must name every column, got {len(names)} names for {len(below)} cells. "
+            "Correct it; with decimal commas separate the cells by semicolons; --header-line where it is another, 0 for none."
+        )
+    return [*names, *[""] * (len(below) - len(names))]
+
+
+def _units_alone(cells: Sequence[str]) -> list[str]:
+    """The units in a row that holds nothing else, all known or in brackets; empty where it holds names."""
+    inside = [cell.strip("[](){} ") for cell in cells]
+    known = [unit_named(text) for text in inside]
+    filled = [k for k, cell in enumerate(cells) if cell]
+    sure = [k for k in filled if known[k] or re.fullmatch(r"[\[({].*[\])}]", cells[k])]
+    others = [cells[k] for k in filled if k not in sure]
+    enough = len(sure) >= min(len(filled), 2 - ("grad" in map(plain, others))) and all(len(cell) <= 4 for cell in others)
+    if not any(known) or not enough or any(load_in_name([cell]) is not None for cell in cells):
+        return []
+    return [known[k] or inside[k] for k in range(len(cells))]
+
+
+def find_headings(sheets: Sequence[Sheet], layout: Layout, notes: Notes) -> list[tuple[Sheet, Heading]]:
+    """Sheets with their headings; of several in a workbook those without a table are left out, and told."""
+    found, without = [], []
+    for sheet in sheets:
+        try:
+            found.append((sheet, _find_heading(sheet, layout)))
+        except _NoTableError:
+            if len(sheets) == 1 or layout.sheets:
+                raise
+            without.append(sheet)
+    if not found:
+        _find_heading(sheets[0], layout)
+    for sheet in without:
+        notes.add(sheet.place, "left out", "the sheet", "it holds no table", "--sheets")
+    return found if len(found) > 1 else [(replace(sheet, only=True), heading) for sheet, heading in found]
+
+
+def note_heading(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -> None:
+    """Note encoding, separator, header line and columns, as they were found out."""
+    if sheet.hidden:
+        notes.add(sheet.place, "hidden", f"{sheet.hidden}, read like the others", "the spreadsheet hides it", "--sheets")
+    if sheet.encoding and layout.encoding is None:
+        notes.keep(encoding=sheet.encoding)
+        if sheet.encoding != "utf-8":
+            notes.add(sheet.place, "encoding", sheet.encoding, "its bytes", "--encoding")
+    if sheet.separator and layout.separator is None:
+        notes.keep(separator=sheet.separator)
+        if sheet.separator != ",":
+            notes.add(sheet.place, "separator", repr(sheet.separator), "most lines split alike", "--separator")
+    words = next((line for line, text in reversed(heading.above) if len(re.findall(r"[^\W\d_]{2,}", text)) > 1), None)
+    if layout.header_line == 0 and words is not None:
+        notes.add(sheet.place, "header", "none, as given", f"line {words} holds words", "--header-line")
+    if layout.header_line is None:
+        notes.keep(header_line=heading.line)
+        if heading.line > 1:
+            notes.add(sheet.place, "header", f"line {heading.line}", "numbers begin below it", "--header-line")
+    _note_columns(sheet, heading, layout, notes)
+
+
+def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -> None:
+    """Which column was taken for what, and what was not used."""
+    found: dict[str, Any] = {role: heading.headers[c] or c + 1 for role, c in heading.roles.items() if role not in layout.columns}
+    if len(heading.readings) > 1 and "reading" not in layout.columns:
+        found["reading"] = [heading.headers[c] for c in heading.readings]
+    if found:
+        notes.keep(columns=dict(layout.columns) | found)
+        shown = ", ".join(f"{role} = {column!r}" for role, column in found.items())[:_LONGEST_NAME]
+        because = "their names" if heading.line else "no header: the first two"
+        notes.add(sheet.place, "columns", shown, because, ", ".join(f"--{role}-column" for role in found))
+    unused = [role for role in UNITS if getattr(layout, f"{role}_unit") and role not in heading.roles]
+    if unused:
+        options = ", ".join("--unit" if role == "reading" else f"--{role}-unit" for role in unused)
+        notes.add(sheet.place, "not used", options, "there is no such column", "--…-column")
+    if layout.separator and not sheet.separator:
+        notes.add(sheet.place, "not used", "--separator", "a workbook has none", "")
+    used = {*heading.roles.values(), *heading.readings}
+    others = [header for c, header in enumerate(heading.headers) if header and c not in used and header not in PER_TEST]
+    if others:
+        names = ", ".join(others)[:_LONGEST_NAME]
+        notes.add(sheet.place, "columns not used", names, "no role is known for them", "--…-column, or a [[test]] in --layout")

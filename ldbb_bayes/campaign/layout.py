@@ -1,0 +1,311 @@
+"""How tables are written: units and words for columns, what a user says of them, and notes of what was assumed."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.files import read_toml, validated
+
+__all__ = [
+    "ROLES",
+    "UNITS",
+    "Assumption",
+    "Layout",
+    "Notes",
+    "TestLayout",
+    "in_ours",
+    "layout_to_toml",
+    "plain",
+    "read_layout",
+    "unit_named",
+]
+
+# By role: what one of each unit is in ours, and the words and signs people use for it.
+_TABLE: Mapping[str, Mapping[str, tuple[float, str]]] = {
+    "angle": {
+        "deg": (1.0, "deg degs ° degree degrees"),
+        "rad": (57.29577951308232, "rad radian radians"),
+        "gon": (0.9, "gon grads gradian gradians"),
+        "mrad": (0.05729577951308232, "mrad"),
+        "arcmin": (1.0 / 60.0, "arcmin '"),
+    },
+    "reading": {
+        "um": (1.0, "um µm μm micron microns micrometer micrometers micrometre micrometres mikrometer"),
+        "mm": (1e3, "mm millimeter millimeters millimetre millimetres"),
+        "nm": (1e-3, "nm nanometer nanometers nanometre nanometres"),
+        "m": (1e6, "m"),
+        "cm": (1e4, "cm"),
+        "inch": (25_400.0, 'in inch inches "'),
+        "mil": (25.4, "mil mils thou"),
+        "uinch": (0.0254, "uin µin μin uinch µinch μinch microinch microinches"),
+    },
+    "time": {
+        "s": (1.0, "s sec secs second seconds sekunden"),
+        "ms": (1e-3, "ms msec"),
+        "us": (1e-6, "us µs μs"),
+        "min": (60.0, "min minutes"),
+        "h": (3600.0, "h hour hours"),
+        "d": (86_400.0, "d day days"),
+    },
+    "force": {
+        "N": (1.0, "n newton newtons"),
+        "kN": (1e3, "kn kilonewton"),
+        "daN": (10.0, "dan"),
+        "lbf": (4.4482216152605, "lbf lb lbs"),
+        "kgf": (9.80665, "kgf kp"),
+    },
+    "pressure": {
+        "bar": (1.0, "bar bars barg"),
+        "mbar": (1e-3, "mbar hpa millibar"),
+        "MPa": (10.0, "mpa"),
+        "kPa": (0.01, "kpa"),
+        "Pa": (1e-5, "pa"),
+        "psi": (0.0689475729317831, "psi psig"),
+    },
+}
+UNITS: Mapping[str, Mapping[str, float]] = {
+    role: {unit: one for unit, (one, _) in units.items()} for role, units in _TABLE.items()
+}
+# Words by which headers name what a column holds, in the order they are tried.
+ROLES: Mapping[str, tuple[str, ...]] = {
+    role: tuple(words.split())
+    for role, words in {
+        "angle": "angle theta θ winkel angolo drehwinkel phi φ position",
+        "reading": "reading radius deviation rho ρ abweichung messwert ldbb ballbar dbb error displacement delta verlagerung "
+        "value",
+        "time": "time zeit tempo t",
+        "force": "force kraft prüfkraft messkraft radialkraft forza last load f",
+        "pressure": "pressure druck prüfdruck regeldruck messdruck pressione p",
+        "test": "test circle run file versuch kreis",
+        "direction": "direction dir richtung sense",
+    }.items()
+}
+_FACTOR = re.compile(r"(\d{1,6}(?:[.,]\d{1,6})?)(?:\s*/\s*(\d{1,6}))?\s*(\D.*)")
+
+
+def plain(text: str) -> str:
+    """For comparing: one sign for micro, no capitals, no blanks or dots around it."""
+    return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
+
+
+_BY_WORD = {plain(word): unit for units in _TABLE.values() for unit, (_, words) in units.items() for word in words.split()}
+
+
+def unit_named(text: str) -> str:
+    """Our name of a unit, with the factor that stands before it (``1/1000 mm``); empty where the text is none."""
+    if len(text) > 40:
+        return ""
+    unit = _BY_WORD.get(plain(text), "")
+    match = _FACTOR.fullmatch(text.strip())
+    if unit or not match or re.fullmatch(r"[1-9]\d{0,2}[.,]\d{3}", match[1]):
+        return unit
+    unit = _BY_WORD.get(plain(match[3]), "")
+    return f"{match[1].replace(',', '.')}{'/' + match[2] if match[2] else ''} {unit}" if unit else ""
+
+
+def in_ours(role: str, unit: str) -> float | None:
+    """One of a unit (as `unit_named` gives it) in ours; None where it is not one for that role."""
+    factor, _, name = unit.rpartition(" ")
+    one = UNITS[role].get(name)
+    if one is None or not re.fullmatch(r"(?:\d+(?:\.\d+)?(?:/[1-9]\d*)?)?", factor):
+        return None
+    above, _, below = factor.partition("/")
+    return one * float(above or 1) / float(below or 1)
+
+
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class TestLayout(_Keys):
+    """What one file (or sheet, or name in the test column) is, where the table does not say."""
+
+    __test__ = False
+
+    file: str
+    name: str | None = None
+    force_N: float | None = None
+    pressure_bar: float | None = None
+    direction: Literal["CW", "CCW"] | None = None
+    work_ball_deg: float | None = None
+    tool_ball_deg: float | None = None
+    radius_mm: float | None = None
+    setup: int | None = None
+    temperature_C: float | None = None
+    time_s: float | None = None
+    start_deg: float | None = None
+
+
+_Column = str | int | list[str | int]
+
+
+class Layout(_Keys):
+    """How tables are read. None: found out from each file, and said.
+
+    Attributes
+    ----------
+    encoding, separator, decimal, sheets, header_line
+        Of the files; a header line of 0 says there is none, columns then go by number from 1.
+    columns : dict of role to column
+        Header as the file has it, or its number from 1; of the reading also a list of them, each a test.
+    forces_N, pressures_bar : list of float
+        Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
+    reading_unit, angle_unit, time_unit, force_unit, pressure_unit
+    zero : {"deviation", "distance"}
+        Whether readings are deviations from the nominal radius, or distances of the balls.
+    sign, angle_sign : {1, -1}
+        −1 where the instrument counts a longer bar as negative; where the file counts clockwise.
+    angle_offset_deg : float
+        Angle of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg).
+    start_deg, overshoot_deg, feed_mm_per_min, direction
+        Of a log over time: angle where the circle begins, run-in before it, feed along the circle.
+    laps : {"keep", "average"}
+        Of a recording longer than a turn.
+    """
+
+    schema_: Literal[1] = Field(default=1, alias="schema")
+    encoding: str | None = None
+    separator: str | None = None
+    decimal: Literal[".", ","] | None = None
+    header_line: int | None = Field(default=None, ge=0)
+    sheets: list[str] = Field(default_factory=list)
+    columns: dict[str, _Column] = Field(default_factory=dict)
+    forces_N: list[float] = Field(default_factory=list)
+    pressures_bar: list[float] = Field(default_factory=list)
+    reading_unit: str | None = None
+    angle_unit: str | None = None
+    time_unit: str | None = None
+    force_unit: str | None = None
+    pressure_unit: str | None = None
+    zero: Literal["deviation", "distance"] | None = None
+    sign: Literal[1, -1] = 1
+    angle_sign: Literal[1, -1] = 1
+    angle_offset_deg: float = 0.0
+    start_deg: float | None = None
+    overshoot_deg: float | None = Field(default=None, ge=0.0)
+    feed_mm_per_min: float | None = Field(default=None, gt=0.0)
+    direction: Literal["CW", "CCW"] | None = None
+    laps: Literal["keep", "average"] | None = None
+    test: list[TestLayout] = Field(default_factory=list)
+
+    @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
+    @classmethod
+    def _known_unit(cls, value: str | None, info: ValidationInfo) -> str | None:
+        role = str(info.field_name).removesuffix("_unit")
+        named = unit_named(value or "")
+        if value is not None and in_ours(role, named) is None:
+            raise ValueError(f"it should be one of {', '.join(UNITS[role])}")
+        return named or None
+
+    @field_validator("test")
+    @classmethod
+    def _each_once(cls, tests: list[TestLayout]) -> list[TestLayout]:
+        files = [entry.file for entry in tests]
+        twice = next((file for k, file in enumerate(files) if file in files[:k]), None)
+        if twice is not None:
+            raise ValueError(f"[[test]] must be one for each file, sheet or label, got two for {twice!r}")
+        return tests
+
+    @field_validator("columns")
+    @classmethod
+    def _one_column(cls, columns: dict[str, _Column]) -> dict[str, _Column]:
+        many = next((role for role, column in columns.items() if role != "reading" and isinstance(column, list)), None)
+        if many is not None:
+            raise ValueError(f"the {many} must be one column")
+        return columns
+
+    def with_given(self, given: dict[str, Any]) -> Layout:
+        """The layout with what options say over it; options left at None do not speak."""
+        spoken = {key: value for key, value in given.items() if value is not None}
+        of_tests = spoken.keys() & TestLayout.model_fields.keys()
+        if {"forces_N", "pressures_bar"} & spoken.keys():
+            of_tests |= {"force_N", "pressure_bar"}
+            spoken = {"forces_N": [], "pressures_bar": []} | spoken
+        if of_tests and "test" not in given:
+            spoken["test"] = [entry.model_dump(exclude=set(of_tests), exclude_none=True) for entry in self.test]
+        try:
+            return Layout.model_validate({**self.model_dump(by_alias=True), **spoken})
+        except ValidationError as error:
+            first = error.errors()[0]
+            name = str(first["loc"][0]) if first["loc"] else "layout"
+            why = first["msg"].removeprefix("Value error, ")
+            options = {"reading_unit": "--unit", "columns": "--…-column", "forces_N": "--forces-N"}
+            option = options.get(name, "--" + name.replace("_", "-"))
+            raise InputError(f"{option} must be valid, got {first['input']!r}: {why}. Correct it.") from None
+
+    def of(self, *names: str) -> tuple[TestLayout | None, set[str]]:
+        """What is said of a test, by any of its names, the first of them before the others; and the entries that say it."""
+        own = sorted((entry for entry in self.test if entry.file in names), key=lambda entry: -names.index(entry.file))
+        said: dict[str, Any] = {}
+        for entry in own:
+            said |= entry.model_dump(exclude_none=True)
+        return (TestLayout.model_validate(said) if own else None), {entry.file for entry in own}
+
+
+def layout_to_toml(layout: Layout) -> str:
+    """What was found out and said, so that the next import needs no guess."""
+    content = layout.model_dump(by_alias=True, exclude_none=True)
+    tests = content.pop("test")
+    content = {key: value for key, value in content.items() if value not in ([], {})}
+    return tomli_w.dumps(content) + "".join(f"\n[[test]]\n{tomli_w.dumps(entry)}" for entry in tests)
+
+
+def read_layout(path: Path) -> Layout:
+    """A layout from TOML.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing, too large or no TOML, and for unknown keys, columns and values; it names the place.
+    """
+    layout = validated(Layout, read_toml(path), str(path))
+    check_known(f"{path}: columns key", layout.columns, ROLES)
+    return layout
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """What was taken for granted in a file, sheet or test, or in how many (empty: in all), and the option to say otherwise."""
+
+    place: str
+    what: str
+    value: str
+    because: str
+    option: str
+
+
+@dataclass
+class Notes:
+    """What was assumed and found out on the way; what is the same in several places is told once."""
+
+    _told: dict[tuple[str, str, str, str], list[str]] = field(default_factory=dict)
+    _found: dict[str, list[Any]] = field(default_factory=dict)
+
+    def add(self, place: str, what: str, value: str, because: str, option: str) -> None:
+        """Tell that ``what`` was taken to be ``value`` in a place."""
+        self._told.setdefault((what, value, because, option), []).append(place)
+
+    def keep(self, **fields: Any) -> None:
+        """Fields of the layout as found out in one sheet; None: the sheet says it itself."""
+        for key, value in fields.items():
+            self._found.setdefault(key, []).append(value)
+
+    def told(self) -> tuple[Assumption, ...]:
+        """In the order of their first places."""
+        return tuple(
+            Assumption(places[0] if len(places) == 1 else f"{len(places)} places" if places[0] else "", *key)
+            for key, places in self._told.items()
+        )
+
+    def layout(self, given: Layout) -> Layout:
+        """What was given, and how the sheets are written where all are alike. What they say of the tests is for them to say."""
+        return given.with_given({key: own[0] for key, own in self._found.items() if all(value == own[0] for value in own)})

@@ -1,0 +1,203 @@
+"""From raw readings to readings the model takes: mount compensation (Eq. 32), masks, trimming, angles from time, laps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.errors import InputError
+
+__all__ = [
+    "angles_from_time",
+    "average_laps",
+    "compensate_mount",
+    "direction_run",
+    "mask_angles",
+    "mask_reversals",
+    "on_the_circle",
+    "trim_overshoot",
+]
+
+Array = NDArray[np.float64]
+_TURN = 360.0
+
+
+def compensate_mount(campaign: Campaign) -> Campaign:
+    """Subtract the deflection of the work ball's mount, P · deflection (Eq. 32, bar level), from every reading.
+
+    Raises
+    ------
+    InputError
+        When the readings are compensated already.
+    """
+    if campaign.is_plan:
+        raise InputError("mount compensation must have readings to correct, got a plan. Measure or simulate it first.")
+    if campaign.mount.compensated:
+        raise InputError(
+            "mount compensation must be applied once, got readings marked compensated. "
+            "Set [mount] compensated = false if they are raw."
+        )
+    tests = tuple(
+        test.with_reading_um(test.reading_um - campaign.mount.deflection_um_per_bar * (test.pressure_bar or 0.0))
+        for test in campaign.tests
+    )
+    return replace(campaign, tests=tests, mount=replace(campaign.mount, compensated=True))
+
+
+def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
+    """Drop the readings inside the given arcs.
+
+    Parameters
+    ----------
+    arcs_deg : sequence of (start, end) [deg]
+        Counter-clockwise from start to end, modulo 360°; an arc may run through 0°.
+
+    Raises
+    ------
+    InputError
+        When an arc is not finite or nothing would remain.
+    """
+    keep = np.ones(len(test.angle_deg), dtype=bool)
+    for start, end in arcs_deg:
+        if not (np.isfinite(start) and np.isfinite(end)):
+            raise InputError(f"arcs_deg must be finite angles, got ({start}, {end}). Give start and end in degrees.")
+        width = 360.0 if abs(end - start) >= 360.0 else np.mod(end - start, 360.0)
+        keep &= np.mod(test.angle_deg - start, 360.0) > width
+    if not keep.any():
+        raise InputError(f"arcs_deg must leave readings, got arcs that cover all of test {test.name!r}. Make them smaller.")
+    return test.select(keep)
+
+
+def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
+    """Drop the readings within ``half_width_deg`` of the axis reversal points 0°, 90°, 180° and 270°.
+
+    Raises
+    ------
+    InputError
+        When the half width is not between 0° and 45°.
+    """
+    if not 0.0 < half_width_deg < 45.0:
+        raise InputError(f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.")
+    return mask_angles(test, [(q - half_width_deg, q + half_width_deg) for q in (0.0, 90.0, 180.0, 270.0)])
+
+
+def trim_overshoot(test: CircularTest, *, start_deg: float | None = None, arc_deg: float = 360.0) -> CircularTest:
+    """Keep one pass of ``arc_deg`` of a recording that ran in before and ran out after.
+
+    Parameters
+    ----------
+    start_deg : float, optional
+        Angle at which the pass begins, as recorded (not modulo 360°) [deg]. Default: the pass is centred in the recording.
+    arc_deg : float
+        Length of the pass [deg]. The reading that repeats the first angle is dropped.
+
+    Raises
+    ------
+    InputError
+        When the recording is shorter than the pass, or its angles do not run in one direction.
+    """
+    angle = test.angle_deg
+    steps = np.diff(angle)
+    if not (np.all(steps > 0) or np.all(steps < 0)):
+        raise InputError(
+            f"angles must run in one direction to be trimmed, got test {test.name!r} with changes of direction. "
+            "Unwrap the angles past 360° first."
+        )
+    travel = 1.0 if steps[0] > 0 else -1.0
+    along = travel * angle
+    span = along[-1] - along[0]
+    if span + abs(np.median(steps)) < arc_deg:
+        raise InputError(f"recording must span {arc_deg:g}°, got {span:g}° in test {test.name!r}. Give a shorter arc_deg.")
+    start = along[0] + max(span - arc_deg, 0.0) / 2 if start_deg is None else travel * start_deg
+    tolerance = 1e-6 * arc_deg
+    if start < along[0] - tolerance or start + arc_deg > along[-1] + abs(np.median(steps)) + tolerance:
+        raise InputError(
+            f"start_deg must leave {arc_deg:g}° of recording, got {start_deg} in test {test.name!r}, which runs from "
+            f"{angle[0]:g}° to {angle[-1]:g}°. Start elsewhere or give a shorter arc_deg."
+        )
+    keep = (along >= start - tolerance) & (along < start + arc_deg - tolerance)
+    return test.select(keep)
+
+
+def angles_from_time(
+    time_s: Array, *, feed_mm_per_min: float, radius_mm: float, start_deg: float, overshoot_deg: float, sense: int
+) -> Array:
+    """Angle of every reading of a log over time, shape (n,) [deg], not modulo 360°.
+
+    The axes run at constant feed along the circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0 the first
+    reading's time. Acceleration at the ends is inside the overshoot, or neglected.
+
+    Parameters
+    ----------
+    sense : {1, -1}
+        Counter-clockwise, clockwise.
+
+    Raises
+    ------
+    InputError
+        When the log ends before it has covered the overshoot and half a turn.
+    """
+    travelled = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm) * (time_s - time_s[0])
+    if travelled[-1] < overshoot_deg + 0.5 * _TURN:
+        raise InputError(
+            f"a log must cover the overshoot and half a turn, got {travelled[-1]:.1f}° at {feed_mm_per_min:g} mm/min "
+            f"on {radius_mm:g} mm. Check feed, radius and the unit of time."
+        )
+    return start_deg + sense * (travelled - overshoot_deg)
+
+
+def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
+    """Which readings of a log lie on the circle: from its start over whole turns, run-in and run-out left out.
+
+    A turn may lack its closing reading. A log that ends before a turn is complete is an arc, kept to its end.
+    """
+    along = sense * (angle_deg - start_deg)
+    step = float(np.median(np.diff(along)))
+    turns = np.floor((along.max() + 1.5 * step) / _TURN)
+    kept: NDArray[np.bool_] = (along > -0.5 * step) & (along < _TURN * max(1.0, turns) - 0.5 * step)
+    return kept
+
+
+def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
+    """The mean of the whole laps, at the angles of the first; readings beyond the last whole lap are left out.
+
+    Readings of later laps are interpolated between their neighbours where their angles differ from those of the first.
+
+    Raises
+    ------
+    InputError
+        When the angles change direction, or there is no whole second lap.
+    """
+    once = np.concatenate([[True], np.diff(angle_deg) != 0.0])
+    angle_deg, reading_um = angle_deg[once], reading_um[once]
+    steps = np.diff(angle_deg)
+    if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+        raise InputError(
+            "angles must run in one direction for laps to be averaged, got changes of direction. Keep the laps (--laps keep)."
+        )
+    along = np.abs(angle_deg - angle_deg[0])
+    step = float(np.median(np.abs(steps)))
+    whole = int((along[-1] + 1.01 * step) // _TURN)
+    if whole < 2:
+        raise InputError(
+            f"a recording must hold two whole laps to be averaged, got {along[-1] / _TURN:.2f}. Keep the laps (--laps keep)."
+        )
+    first = along < _TURN - 1e-6 * step
+    laps = [np.interp(along[first] + lap * _TURN, along, reading_um) for lap in range(whole)]
+    return angle_deg[first], np.mean(laps, axis=0)
+
+
+def direction_run(angle_deg: Array) -> str | None:
+    """CW or CCW, as the angles run; None for less than half a turn. There and back is refused: two tests."""
+    way = angle_deg - angle_deg[0]
+    far = float(way[np.argmax(np.abs(way))])
+    if abs(far) > 0.5 * _TURN and abs(far - way[-1]) > 0.5 * _TURN:
+        raise InputError(
+            f"angles must run one way in a test, got {way[-1] - far:+.0f}° after {far:+.0f}°. "
+            "Name the test of each row in a column (--test-column), or split the file."
+        )
+    return None if abs(far) <= 0.5 * _TURN else "CCW" if far > 0.0 else "CW"

@@ -1,0 +1,240 @@
+"""A control chart of one machine: points, limits, level, and beneath them when a change is likely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib.dates as mdates
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from ldbb_bayes.fleet.population import PooledMachine, PooledParameter, Population
+from ldbb_bayes.fleet.trend import LIMITS, Trend
+from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
+from ldbb_bayes.report.wording import probability_words
+from ldbb_bayes.units import display_name, display_unit, round_uncertainty, units_for
+
+__all__ = ["control_chart", "machine_chart"]
+
+Array = NDArray[Any]
+_CROWDED = 30
+_SHARES = (4.0, 1.0)
+
+
+@styled
+def control_chart(trend: Trend) -> Figure:
+    """A panel for each parameter: every campaign by itself, the limits from those before it, the level, P(change) by time.
+
+    Parameters
+    ----------
+    trend : Trend
+    """
+    names = list(trend.parameters)
+    columns = 1 if len(names) == 1 else 2
+    rows = -(-len(names) // columns)
+    figure = new_figure(5.4 * columns if columns > 1 else 8.0, 0.9 + 2.9 * rows)
+    grid = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=_SHARES * rows)
+    places, width = _places(trend)
+    with units_for(trend.sizes()):
+        for k, name in enumerate(names):
+            row, column = divmod(k, columns)
+            own = trend.estimates[trend.estimates["parameter"] == name]
+            _panel(grid[2 * row, column], trend, name, own, places)
+            _strip(grid[2 * row + 1, column], own, places, width)
+            last = k + columns >= len(names)
+            grid[2 * row + 1, column].tick_params(labelbottom=last)
+            if last:
+                _label_time(grid[2 * row + 1, column], trend, places)
+    for axes in grid.ravel()[_empty(len(names), rows, columns)]:
+        axes.set_visible(False)
+    found = {label: handle for axes in grid.ravel() for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=4)
+    whose = trend.machine or "One machine"
+    figure.suptitle(
+        f"{whose}: probability of a change {probability_words(trend.probability)}"
+        f"{'' if trend.reference_force_N <= 0.0 else f', compliances at {trend.reference_force_N:.0f} N'}",
+        fontsize=10.5,
+    )
+    return figure
+
+
+def _places(trend: Trend) -> tuple[Array, float]:
+    """Where campaigns stand on the axis, those of one moment side by side, and how wide a bar is."""
+    if trend.dates[0] is None:
+        return np.arange(1.0, len(trend.campaigns) + 1.0), 0.7
+    when = np.array([float(mdates.date2num(date)) for date in trend.dates])  # type: ignore[no-untyped-call]
+    span = float(np.ptp(when)) or 1.0
+    gap = 0.008 * span
+    for t in range(1, len(when)):
+        when[t] = max(when[t], when[t - 1] + gap)
+    return when, 0.7 * float(np.median(np.diff(when)))
+
+
+def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame, places: Array) -> None:
+    factor, label = axis_label(name, str(own["unit"].iloc[0]))
+    value = {column: own[column].to_numpy() * factor for column in own.columns if own[column].dtype == float}
+    ci = 100 * trend.assumptions["ci"]
+    small = len(places) > _CROWDED
+    axes.fill_between(
+        places,
+        value["limit_low"],
+        value["limit_high"],
+        step="mid",
+        color="#E8E8E8",
+        linewidth=0.0,
+        label=f"limits from the campaigns before ({100 * LIMITS:g} %)",
+    )
+    axes.fill_between(places, value["level_low"], value["level_high"], color=PALETTE[2], alpha=0.25, linewidth=0.0, step="mid")
+    axes.plot(places, value["level"], color=PALETTE[2], linewidth=1.4, drawstyle="steps-mid", label=f"level, {ci:g} % band")
+    out = own["outside"].to_numpy()
+    for chosen, colour, said in ((~out, ACCENT, f"campaign by itself, {ci:g} %"), (out, PALETTE[1], "outside its limits")):
+        if not chosen.any():
+            continue
+        reach = np.abs(np.array([value["ci_low"], value["ci_high"]]) - value["estimate"])[:, chosen]
+        axes.errorbar(
+            places[chosen],
+            value["estimate"][chosen],
+            yerr=reach,
+            fmt="o",
+            color=colour,
+            markersize=2.6 if small else 4.0,
+            elinewidth=0.8 if small else 1.2,
+            label=said,
+        )
+    axes.set_ylim(*_reach(value))
+    axes.set_ylabel(label)
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    common = trend.parameters[name].common_sd * factor
+    shared = f"; u common to all {round_uncertainty(common)[0]} {display_unit(trend.parameters[name].unit)[1]}" if common else ""
+    axes.set_title(f"{display_name(name)}: P(changed) {probability_words(trend.parameters[name].probability)}{shared}")
+    axes.tick_params(labelbottom=False)
+
+
+def _reach(value: dict[Any, Array]) -> tuple[float, float]:
+    """All points and their intervals; limits as far as they are of their size."""
+    low, high = float(value["ci_low"].min()), float(value["ci_high"].max())
+    room = 0.5 * (high - low)
+    least, most = np.nanmin(value["limit_low"]), np.nanmax(value["limit_high"])
+    margin = 0.05 * (high - low)
+    return max(float(least), low - room) - margin if least < low else low - margin, (
+        min(float(most), high + room) + margin if most > high else high + margin
+    )
+
+
+def _strip(axes: Axes, own: pd.DataFrame, places: Array, width: float) -> None:
+    axes.bar(places, own["change_here"], width=width, color=GREY)
+    axes.set_ylim(0.0, 1.05)
+    axes.set_yticks([0.0, 1.0])
+    axes.set_ylabel("P(change\nhere)", fontsize=7.5)
+    axes.grid(visible=False, axis="x")
+
+
+def _label_time(axes: Axes, trend: Trend, places: Array) -> None:
+    if trend.dates[0] is None:
+        axes.set_xlabel("campaign (in the order given)")
+        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+        return
+    locator = mdates.AutoDateLocator(minticks=3, maxticks=6)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(mdates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    axes.set_xlabel("date of the campaign")
+
+
+def _empty(panels: int, rows: int, columns: int) -> list[int]:
+    """Places of the grid without a parameter."""
+    lacking = [divmod(k, columns) for k in range(panels, rows * columns)]
+    return [(2 * row + part) * columns + column for row, column in lacking for part in (0, 1)]
+
+
+_MOST, _NAMED, _COLUMNS = 60, 24, 3
+_ALONE, _ODD, _BAND = "#9DB8CC", PALETTE[1], "#EDEDED"
+
+
+@styled
+def machine_chart(population: Population) -> Figure:
+    """Every parameter's machines in order of their estimates, alone and pooled, before the population.
+
+    Of more than 60 machines those that do not belong are drawn, and others evenly along the order.
+    """
+    parameters = list(population.parameters.values())
+    columns = min(_COLUMNS, len(parameters))
+    rows = -(-len(parameters) // columns)
+    shown = min(len(population.machine), _MOST)
+    height = max(2.2, 0.6 + 0.14 * min(shown, _NAMED) if shown <= _NAMED else 0.6 + 0.065 * shown)
+    figure = new_figure(3.4 * columns + 0.4, height * rows + 0.9)
+    every = figure.subplots(rows, columns, squeeze=False).ravel()
+    with units_for(population.sizes()):
+        for axes, parameter in zip(every, parameters, strict=False):
+            _machines_panel(axes, population, parameter)
+    for axes in every[len(parameters) :]:
+        axes.set_visible(False)
+    percent = f"{100 * population.ci_prob:g} %"
+    handles = [
+        Line2D([], [], color=_ALONE, marker="o", markersize=3, linewidth=1.4, label=f"alone, {percent}"),
+        Line2D([], [], color=ACCENT, marker="o", markersize=3, linewidth=1.4, label=f"pooled, {percent}"),
+        *([Line2D([], [], color=_ODD, marker="o", markersize=3, label="does not belong")] if population.not_belonging else []),
+        Line2D([], [], color=GREY, linewidth=1.0, label="mean of the population"),
+        Patch(color=_BAND, label=f"{percent} of the next machine"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2 * columns))
+    drawn = "" if len(population.machine) <= _MOST else f", {_MOST} shown"
+    comma = ",\n" if columns == 1 else ", "
+    figure.suptitle(
+        f"{len(population.machine)} machines at {population.reference_force_N:g} N{comma}in order of their estimates{drawn}",
+        fontsize=9.5,
+    )
+    return figure
+
+
+def _machines_panel(axes: Axes, population: Population, parameter: PooledParameter) -> None:
+    name = parameter.name
+    chosen = _chosen(list(population.machine.values()), name)
+    factor, label = axis_label(name, parameter.unit)
+    axes.axvspan(*(factor * end for end in parameter.next.interval), color=_BAND, zorder=0)
+    axes.axvline(factor * parameter.mean.mean, color=GREY, linewidth=1.0, zorder=1)
+    width, size = (1.4, 3.0) if len(chosen) <= _NAMED else (0.9, 1.8)
+    for row, own in enumerate(chosen):
+        for shift, found, colour in (
+            (0.2, own.alone[name], "#F0BE9C" if own.flag else _ALONE),
+            (-0.2, own.estimate[name], _ODD if own.flag else ACCENT),
+        ):
+            axes.plot([factor * end for end in found.interval], [row + shift] * 2, color=colour, linewidth=width, zorder=2)
+            axes.plot(factor * found.mean, row + shift, "o", color=colour, markersize=size, zorder=3)
+    named = len(chosen) <= _NAMED
+    axes.set_yticks(*_ticks(chosen, named))
+    axes.tick_params(axis="y", labelsize=6.5, length=0)
+    axes.grid(visible=False, axis="y")
+    axes.set_ylim(-0.8, len(chosen) - 0.2)
+    axes.locator_params(axis="x", nbins=5)
+    axes.set_xlabel(label)
+
+
+def _ticks(chosen: Sequence[PooledMachine], named: bool) -> tuple[list[int], list[str]]:
+    """Names of all machines where there is room, else of those that do not belong, two rows apart."""
+    places: list[int] = []
+    for row, own in enumerate(chosen):
+        if named or (own.flag and (not places or row - places[-1] > 1)):
+            places.append(row)
+    return places, [_short(chosen[row].name) for row in places]
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 16 else f"…{name[-15:]}"
+
+
+def _chosen(every: list[PooledMachine], name: str) -> list[PooledMachine]:
+    """In order of the estimate; too many are thinned evenly, those that do not belong kept as far as there is room."""
+    ordered = sorted(every, key=lambda own: (own.estimate[name].mean, own.name))
+    if len(ordered) <= _MOST:
+        return ordered
+    odd = sorted((k for k, own in enumerate(ordered) if own.flag), key=lambda k: ordered[k].p_value or 0.0)[: _MOST // 2]
+    others = [k for k in range(len(ordered)) if k not in set(odd)]
+    kept = {others[int(place)] for place in np.linspace(0, len(others) - 1, _MOST - len(odd)).round()}
+    return [ordered[k] for k in sorted(kept | set(odd))]

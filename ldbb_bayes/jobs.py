@@ -1,0 +1,481 @@
+"""Independent jobs on this process, the cores of this machine or a Dask cluster: every result once, whatever workers die."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import multiprocessing
+import os
+import platform
+import signal
+import sys
+import threading
+import traceback
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import version
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from typing import Any, Generic, ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from ldbb_bayes.errors import InputError, check_known
+
+__all__ = [
+    "EXECUTORS",
+    "Lost",
+    "check_executor",
+    "dask_executor",
+    "done",
+    "executor_named",
+    "one_blas_thread",
+    "process_executor",
+]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T")
+EXECUTORS = ("process", "dask")
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+ANSWER_S = 10.0
+# A job may have jobs of its own.
+_TURN = threading.RLock()
+_PER_WORKER, _UNCOUNTED = 4, 64
+_UNGUARDED = (
+    "worker processes must be able to start, got some that ended at once. A script must do its work under "
+    '`if __name__ == "__main__":`, because every worker imports it.'
+)
+
+
+def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Return the same function; while it runs BLAS has one thread: its matrices are small, and waiting threads cost far more."""
+
+    @functools.wraps(function)
+    def inner(*args: P.args, **kwargs: P.kwargs) -> R:
+        with threadpool_limits(1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return inner
+
+
+@dataclass(frozen=True)
+class Lost:
+    """What a job gives whose worker died whenever it was tried."""
+
+    reason: str
+
+
+class WorkerDied(RuntimeError):
+    """The process of one job ended; the others go on."""
+
+
+@dataclass(frozen=True)
+class _Job(Generic[T]):
+    index: int
+    work: T
+    deaths: int = 0
+
+
+def done(
+    function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None, *, retries: int = 2
+) -> Iterator[tuple[int, R | Lost]]:
+    """Run a function on every job, one BLAS thread each, and yield results as they come.
+
+    A job whose worker dies (killed, out of memory) is tried again, the last time with no other job at work. Threads of one
+    process take turns: processes are faster.
+
+    Parameters
+    ----------
+    function : callable
+        Job → result. On other processes it is imported, and jobs and results are pickled.
+    jobs : iterable
+        Read as far as needed; need not end soon.
+    executor : concurrent.futures.Executor, optional
+        Default: here, one after the other.
+    retries : int
+        A job that its worker does not survive more often than this is `Lost`.
+
+    Yields
+    ------
+    index : int
+        Of the job, from 0.
+    result
+        Of the function, or `Lost`.
+
+    Raises
+    ------
+    InputError
+        When a whole pool broke, or the executor gave its jobs up. Results handed out before are sound.
+    Exception
+        Of the first job that raises, with a note that says which. What is pending is cancelled, as it is when the iterator is
+        closed.
+    """
+    queue = _Queue(jobs, retries)
+    room = 1 if executor is None else _PER_WORKER * getattr(executor, "_max_workers", 0) or _UNCOUNTED
+    flying: dict[Future[R], _Job[T]] = {}
+    landed: SimpleQueue[Future[R]] = SimpleQueue()
+    try:
+        while True:
+            while len(flying) < room and (job := queue.next(flying)) is not None:
+                future = _submitted(partial(_alone, function, job.work), executor)
+                flying[future] = job
+                future.add_done_callback(landed.put)
+            if not flying:
+                return
+            future = landed.get()
+            job = flying.pop(future)
+            if future.cancelled():
+                raise InputError(
+                    "the executor must last as long as its jobs, got one that gave them up (its scheduler or pool has ended). "
+                    "Finished work is kept. Start it again, and run what is left."
+                )
+            error = future.exception()
+            if error is None:
+                yield job.index, future.result()
+            elif not _worker_died(error):
+                error.add_note(f"In job {job.index}, counted from 0.")
+                raise error
+            elif (lost := queue.again(job, error)) is not None:
+                yield job.index, lost
+            del future  # a result is not kept while the consumer works on the next
+    finally:
+        for future in flying:
+            future.cancel()
+
+
+class _Queue(Generic[T]):
+    """Jobs in order, those to be tried again first; one that is tried for the last time runs by itself."""
+
+    def __init__(self, jobs: Iterable[T], retries: int) -> None:
+        self._fresh = (_Job(index, work) for index, work in enumerate(jobs))
+        self._again: deque[_Job[T]] = deque()
+        self._retries = retries
+
+    def next(self, flying: dict[Any, _Job[T]]) -> _Job[T] | None:
+        if any(job.deaths >= self._retries for job in flying.values()):
+            return None
+        if not self._again:
+            return next(self._fresh, None)
+        if self._again[0].deaths >= self._retries and flying:
+            return None
+        return self._again.popleft()
+
+    def again(self, job: _Job[T], error: BaseException) -> Lost | None:
+        """Keep a job whose worker died for another try; or why there is none. Dask has tried several times before it says so."""
+        deaths = job.deaths + 1 if isinstance(error, WorkerDied) else max(job.deaths + 1, self._retries)
+        if deaths > self._retries:
+            return Lost(
+                "its worker died whenever it was tried, the last time with no other job at work (killed, or out of memory?)"
+            )
+        self._again.append(replace(job, deaths=deaths))
+        return None
+
+
+def _submitted(call: Callable[[], R], executor: Executor | None) -> Future[R]:
+    if executor is not None:
+        try:
+            return executor.submit(call)
+        except BrokenExecutor as error:
+            raise _broken() from error
+    future: Future[R] = Future()
+    try:
+        future.set_result(call())
+    except Exception as error:  # noqa: BLE001  # of whatever kind: it is raised where results are handed out
+        future.set_exception(error)
+    return future
+
+
+def _alone(function: Callable[[T], R], work: T) -> R:
+    """The number of BLAS threads and the filters of warnings are the whole process's: its threads take turns."""
+    with _TURN, threadpool_limits(1):
+        return function(work)
+
+
+def _worker_died(error: BaseException) -> bool:
+    if isinstance(error, BrokenExecutor):
+        raise _broken() from error
+    return isinstance(error, WorkerDied) or type(error).__name__ == "KilledWorker"
+
+
+def _broken() -> InputError:
+    return InputError(
+        "the executor's workers must live as long as their jobs, got some that died (killed, or out of memory?). Finished work "
+        "is kept. Run what is left on process_executor() of ldbb_bayes.jobs, which starts workers afresh."
+    )
+
+
+@contextmanager
+def process_executor(workers: int = 0) -> Iterator[Executor]:
+    """Yield processes of this machine, one BLAS thread each; those at work are stopped by an interruption or an error.
+
+    Parameters
+    ----------
+    workers : int
+        0: one per core.
+    """
+    _refuse_to_nest()
+    pool = _Processes(workers or _usable_cores())
+    try:
+        yield pool
+        pool.shutdown()
+    finally:
+        pool.stop()
+
+
+def _usable_cores() -> int:
+    """Those that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class _Processes(ThreadPoolExecutor):
+    """Every thread has a process of its own behind a pipe of its own.
+
+    So one that dies, even in the middle of sending, takes no other job with it and leaves nobody waiting: the pools of the
+    standard library and of loky share one pipe for all results, and wait for ever for the rest of what a killed worker sent.
+    """
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers)
+        self._thread = threading.local()
+        self._every: list[multiprocessing.process.BaseProcess] = []
+        self._stopped = False
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        return super().submit(self._there, partial(fn, *args, **kwargs))
+
+    def _there(self, call: Callable[[], Any]) -> Any:
+        pipe = getattr(self._thread, "pipe", None) or self._start()
+        try:
+            pipe.send(call)
+            good, answer = pipe.recv()
+        except (EOFError, OSError):
+            self._thread.pipe = None
+            raise WorkerDied("the worker process ended") from None
+        if good:
+            return answer
+        raise answer
+
+    def _start(self) -> Connection:
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_serve, args=(there,), daemon=True)
+        self._every.append(process)
+        process.start()
+        if self._stopped:
+            process.kill()
+        there.close()
+        try:
+            here.recv()
+        except (EOFError, OSError):
+            raise InputError(_UNGUARDED) from None
+        self._thread.pipe = here
+        return here
+
+    def stop(self) -> None:
+        """End the processes now, whatever they are at."""
+        self._stopped = True
+        for process in self._every:
+            if process.pid is not None:
+                process.kill()
+        self.shutdown(cancel_futures=True)
+        for process in self._every:
+            process.join()
+
+
+def _serve(pipe: Connection) -> None:
+    """Do jobs until the other end is closed: when the pool ends, or its process is killed."""
+    leave_interrupts()
+    os.environ.update(ONE_THREAD)
+    pipe.send("ready")
+    while True:
+        try:
+            answer = True, pipe.recv()()
+        except EOFError:
+            return
+        except Exception as error:  # noqa: BLE001  # whatever it is, it is raised where the result is asked for
+            error.add_note("".join(traceback.format_exception(error)))
+            answer = False, error
+        try:
+            pipe.send(answer)
+        except OSError:
+            return
+        except Exception as error:  # noqa: BLE001  # what does not pickle
+            pipe.send((False, TypeError(f"{type(answer[1]).__name__} must be picklable, got: {error}. {answer[1]}")))
+
+
+def leave_interrupts() -> None:
+    """Ctrl-C reaches every process of the terminal; the first one answers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _refuse_to_nest() -> None:
+    """End a worker that is still importing an unguarded script: its parent will say what is wrong, once."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        sys.exit(1)
+
+
+# Dask has workers give freed memory back, to be fetched again page by page: stacks of small matrices take more than twice as
+# long. A worker's profile of itself grows with the jobs it has run; what it logs of connections that close is no matter of the
+# user's.
+_DASK: dict[str, Any] = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.preload": [__name__],
+    "distributed.nanny.pre-spawn-environ": {
+        "MALLOC_TRIM_THRESHOLD_": 1 << 26,
+        "MALLOC_MMAP_THRESHOLD_": 1 << 25,
+        "DASK_LOGGING__DISTRIBUTED": "critical",
+        **ONE_THREAD,
+    },
+}
+
+
+def dask_setup(_: Any) -> None:
+    """What Dask calls in every worker of a cluster of this machine."""
+    leave_interrupts()
+
+
+@contextmanager
+def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Executor]:
+    """Yield workers of Dask, one process and one BLAS thread each; Dask runs the job of a killed worker again by itself.
+
+    Parameters
+    ----------
+    scheduler : str, optional
+        Address, for example tcp://10.0.0.1:8786. Default: a cluster on this machine that ends with the context.
+    workers : int
+        Of the cluster on this machine; 0: one per core.
+
+    Raises
+    ------
+    InputError
+        Without Dask, for an address that is none or does not answer in 10 s, or workers with other versions or more than one
+        thread.
+    """
+    _refuse_to_nest()
+    try:
+        import dask
+        import distributed
+    except ImportError as error:
+        raise InputError(
+            f"--executor dask must find the library {error.name}, got none. Install it with pip install 'ldbb-bayes[fleet]'."
+        ) from None
+    # What they have to say comes as exceptions.
+    for name in ("distributed", "distributed.client", "distributed.nanny", "distributed.scheduler", "distributed.core"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    with ExitStack() as stack:
+        if scheduler is None:
+            stack.enter_context(dask.config.set(_DASK))
+            client = stack.enter_context(distributed.Client(stack.enter_context(_cluster(workers)), set_as_default=False))
+        else:
+            client = stack.enter_context(_connected(scheduler))
+            _check_workers(client, scheduler)
+        yield client.get_executor(pure=False)
+
+
+def _cluster(workers: int) -> Any:
+    from distributed import LocalCluster
+
+    try:
+        return LocalCluster(
+            n_workers=workers or _usable_cores(),
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            # Any free port: without a dashboard it would still ask for 8787, and warn where another cluster has it.
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+            memory_limit=0,
+            silence_logs=logging.CRITICAL,
+        )
+    except RuntimeError:
+        raise InputError(_UNGUARDED) from None
+
+
+def _connected(scheduler: str) -> Any:
+    from distributed import Client
+
+    try:
+        return Client(scheduler, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, AssertionError) as error:  # the last where nobody answers
+        raise InputError(
+            f"--scheduler must be the address of a Dask scheduler that is at work, got {scheduler!r} "
+            f"({str(error) or f'no answer in {ANSWER_S:g} s'}). "
+            "Copy it from what dask scheduler says when it starts, for example tcp://10.0.0.1:8786."
+        ) from None
+
+
+def _check_workers(client: Any, scheduler: str) -> None:
+    """Those there must give the numbers that are given here: others fail at every job, or mix versions in one table."""
+    answers = client.run(_versions, on_error="return")
+    if not answers:
+        warnings.warn(f"the scheduler {scheduler} has no workers yet; jobs wait for the first one.", stacklevel=6)
+    for address, versions in answers.items():
+        if not isinstance(versions, dict):
+            versions = {}
+        for name, wanted in _versions().items():
+            if versions.get(name) != wanted:
+                raise InputError(
+                    f"workers must have {name} {wanted} as it is here, got {versions.get(name, 'none')} at {address}. Install it "
+                    "there, and start the worker again."
+                )
+    for address, threads in client.nthreads().items():
+        if threads > 1:
+            raise InputError(
+                f"workers must have one thread each, got {threads} at {address}. Start workers with --nthreads 1, as many as "
+                "there are cores (--nworkers)."
+            )
+
+
+def _versions() -> dict[str, str]:
+    """What numbers come from; here, or in the worker that is asked."""
+    return {name: version(name) for name in ("ldbb-bayes", "numpy", "scipy", "emcee")} | {"python": platform.python_version()}
+
+
+def check_executor(kind: str, workers: int = 0, scheduler: str | None = None) -> None:
+    """Refuse options that `executor_named` would refuse, before anything is started.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind, or options that exclude one another.
+    """
+    check_known("--executor", [kind], EXECUTORS)
+    if workers < 0:
+        raise InputError(f"--workers must be 0 or more, got {workers}. 0 is one per core.")
+    if scheduler is not None and kind != "dask":
+        raise InputError(f"--scheduler must go with --executor dask, got --executor {kind}. Add it, or leave the address out.")
+    if scheduler is not None and workers:
+        raise InputError(f"--workers must not go with --scheduler, got {workers}. A cluster has the workers it was started with.")
+
+
+@contextmanager
+def executor_named(kind: str, workers: int = 0, scheduler: str | None = None) -> Iterator[Executor | None]:
+    """Yield what the options ask for; None where there is one process only, and jobs are run here.
+
+    Parameters
+    ----------
+    kind : {"process", "dask"}
+    workers : int
+        Processes; 0: one per core.
+    scheduler : str, optional
+        Address of a Dask scheduler.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind, options that exclude one another, or a scheduler that does not answer.
+    """
+    check_executor(kind, workers, scheduler)
+    if kind == "dask":
+        with dask_executor(scheduler, workers) as executor:
+            yield executor
+    elif (workers or _usable_cores()) == 1:
+        yield None
+    else:
+        with process_executor(workers) as executor:
+            yield executor

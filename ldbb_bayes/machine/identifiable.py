@@ -1,0 +1,296 @@
+"""What can be known of the compliances: null columns, proportional sets and the representatives that are kept (Table 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy.linalg
+from numpy.typing import NDArray
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.chain import LINEAR, ROTARY, Circle, Machine
+from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian, wrench_jacobian
+from ldbb_bayes.machine.names import ComplianceName, geometric_names, joint_names, wrench_names
+
+__all__ = ["Kept", "hybrid_jacobian", "kept_compliances", "pattern_of", "patterns"]
+
+Array = NDArray[Any]
+
+_ANGLES = 64
+_PARALLEL = 1e-10
+_TINY = 1e-10
+_TINY_WEIGHT = 1e-7
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What remains of the wrench Jacobian.
+
+    Attributes
+    ----------
+    names : tuple of ComplianceName
+        One representative per proportional set, in the order of Table 1.
+    sets : tuple of tuples of str
+        The proportional sets (Table 2), representative first. Each kept parameter stands for its set's weighted sum.
+    weights : tuple of tuples of float
+        Of each member: its pattern in units of the representative's; all one for the paper's machine [mm or mm² per rotation
+        that it has more].
+    absorbed : tuple of mappings of ComplianceName to float
+        What each kept parameter stands for beside its set: compliances of the dropped sets, with their weights.
+    not_negative : tuple of bool
+        Whether it cannot be negative: as a deflection under the load itself, whatever the joints' (positive semi-definite)
+        compliance matrices are.
+    null : tuple of str
+        Compliances that never change a reading.
+    dependent : tuple of str
+        Sets dropped because they are combinations of several others (with joint-frame offsets or several planes).
+    rank : int
+        Rank of the full Jacobian.
+    condition_number : float
+        Ratio of singular values of the kept columns: unit force, full uniform circle, unscaled (mm, N).
+    """
+
+    names: tuple[ComplianceName, ...]
+    sets: tuple[tuple[str, ...], ...]
+    weights: tuple[tuple[float, ...], ...]
+    absorbed: tuple[Mapping[ComplianceName, float], ...]
+    not_negative: tuple[bool, ...]
+    null: tuple[str, ...]
+    dependent: tuple[str, ...]
+    rank: int
+    condition_number: float
+
+
+def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
+    """Null columns, proportional sets and representatives of the wrench Jacobian (Table 2), found numerically.
+
+    The planar compliances of every plane are looked at, and of the others those that the circles' lever arms load. In a set
+    the representative is chosen by these rules, in this order; for the paper's machine they give the paper's choice:
+
+    1. a rotation for a force before a translation for a moment;
+    2. the fewest rotations;
+    3. the joint whose axis is the deflection;
+    4. of a rotation, a joint that drives the plane it turns;
+    5. alphabetical order.
+
+    Parameters
+    ----------
+    machine : Machine
+    *circles : Circle
+        The circles of the campaign, taken together: another centre or plane can tell compliances apart that one circle cannot.
+        Default: R = 150 mm about the frames' origin in every plane.
+    """
+    return _kept(machine, circles or tuple(Circle(plane=plane) for plane in machine.planes))
+
+
+@lru_cache(maxsize=64)
+def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
+    angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
+    planar, names = set(wrench_names(machine)), joint_names(machine)
+    jacobian = np.concatenate([compliance_jacobian(machine, circle, angle, names) for circle in circles])
+    unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
+    norms = np.linalg.norm(unit, axis=0)
+    used = [i for i in range(len(names)) if norms[i] > _TINY * norms.max() or names[i] in planar]
+    used.sort(key=lambda i: (names[i] not in planar, i))
+    names = tuple(names[i] for i in used)
+    jacobian, unit, norms = jacobian[:, used], unit[:, used], norms[used]
+    live = [i for i in range(len(names)) if norms[i] > _TINY * norms.max()]
+    unit = unit / np.where(norms > 0, norms, 1.0)
+    by_head = {group[0]: group for group in _proportional_sets(unit, live, names)}
+    chosen, dropped = _independent(unit, sorted(by_head, key=lambda i: _table_order(names[i], machine)))
+    singular = np.linalg.svd(jacobian[:, chosen], compute_uv=False)
+    scale = np.abs(jacobian[:, chosen]).max(axis=0)
+    coefficients = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0] / scale[:, None]
+    relative = scale[:, None] / np.maximum(np.abs(jacobian).max(axis=0), _TINY)
+    return Kept(
+        names=tuple(names[i] for i in chosen),
+        sets=tuple(tuple(names[j].label for j in by_head[i]) for i in chosen),
+        weights=tuple(tuple(_multiple(jacobian[:, j], jacobian[:, i]) for j in by_head[i]) for i in chosen),
+        absorbed=tuple(
+            {names[j]: float(np.round(row[j], 9)) for i in dropped for j in by_head[i] if abs(row[j] * size[j]) > _TINY_WEIGHT}
+            for row, size in zip(coefficients, relative, strict=True)
+        ),
+        not_negative=_not_negative(names, jacobian, coefficients),
+        null=tuple(name.label for i, name in enumerate(names) if i not in live),
+        dependent=tuple(names[i].label for i in dropped),
+        rank=int(np.linalg.matrix_rank(unit[:, live], tol=_TINY * np.sqrt(len(live)))),
+        condition_number=float(singular[0] / singular[-1]),
+    )
+
+
+def _not_negative(names: Sequence[ComplianceName], jacobian: Array, coefficients: Array) -> tuple[bool, ...]:
+    """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those kept: it cannot be negative
+    for positive semi-definite C_k if and only if every A_k is positive semi-definite."""
+    six = LINEAR + ROTARY
+    lengths = np.sqrt([np.abs(jacobian[:, i]).max() if name.twist == name.wrench else 1.0 for i, name in enumerate(names)])
+    found = []
+    for row in coefficients:
+        joints: dict[str, Array] = {}
+        unit = dict.fromkeys(six, 1.0)
+        for name, length in zip(names, lengths, strict=True):
+            if name.twist == name.wrench:
+                unit[name.twist] = max(unit[name.twist], float(length))
+        for name, value in zip(names, row, strict=True):
+            matrix = joints.setdefault(name.joint, np.zeros((6, 6)))
+            i, j = six.index(name.twist), six.index(name.wrench)
+            weight = 0.5 * value / (unit[name.twist] * unit[name.wrench])
+            matrix[i, j] += weight
+            matrix[j, i] += weight
+        largest = max(np.abs(matrix).max() for matrix in joints.values())
+        found.append(all(np.linalg.eigvalsh(matrix).min() > -_TINY_WEIGHT * largest for matrix in joints.values()))
+    return tuple(found)
+
+
+def _multiple(column: Array, of: Array) -> float:
+    return float(np.round(column @ of / (of @ of), 9))
+
+
+def _proportional_sets(unit: Array, live: Sequence[int], names: Sequence[ComplianceName]) -> list[list[int]]:
+    """Group columns that are multiples of one another; the preferred name leads its set."""
+    sets: list[list[int]] = []
+    for i in live:
+        for group in sets:
+            if 1.0 - abs(unit[:, i] @ unit[:, group[0]]) <= _PARALLEL:
+                group.append(i)
+                break
+        else:
+            sets.append([i])
+    return [sorted(group, key=lambda i: names[i].preference) for group in sets]
+
+
+def _table_order(name: ComplianceName, machine: Machine) -> tuple[int, int, int, int]:
+    """Order of Table 1: translations for forces, rotations for forces, rotation for moment; joints in the planes' order."""
+    joints = [joint.axis for joint in machine.joints]
+    components = [*joints, *(axis for axis in LINEAR if axis not in joints), *ROTARY]
+    return (name.rotations, components.index(name.twist), components.index(name.wrench), joints.index(name.joint))
+
+
+def _independent(unit: Array, representatives: Sequence[int]) -> tuple[list[int], list[int]]:
+    """Keep representatives in order while each adds a new direction."""
+    chosen: list[int] = []
+    dropped: list[int] = []
+    basis = np.zeros((unit.shape[0], 0))
+    for i in representatives:
+        rest = unit[:, i] - basis @ (basis.T @ unit[:, i])
+        if np.linalg.norm(rest) > 1e-8:
+            chosen.append(i)
+            basis = scipy.linalg.orth(unit[:, chosen])
+        else:
+            dropped.append(i)
+    return chosen, dropped
+
+
+_RADII = np.array([1.0, 2.0, 3.0, 4.0])
+_ANGLE = np.arange(24) * (2 * np.pi / 24)
+_POWERS = ("", "", "²", "³", "⁴")
+_NEGLIGIBLE = 1e-9
+
+
+def pattern_of(column: Callable[[float, Array], Array], base: int) -> str:
+    """The formula of a column, lengths in mm.
+
+    Parameters
+    ----------
+    column : callable
+        (R [mm], angles (n,) [rad]) → values (n,).
+    base : int
+        Degree in (c, s) of the part without R.
+    """
+    values = np.stack([column(float(radius), _ANGLE) for radius in _RADII])
+    by_power = np.linalg.solve(np.vander(_RADII, increasing=True), values)
+    largest = np.abs(values).max()
+    if largest < _NEGLIGIBLE:
+        return "0"
+    said = []
+    for power in range(len(_RADII) - 1, -1, -1):
+        degree = base + power
+        monomials = np.stack([np.cos(_ANGLE) ** (degree - k) * np.sin(_ANGLE) ** k for k in range(degree + 1)], axis=1)
+        if np.abs(by_power[power]).max() < _NEGLIGIBLE * largest:
+            continue
+        found = np.linalg.lstsq(monomials, by_power[power], rcond=None)[0]
+        for k, factor in enumerate(found):
+            if abs(factor) > _NEGLIGIBLE * largest:
+                said.append((float(factor), _length(power) + _factor("c", degree - k) + _factor("s", k)))
+    return _sum(said)
+
+
+def _length(power: int) -> str:
+    return f"R{_POWERS[power]} " if power else ""
+
+
+def _factor(letter: str, power: int) -> str:
+    return letter + _POWERS[power] if power else ""
+
+
+def _sum(terms: list[tuple[float, str]]) -> str:
+    """2.5 cs − R c²s."""
+    text = ""
+    for i, (factor, monomial) in enumerate(terms):
+        size = abs(round(factor, 9))
+        sign = ("−" if factor < 0 else "") if i == 0 else (" − " if factor < 0 else " + ")
+        text += sign + ("" if size == 1.0 else f"{size:g} ") + monomial
+    return text
+
+
+def hybrid_jacobian(
+    machine: Machine, circle: Circle, angle_rad: Array, force_N: float, *, degree: int = 0, reference_force_N: float = 0.0
+) -> pd.DataFrame:
+    """Reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and 33.
+
+    Column k of a compliance is F (F − F0)^k j_C. Columns are those of this circle alone, named as in results: C_XXX …, C_XXX_1 …,
+    then E_XX1 … .
+
+    Parameters
+    ----------
+    angle_rad : ndarray, shape (n,) [rad]
+    force_N : float [N]
+    degree : {0, 1, 2}
+    reference_force_N : float [N]
+        F0; 0 is Eq. 33.
+
+    Returns
+    -------
+    DataFrame, shape (n, (degree + 1) compliances + geometric errors)
+        [mm per inside unit of the parameter]; times the parameters it is the reading in mm.
+
+    Raises
+    ------
+    InputError
+        For another degree.
+    """
+    if degree not in (0, 1, 2):
+        raise InputError(f"degree must be 0, 1 or 2, got {degree}. Choose constant, linear or quadratic compliance.")
+    angle = np.asarray(angle_rad, dtype=float)
+    kept = kept_compliances(machine, circle).names
+    elastic = force_N * compliance_jacobian(machine, circle, angle, kept)
+    columns = {
+        name.label + (f"_{k}" if k else ""): elastic[:, j] * (force_N - reference_force_N) ** k
+        for k in range(degree + 1)
+        for j, name in enumerate(kept)
+    }
+    geometric = geometric_jacobian(machine, circle, angle).T
+    columns |= {name.label: own for name, own in zip(geometric_names(machine), geometric, strict=True)}
+    return pd.DataFrame(columns)
+
+
+def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
+    """What one unit of every planar compliance, and of every geometric error, does to the reading (Tables 2 and 3).
+
+    Parameters
+    ----------
+    angle_rad : ndarray, shape (n,) [rad]
+
+    Returns
+    -------
+    DataFrame, shape (n, compliances + geometric errors)
+        For one plane 18 compliances, null columns included [mm per unit and N], and 7 geometric errors [mm per unit].
+    """
+    angle = np.asarray(angle_rad, dtype=float)
+    names = [*(name.label for name in wrench_names(machine)), *(name.label for name in geometric_names(machine))]
+    values = np.hstack([wrench_jacobian(machine, circle, angle), geometric_jacobian(machine, circle, angle)])
+    return pd.DataFrame(values, columns=names)

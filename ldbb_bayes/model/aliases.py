@@ -1,0 +1,376 @@
+"""The null space of a design in the sense of what a readout can see, as a sparse basis."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms import Columns, Drift, Term
+from ldbb_bayes.result import Result
+
+__all__ = [
+    "EXACTLY",
+    "Cure",
+    "Degeneracy",
+    "NullSpace",
+    "Standing",
+    "StandingKind",
+    "cures",
+    "degeneracies",
+    "standing_degeneracies",
+]
+
+Array = NDArray[Any]
+_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
+_OF_ITSELF = 0.05
+_STRICT = 0.5
+EXACTLY = 0.05
+
+
+class NullSpace:
+    """Columns in units of the prior sd, the first p of them parameters of interest, and what is too small to be seen."""
+
+    def __init__(self, scaled: Array, p: int, limit: float) -> None:
+        self.scaled, self.p, self.limit = scaled, p, limit
+        stacked: Any = scaled
+        self._triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+
+    def sparse(self) -> list[tuple[int, Array]]:
+        """A basis of the null space: pivots and vectors, each with a one at its pivot.
+
+        Nuisances that no reading sees by themselves are left aside. First what parameters do among themselves, then every
+        nuisance that the other parameters imitate by themselves, then what is left of the null space. Each vector has a pivot
+        that the others lack.
+        """
+        own = np.arange(self.p)
+        seen = np.abs(self.scaled).max(axis=0) > self.limit
+        every = np.flatnonzero(seen | (np.arange(len(seen)) < self.p))
+        found = self._independent(own, own < self.p)
+        own = np.setdiff1d(own, list(found))
+        for j in every[every >= self.p]:
+            vector = self._imitation(int(j), own)
+            if vector is not None:
+                found[int(j)] = vector
+        left = np.setdiff1d(every, list(found))
+        found |= self._independent(left, left >= self.p)
+        return [(j, found[j]) for j in sorted(found, key=lambda j: (j < self.p, j))]
+
+    def _independent(self, columns: NDArray[np.intp], preferred: NDArray[np.bool_]) -> dict[int, Array]:
+        """A basis of the null space of some columns, by pivot."""
+        pivots = columns[_pivots(self._null_space(columns), preferred)]
+        others = np.setdiff1d(columns, pivots)
+        vectors = {int(pivot): self._imitation(int(pivot), others) for pivot in pivots}
+        return {pivot: vector for pivot, vector in vectors.items() if vector is not None}
+
+    def _null_space(self, columns: NDArray[np.intp]) -> Array:
+        """Orthonormal directions, shape (columns, k), along which one prior sd moves no reading by more than the limit."""
+        _, singular, right = np.linalg.svd(self._triangle[:, columns])
+        singular = np.append(singular, np.zeros(len(columns) - len(singular)))
+        vectors = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
+        while vectors.shape[1] and np.abs(self.scaled[:, columns] @ vectors).max() > self.limit:
+            vectors = vectors[:, 1:]
+        return vectors
+
+    def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
+        """One of the target and the least of the others that undo it, or None when they cannot."""
+        solved = self._undone(target, others)
+        change = np.abs(self.scaled @ solved).max()
+        effect = np.abs(self.scaled * solved).max(axis=0)
+        if change > self.limit * np.linalg.norm(solved) or change > EXACTLY * effect[target]:
+            return None
+        for cut in _CUTS:
+            vector = np.where(effect > cut * effect.max(), solved, 0.0)
+            if np.abs(self.scaled @ vector).max() <= min(_STRICT * self.limit, EXACTLY * effect[target]):
+                return vector
+        return solved
+
+    def _undone(self, target: int, others: NDArray[np.intp]) -> Array:
+        """One of the target with the others by least squares."""
+        vector = np.zeros(self.scaled.shape[1])
+        vector[others] = -np.linalg.lstsq(self._triangle[:, others], self._triangle[:, target], rcond=1e-12)[0]
+        vector[target] = 1.0
+        return vector
+
+
+def _pivots(null: Array, preferred: NDArray[np.bool_]) -> list[int]:
+    """As many rows of the null space as it has dimensions, as independent as can be, preferred ones first."""
+    pivots: list[int] = []
+    rest = null.copy()
+    while len(pivots) < null.shape[1]:
+        length = np.linalg.norm(rest, axis=1)
+        wanted = np.round(np.where(preferred, length, 0.0), 6)
+        pivot = int(np.argmax(wanted if wanted.max(initial=0.0) > _OF_ITSELF else length))
+        pivots.append(pivot)
+        unit = rest[pivot] / length[pivot]
+        rest = rest - np.outer(rest @ unit, unit)
+    return pivots
+
+
+_ANGLES = 240
+_NEGLIGIBLE = 0.02
+_HIDDEN = 1e-3
+_MICROMETRE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Degeneracy:
+    """A combination of coefficients that no reading of a campaign sees.
+
+    Attributes
+    ----------
+    term : str
+        Class name of the nuisance it begins with; empty for parameters among themselves.
+    combination : mapping of name to change
+        Added together they change no reading; inside units (mm, N, rad), the nuisance first.
+    parameters : tuple of str
+        Parameters of interest in it that do more than a fiftieth of what the nuisance does.
+    units : mapping of name to unit
+        Of all parameters in it.
+    modelled : bool
+        False when the model leaves the nuisance out: then nothing bounds it, and the intervals ignore it.
+    prior_sds : float
+        Its length in units of the prior sd.
+    change_um : float
+        Largest change of a reading by it [µm].
+    """
+
+    term: str
+    combination: Mapping[str, float]
+    parameters: tuple[str, ...]
+    units: Mapping[str, str]
+    modelled: bool
+    prior_sds: float
+    change_um: float
+
+    @property
+    def nuisances(self) -> tuple[str, ...]:
+        """Nuisance coefficients in it."""
+        return tuple(name for name in self.combination if name not in self.units)
+
+
+class Cure(StrEnum):
+    """What would separate a degeneracy's members: further tests, or a calibration of the nuisance."""
+
+    FORCES = "forces"
+    WORK_BALL = "work ball"
+    TOOL_BALL = "tool ball"
+    BOTH_BALLS = "both balls"
+    RADIUS = "radius"
+    DIRECTIONS = "directions"
+    REVERSE_ORDER = "reverse order"
+    FULL_CIRCLES = "full circles"
+    CALIBRATION = "calibration"
+
+
+class StandingKind(StrEnum):
+    """An effect that is no term of the model, or one that force alone separates."""
+
+    FRICTION = "friction"
+    CURVATURE = "curvature"
+    LOBES = "lobes"
+    DRIFT = "drift"
+
+
+@dataclass(frozen=True)
+class Standing(Result):
+    """What holds whatever is measured: parameters that such an effect looks like; of a drift, what it would be over."""
+
+    kind: StandingKind
+    parameters: tuple[str, ...] = ()
+    over: str = ""
+
+
+def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
+    """The sparse null space of a campaign's or plan's design, as far as it holds parameters of interest."""
+    names, owners, values, sd = _coefficients(bound)
+    modelled = {type(term).__name__ for term in bound.model.nuisances}
+    scaled = _effects(bound, values) * sd
+    limit = 0.1 * bound.campaign.resolution_um * _MICROMETRE
+    p = len(bound.names)
+    found = []
+    for pivot, sparse in NullSpace(scaled, p, limit).sparse():
+        vector = sparse if pivot >= p else _of_parameters_alone(scaled, sparse, p, limit)
+        effect = np.abs(scaled * vector).max(axis=0)
+        moving = np.flatnonzero(vector)
+        own = [i for i in moving if i < p]
+        others = sorted((i for i in moving if i >= p), key=lambda i: (i != pivot, -effect[i]))
+        main = tuple(names[i] for i in own if effect[i] > _NEGLIGIBLE * effect.max())
+        if not main:
+            continue
+        term = owners[pivot]
+        lead = pivot if pivot >= p else own[0]
+        change = vector * sd
+        amount = Term.owner(names[lead]).unit_of(names[lead]).one if term else change[lead]
+        change *= amount / change[lead]
+        found.append(
+            Degeneracy(
+                term,
+                {names[i]: float(change[i]) for i in (*others, *own)},
+                main,
+                {names[i]: bound.parameters[i].unit for i in own},
+                all(owners[i] in modelled for i in others),
+                float(np.linalg.norm(change / sd)),
+                float(np.abs(scaled @ (change / sd)).max() / _MICROMETRE),
+            )
+        )
+    return tuple(found)
+
+
+def _of_parameters_alone(scaled: Array, vector: Array, p: int, limit: float) -> Array:
+    """The vector without its nuisances, where it is as good so."""
+    alone = np.where(np.arange(len(vector)) < p, vector, 0.0)
+    change = np.abs(scaled @ alone).max()
+    good = change <= min(limit * np.linalg.norm(alone), EXACTLY * np.abs(scaled * alone).max())
+    return alone if good else vector
+
+
+def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[Standing, ...]:
+    """Return degeneracies with effects that are not terms of the model, and what force alone separates."""
+    standing = []
+    hidden = _like_friction(bound)
+    if hidden:
+        standing.append(Standing(StandingKind.FRICTION, hidden))
+    direct = tuple(name.label for name in bound.compliances if name.kind == "direct")
+    if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
+        standing.append(Standing(StandingKind.CURVATURE, direct))
+    rotary = tuple(name.label for name in bound.compliances if name.kind == "rotation_for_moment")
+    once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1 and bound.campaign.force_levels > 1
+    four = any(name.endswith(("cos4", "sin4")) for d in found for name in d.nuisances)
+    if rotary and once and not four and any(d.term == "BallForm" for d in found):
+        standing.append(Standing(StandingKind.LOBES, rotary))
+    for covariate, values in (("time", bound.setting.time_h), ("temperature", bound.setting.temperature_K)):
+        if np.isfinite(values).all() and np.ptp(values) > 0.0 and not any(isinstance(t, Drift) for t in bound.model.nuisances):
+            standing.append(Standing(StandingKind.DRIFT, over=covariate))
+    return tuple(standing)
+
+
+def _like_friction(bound: BoundModel) -> tuple[str, ...]:
+    """Cross compliances whose pattern, turned with the direction of travel, is one of the parameters' own."""
+    by_name = {test.name: test for test in bound.campaign.tests}
+    sign = np.array([-1.0 if by_name[name].direction == "CCW" else 1.0 for name in bound.test_names])
+    labels = [name.label for name in bound.compliances if name.kind == "cross"]
+    cross = [j for j, name in enumerate(bound.names) if name in labels]
+    columns = _effects(bound, np.concatenate([bound.interest, bound.interest[:, :, cross] * sign[:, None, None]], axis=2))
+    own, turned = columns[:, : len(bound.names)] * bound.scale, columns[:, len(bound.names) :]
+    rest = turned - own @ np.linalg.lstsq(own, turned, rcond=1e-10)[0]
+    alike = np.abs(rest).max(axis=0) < _HIDDEN * np.abs(turned).max(axis=0)
+    return tuple(bound.names[j] for j, like in zip(cross, alike, strict=True) if like)
+
+
+def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array]:
+    """Names, owners, columns (tests, 25, m) and prior sd (m,) of parameters and of every shared nuisance, modelled or not."""
+    own = {type(term): term for term in bound.model.nuisances}
+    names, owners = list(bound.names), [""] * len(bound.names)
+    values, sd = [bound.interest], [bound.scale]
+    for kind in Term.kinds.values():
+        if kind.on_demand and kind not in own:
+            continue
+        term = own.get(kind, kind())
+        typical = bound.model.prior.hyper(term.scales, bound.campaign.resolution_um)
+        scale = dict(zip(typical.names, typical.scale_mm, strict=True))
+        for part in term.columns(bound.setting):
+            if not isinstance(part, Columns) or part.private:
+                continue
+            names += part.names
+            owners += [kind.__name__] * len(part.names)
+            values.append(part.values)
+            sd.append(part.sd * (scale[part.hyper] if part.hyper else 1.0))
+    return names, owners, np.concatenate(values, axis=2), np.concatenate(sd)
+
+
+def _effects(bound: BoundModel, values: Array) -> Array:
+    """Change of readings per unit of the coefficients at up to ``_ANGLES`` angles of each test, shape (k, m) [mm]."""
+    rows = []
+    by_name = {test.name: test for test in bound.campaign.tests}
+    for r, name in enumerate(bound.test_names):
+        angle = by_name[name].angles_rad()
+        angle = np.unique(np.round(np.remainder(angle, 2.0 * np.pi), 9))
+        if len(angle) > _ANGLES:
+            angle = angle[np.linspace(0, len(angle) - 1, _ANGLES).astype(int)]
+        rows.append(basis(angle) @ values[r])
+    return np.concatenate(rows)
+
+
+_FULL_DEG = 355.0
+_MANY = 36
+
+
+def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
+    """Return for each degeneracy what would end it: tests tried by adding them to the plan, and the nuisance's calibration."""
+    tried = {cure: degeneracies(_with_tests(bound, tests)) for cure, tests in _further_tests(bound.campaign.plan()).items()}
+    every = []
+    for degeneracy in found:
+        helping = [cure for cure, left in tried.items() if not any(_same(degeneracy, other) for other in left)]
+        if {Cure.WORK_BALL, Cure.TOOL_BALL} & set(helping):
+            helping = [cure for cure in helping if cure != Cure.BOTH_BALLS]
+        every.append((*helping, *([Cure.CALIBRATION] if degeneracy.term else [])))
+    return tuple(every)
+
+
+def _with_tests(bound: BoundModel, tests: Sequence[CircularTest]) -> BoundModel:
+    """The same model bound to a plan with further tests."""
+    plan = bound.campaign.plan()
+    more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
+    return BoundModel(bound.model, more, pilot=bound.pilot)
+
+
+def _same(one: Degeneracy, other: Degeneracy) -> bool:
+    """Whether another plan still has it: the nuisance in the same pattern, or parameters two of which it shares."""
+    if one.term != other.term:
+        return False
+    if one.term:
+        return _order(one.nuisances[0]) == _order(other.nuisances[0])
+    return len(set(one.parameters) & set(other.parameters)) >= min(2, len(one.parameters))
+
+
+def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
+    """Tests one could add, by what is new about them."""
+    first, last = min(plan.tests, key=_force), max(plan.tests, key=_force)
+    radius = float(first.radius_mm or plan.radius_mm)
+
+    def again(work: float, tool: float) -> list[CircularTest]:
+        return [
+            replace(test, work_ball_deg=test.work_ball_deg + work * turn, tool_ball_deg=test.tool_ball_deg + tool * turn)
+            for test in plan.tests
+            for turn in (45.0, 90.0)
+        ]
+
+    levels = [round(factor * _force(test), 3) for factor, test in ((0.5, first), (1.5, last))]
+    further = {
+        Cure.FORCES: [replace(first, force_N=level, pressure_bar=None) for level in levels],
+        Cure.WORK_BALL: again(1.0, 0.0),
+        Cure.TOOL_BALL: again(0.0, 1.0),
+        Cure.BOTH_BALLS: again(1.0, 1.0),
+        Cure.RADIUS: [replace(test, radius_mm=round(radius * 2.0 / 3.0, 1)) for test in plan.tests],
+    }
+    if all(test.direction for test in plan.tests):
+        turned: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
+        further[Cure.DIRECTIONS] = [replace(test, direction=turned.get(test.direction or "")) for test in plan.tests]
+    times = [test.time_s for test in plan.tests]
+    if all(time is not None for time in times) and len(set(times)) > 1:
+        end = 2.0 * max(time for time in times if time is not None) + 1.0
+        further[Cure.REVERSE_ORDER] = [replace(test, time_s=end - float(test.time_s or 0.0)) for test in plan.tests]
+    if any(test.arc_deg < _FULL_DEG or len(np.unique(np.round(test.angle_deg % 360.0, 6))) < _MANY for test in plan.tests):
+        further[Cure.FULL_CIRCLES] = [replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests]
+    return further
+
+
+def _force(test: CircularTest) -> float:
+    if test.force_N is None:
+        raise InputError(f"{test.label} must have a force here.")
+    return float(test.force_N)
+
+
+def _order(nuisance: str) -> str:
+    """What kind of pattern a nuisance coefficient has, whichever ball it is of."""
+    return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)

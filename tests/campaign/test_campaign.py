@@ -1,0 +1,225 @@
+"""Circular tests and campaigns made from arrays; mount compensation, masks and trimming."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.errors import InputError
+
+ANGLE = np.arange(0.0, 360.0, 10.0)
+READING = np.cos(np.deg2rad(ANGLE))
+
+
+def make(**changes: object) -> lb.CircularTest:
+    fields = {"force_N": 36.0, "angle_deg": ANGLE, "reading_um": READING} | changes
+    return lb.CircularTest(**fields)  # type: ignore[arg-type]
+
+
+def test_units_at_the_edge() -> None:
+    test = lb.CircularTest(force_N=36.0, angle_rad=np.deg2rad(ANGLE), reading_mm=READING * 1e-3)
+    np.testing.assert_allclose(test.angle_deg, ANGLE)
+    np.testing.assert_allclose(test.readings_mm(), READING * 1e-3)
+
+
+def test_arrays_are_copied_and_frozen() -> None:
+    angle = ANGLE.copy()
+    test = make(angle_deg=angle)
+    angle[0] = 99.0
+    assert test.angle_deg[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        test.angle_deg[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"angle_deg": None}, "must have angles, got none"),
+        ({"angle_rad": ANGLE}, "angle_deg or angle_rad, got both"),
+        ({"reading_um": READING[:-1]}, "36 angles and 35 readings"),
+        ({"angle_deg": ANGLE[:8], "reading_um": READING[:8]}, "at least 9 readings, got 8"),
+        ({"reading_um": np.where(ANGLE == 30.0, np.nan, READING)}, "finite reading_um, got nan at reading 4"),
+        ({"angle_deg": ANGLE / 4}, "arc of at least 180°"),
+        ({"force_N": 0.0}, "force_N > 0 N, got 0.0"),
+        ({"force_N": float("nan")}, "force_N > 0 N, got nan"),
+        ({"force_N": None}, "force or a pressure, got neither"),
+        ({"direction": "cw"}, "direction CW or CCW, got 'cw'"),
+        ({"work_ball_deg": float("inf")}, "finite work_ball_deg"),
+        ({"radius_mm": -150.0}, "radius_mm > 0 mm"),
+        ({"name": "../escaped"}, "a test's name must be letters"),
+        ({"name": "a/b"}, "becomes a file's"),
+        ({"name": ".hidden"}, "not starting with a dot"),
+        ({"pressure_bar": -3.0}, "pressure_bar ≥ 0"),
+        ({"reading_um": READING * 1e6}, "readings below 100 mm, got 1000 mm. Check the unit"),
+        ({"force_N": 1e7}, "force_N ≤ 1e\\+06 N"),
+        ({"centre_x_mm": 1e9}, "finite centre_x_mm"),
+        ({"angle_deg": ANGLE[:, None]}, r"shape \(n,\)"),
+    ],
+)
+def test_refused(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make(**changes)
+
+
+def test_defaults_come_from_the_campaign() -> None:
+    campaign = lb.Campaign((make(), make(force_N=742.0, radius_mm=100.0)), radius_mm=150.0, centre_mm=(1.0, 2.0))
+    first, second = campaign.tests
+    assert (first.radius_mm, second.radius_mm, first.circle.centre_mm) == (150.0, 100.0, (1.0, 2.0, 0.0))
+    assert [test.name for test in campaign.tests] == ["f036", "f742"]
+    assert first.pressure_bar == pytest.approx((36.0 + 14.2) / 126.04)
+
+
+def test_pressure_alone_gives_the_force() -> None:
+    campaign = lb.Campaign((make(force_N=None, pressure_bar=6.0),))
+    assert campaign.forces_N[0] == pytest.approx(742.04)
+    with pytest.raises(InputError, match="force > 0"):
+        lb.Campaign((make(force_N=None, pressure_bar=0.01),))
+
+
+def test_repeats_are_numbered_and_given_names_must_differ() -> None:
+    assert [t.name for t in lb.Campaign((make(), make(), make())).tests] == ["f036", "f036_2", "f036_3"]
+    with pytest.raises(InputError, match="'a' twice"):
+        lb.Campaign((make(name="a"), make(name="a")))
+
+
+@pytest.mark.parametrize(
+    ("tests", "options", "message"),
+    [
+        ((), {}, "at least one test"),
+        ((make(), make(reading_um=None, name="p")), {}, "got test 'p' without"),
+        ((make(),), {"plane": "XZ"}, "plane must be one of"),
+        ((make(), make(plane="YZ")), {"topology": "wFYXt"}, "topology must hold the axes of plane YZ, got 'wFYXt' without Z"),
+        ((make(),), {"frames_mm": {"W": (0.0, 0.0, 0.0)}}, "frames_mm must name linear axes"),
+        ((make(),), {"frames_mm": {"X": (0.0, 0.0)}}, "three finite numbers"),
+        ((make(),), {"resolution_um": 0.0}, "resolution_um must be a positive"),
+        ((make(),), {"topology": "wFXt"}, "without Y"),
+    ],
+)
+def test_campaign_refused(tests: tuple, options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lb.Campaign(tests, **options)
+
+
+def test_digest_is_of_the_data() -> None:
+    campaign = lb.Campaign((make(), make(force_N=742.0)))
+    same = lb.Campaign((make(), make(force_N=742.0)), name="other", feed_mm_per_min=1.0)
+    assert campaign.sha256 == same.sha256
+    changed = READING.copy()
+    changed[3] += 1e-9
+    different = [
+        lb.Campaign((make(reading_um=changed), make(force_N=742.0))),
+        lb.Campaign((make(), make(force_N=743.0))),
+        lb.Campaign((make(work_ball_deg=90.0), make(force_N=742.0))),
+        lb.Campaign((make(), make(force_N=742.0)), resolution_um=0.1),
+    ]
+    assert len({campaign.sha256, *(c.sha256 for c in different)}) == 5
+
+
+def test_selection() -> None:
+    campaign = lb.Campaign((make(), make(force_N=300.0), make(force_N=742.0)))
+    assert [t.name for t in campaign.without("f300").tests] == ["f036", "f742"]
+    assert [t.name for t in campaign.select(["f742", "f036"]).tests] == ["f036", "f742"]
+    with pytest.raises(InputError, match="Did you mean 'f300'"):
+        campaign.without("f301")
+    with pytest.raises(InputError, match="Did you mean 'f300'"):
+        campaign.select(["f301"])
+    assert campaign.plan().is_plan
+    with pytest.raises(InputError, match="planned test"):
+        campaign.plan().tests[0].readings_mm()
+
+
+@pytest.mark.parametrize(
+    ("angle", "arc"), [(ANGLE, 360.0), (np.linspace(-10, 210, 50), 220.0), (np.linspace(0, 720, 200), 360.0), (ANGLE[::4], 360.0)]
+)
+def test_arc(angle: np.ndarray, arc: float) -> None:
+    assert make(angle_deg=angle, reading_um=np.zeros(len(angle))).arc_deg == pytest.approx(arc)
+
+
+def test_digests_tell_campaigns_apart_and_nothing_else() -> None:
+    angle = np.arange(36) * 10.0
+    tests = (lb.CircularTest(100, angle, reading_um=angle, time_s=20, work_ball_deg=45),)
+    campaign = lb.Campaign(tests)
+    floats = (lb.CircularTest(100.0, angle, reading_um=angle, time_s=20.0, work_ball_deg=45.0),)
+    assert lb.Campaign(floats).sha256 == campaign.sha256
+    assert replace(campaign, foreseen=(replace(tests[0], direction="CCW"),)).sha256 != campaign.sha256
+    longer = lb.CircularTest(100, np.concatenate([angle, angle]), time_s=20, work_ball_deg=45)
+    assert lb.Campaign((longer,)).sha256 != campaign.sha256
+    assert lb.Campaign((replace(tests[0], setup=2),)).sha256 != campaign.sha256
+    assert lb.Campaign(tests, frames_mm={"Y": (0.0, 0.0, 5.0)}).sha256 != campaign.sha256
+
+
+# ---- preparation
+
+
+def recording(start: float = -30.0, stop: float = 390.0, step: float = 1.0) -> lb.CircularTest:
+    angle = np.arange(start, stop, step)
+    return lb.CircularTest(force_N=36.0, angle_deg=angle, reading_um=np.sin(np.deg2rad(angle)), name="a")
+
+
+def test_compensation_is_equation_32() -> None:
+    raw = lb.Campaign((recording(),), mount=lb.MountCompensation(compensated=False))
+    done = lb.compensate_mount(raw)
+    pressure = (36.0 + 14.2) / 126.04
+    np.testing.assert_allclose(done.tests[0].reading_um, raw.tests[0].reading_um - 2.33 * pressure)
+    assert done.mount.compensated
+    with pytest.raises(InputError, match="applied once"):
+        lb.compensate_mount(done)
+
+
+def test_force_law_both_ways() -> None:
+    law = lb.ForceLaw()
+    for pressure, force in ((0.4, 36.0), (1.0, 112.0), (2.0, 238.0), (3.0, 364.0), (4.0, 490.0), (5.0, 616.0), (6.0, 742.0)):
+        assert law.force_N(pressure) == pytest.approx(force, abs=0.3)
+        assert law.pressure_bar(law.force_N(pressure)) == pytest.approx(pressure)
+    filled = lb.Campaign((recording(),))
+    assert filled.tests[0].pressure_bar == pytest.approx(law.pressure_bar(36.0))
+    with pytest.raises(InputError, match="positive finite slope"):
+        lb.ForceLaw(slope_N_per_bar=0.0)
+
+
+def test_reversal_points_are_masked() -> None:
+    test = lb.mask_reversals(recording(0.0, 360.0), 5.0)
+    distance = np.abs((test.angle_deg + 45.0) % 90.0 - 45.0)
+    assert distance.min() > 5.0
+    assert len(test.angle_deg) == 360 - 4 * 11
+    with pytest.raises(InputError, match="between 0 and 45"):
+        lb.mask_reversals(recording(), 60.0)
+
+
+def test_arcs_may_run_through_zero() -> None:
+    test = lb.mask_angles(recording(0.0, 360.0), [(350.0, 370.0), (100.0, 110.0)])
+    kept = set(test.angle_deg)
+    assert 355.0 not in kept
+    assert 5.0 not in kept
+    assert 105.0 not in kept
+    assert {11.0, 99.0, 111.0, 349.0} <= kept
+    with pytest.raises(InputError, match="must leave readings"):
+        lb.mask_angles(recording(), [(0.0, 360.0)])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_overshoot_is_trimmed_to_one_pass(sign: float) -> None:
+    test = recording()
+    test = lb.CircularTest(force_N=36.0, angle_deg=sign * test.angle_deg, reading_um=test.reading_um)
+    trimmed = lb.trim_overshoot(test)
+    assert len(trimmed.angle_deg) == 360
+    assert len(np.unique(np.round(trimmed.angle_deg % 360.0, 6))) == 360
+    started = lb.trim_overshoot(test, start_deg=0.0)
+    assert started.angle_deg[0] == 0.0
+    with pytest.raises(InputError, match="recording must span"):
+        lb.trim_overshoot(test, arc_deg=800.0)
+
+
+@pytest.mark.parametrize("start", [150.0, -100.0])
+def test_a_pass_must_lie_in_the_recording(start: float) -> None:
+    with pytest.raises(InputError, match="start_deg must leave 360° of recording"):
+        lb.trim_overshoot(recording(), start_deg=start)
+
+
+def test_a_plan_cannot_be_compensated() -> None:
+    planned = lb.Campaign((recording(),), mount=lb.MountCompensation(compensated=False)).plan()
+    with pytest.raises(InputError, match="got a plan"):
+        lb.compensate_mount(planned)

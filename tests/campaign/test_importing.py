@@ -1,0 +1,529 @@
+"""Tables as they are found: what each step makes of them, checked by hand-worked examples; round trip through the layout."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from openpyxl import Workbook
+
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.layout import layout_to_toml
+from ldbb_bayes.campaign.preparation import angles_from_time, average_laps, on_the_circle
+from ldbb_bayes.campaign.spreadsheet import decimal_mark, numbers_of, read_sheets, seconds_of
+
+HEADER, NAME = "angle_deg,reading_um", "a 36N.csv"
+
+
+def lines(form: str = "{a},{r}.25", count: int = 72) -> list[str]:
+    """Rows of a circle in steps of 5°: k, angle a, reading r."""
+    return [form.format(k=k, a=5 * k, r=k % 7, q=k % 5, t=0.4 * k) for k in range(count)]
+
+
+CIRCLE = lines()
+
+
+def table(path: Path, header: str = HEADER, rows: list[str] = CIRCLE, above: str = "", encoding: str = "utf-8") -> Path:
+    path.write_bytes("\n".join([*([above] if above else []), *([header] if header else []), *rows, ""]).encode(encoding))
+    return path
+
+
+def book(path: Path, sheets: dict[str, list[list[Any]]]) -> Path:
+    made = Workbook()
+    del made["Sheet"]
+    for name, rows in sheets.items():
+        sheet = made.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    made.save(path)
+    return path
+
+
+SHEET = [["angle", "reading um"], *([5 * k, k % 7] for k in range(72))]
+
+
+def imported(path: Path | list[Path], layout: dict[str, Any] | None = None, **campaign: Any) -> lb.Imported:
+    return lb.import_campaign(path, layout=lb.Layout.model_validate(layout or {}), **campaign)
+
+
+def told(found: lb.Imported) -> set[tuple[str, str]]:
+    return {(own.what, own.value) for own in found.assumptions}
+
+
+def loads_of(path: Path | list[Path], **layout: Any) -> list[tuple[str, float | None, str | None]]:
+    return [(test.name, test.force_N, test.direction) for test in imported(path, layout).campaign.tests]
+
+
+# ---- numbers, times, encodings
+
+
+@pytest.mark.parametrize(
+    ("cells", "decimal", "values"),
+    [
+        (["1.5", "-2", "3e-1"], ".", [1.5, -2.0, 0.3]),
+        (["1,5", "−2,25"], ",", [1.5, -2.25]),
+        (["1,234.5", "12,345,678.9"], ".", [1234.5, 12345678.9]),
+        (["1.234,5", "1 234,5", "1'234,5"], ",", [1234.5, 1234.5, 1234.5]),
+        (["1.5D+02"], ".", [150.0]),
+        (["7"], None, [7.0]),
+    ],
+)
+def test_numbers(cells: list[str], decimal: str | None, values: list[float]) -> None:
+    assert decimal_mark("here", enumerate(cells, start=1)) == decimal
+    np.testing.assert_allclose(numbers_of("here", "x", range(1, 9), cells, decimal), values, rtol=1e-15)
+
+
+def test_what_is_no_number() -> None:
+    for cell in ("1,23,4.5", "12,34.5", "1_000", "0x10", "", "--1", "1e", "nan", "∞", "1.2.3", "12 30", "12'30", "0 36"):
+        with pytest.raises(lb.InputError, match="here, line 3: x must be a finite number"):
+            numbers_of("here", "x", [3], [cell], ".")
+
+
+@given(st.floats(-1e6, 1e6), st.sampled_from(".,"), st.integers(0, 6))
+def test_a_number_written_any_way_comes_back(value: float, decimal: str, digits: int) -> None:
+    marks = str.maketrans({",": "," if decimal == "." else ".", ".": decimal})
+    written = f"{value:,.{digits}f}".translate(marks)
+    assert numbers_of("here", "x", [1], [written], decimal)[0] == pytest.approx(round(value, digits), rel=1e-12, abs=1e-12)
+
+
+def test_a_mark_that_changes_is_refused_with_its_line() -> None:
+    with pytest.raises(lb.InputError, match=r"here, line 3: the decimal mark must be the same"):
+        decimal_mark("here", [(1, "1.5"), (2, "2.5"), (3, "3,5")])
+
+
+@pytest.mark.parametrize(
+    ("cells", "since"),
+    [
+        (["23:59:58,5", "2026-11-21T23:59:59.5", "0:00:00.25", "00:01:00"], [86_398.5, 86_399.5, 86_400.25, 86_460.0]),
+        (["59:59.5", "00:00.5", "0:01.5"], [3599.5, 3600.5, 3601.5]),
+        (["11:59:59.5 AM", "12:00:00 PM", "12:00:01.25 pm", "1:00:00 p.m."], [43_199.5, 43_200.0, 43_201.25, 46_800.0]),
+        (["12:59:59 AM", "1:00:00 AM", "1:00:01AM"], [3599.0, 3600.0, 3601.0]),
+        (["2026-03-04T12:00:00Z", "2026-03-04T12:00:01.5Z"], [43_200.0, 43_201.5]),
+        (["2026-03-04 12:00:00+01:00", "2026-03-04 12:00:01+01:00"], [43_200.0, 43_201.0]),
+        (["59:59.5Z", "00:00.5Z"], [3599.5, 3600.5]),
+    ],
+)
+def test_times_of_day(cells: list[str], since: list[float]) -> None:
+    """They go on over midnight, or over the hour; by clocks of twelve hours, and with zones."""
+    np.testing.assert_allclose(seconds_of("here", range(len(cells)), cells), since)
+    with pytest.raises(lb.InputError, match="here, line 7: time must be as in"):
+        seconds_of("here", [6, 7], [cells[0], "12.5"])
+
+
+@pytest.mark.parametrize("separator", list(",;\t|"))
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf", b"\xfe\xff"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le", "utf-16-be", "cp1252"])
+def test_encodings_and_separators_are_found(encoding: str, mark: bytes, separator: str, tmp_path: Path) -> None:
+    encoding = {b"\xef\xbb\xbf": "utf-8", b"\xfe\xff": "utf-16-be"}.get(mark, encoding)
+    path = table(
+        tmp_path / "own.csv", f"Winkel °{separator}Messwert µm", [r.replace(",", separator) for r in CIRCLE], "", encoding
+    )
+    path.write_bytes(mark + path.read_bytes())
+    (sheet,) = read_sheets(path)
+    assert (sheet.encoding, sheet.separator, sheet.rows[0]) == (encoding, separator, (1, ["Winkel °", "Messwert µm"]))
+
+
+# ---- angles from time, laps
+
+
+def test_log_over_time() -> None:
+    """At 2000 mm/min on 150 mm a turn takes 28.274 s; the run-in of 45° takes an eighth of that."""
+    turn = 2.0 * np.pi * 150.0 / (2000.0 / 60.0)
+    assert turn == pytest.approx(28.2743, abs=1e-4)
+    time = np.arange(0.0, 1.25 * turn, 0.01)
+    angle = angles_from_time(time, feed_mm_per_min=2000.0, radius_mm=150.0, start_deg=90.0, overshoot_deg=45.0, sense=-1)
+    assert angle[0] == pytest.approx(135.0)
+    assert angle[int(np.searchsorted(time, turn / 8.0 + turn / 4.0))] == pytest.approx(0.0, abs=0.13)
+    kept = on_the_circle(angle, start_deg=90.0, sense=-1)
+    assert angle[kept].max() <= 90.0 + 0.07
+    assert np.ptp(angle[kept]) == pytest.approx(360.0, abs=0.26)
+
+
+def test_laps_are_averaged_at_the_same_angles() -> None:
+    """The second lap lies between the angles of the first; a straight line is interpolated exactly."""
+    first, second = np.arange(0.0, 360.0, 5.0), np.arange(362.0, 722.0, 5.0)
+    averaged, mean = average_laps(np.concatenate([first, second]), np.repeat([1.0, 2.0], 72))
+    np.testing.assert_array_equal(averaged, first)
+    np.testing.assert_allclose(mean[1:], 1.5)
+
+
+@pytest.mark.parametrize("lead", [0, 9])
+@pytest.mark.parametrize("laps", [2, 3])
+def test_laps_without_their_closing_reading_are_all_kept(laps: int, lead: int, tmp_path: Path) -> None:
+    """With and without run-in; times rounded to 0.01 s."""
+    step = np.deg2rad(5.0) * 150.0 / (2000.0 / 60.0)
+    rows = [f"{k * step:.2f},{(k - lead) % 7}.25" for k in range(72 * laps + lead)]
+    path = table(tmp_path / NAME, "t (s),reading_um", rows, f"Overshoot {5 * lead} deg")
+    (test,) = imported(path, {"feed_mm_per_min": 2000.0, "laps": "keep"}).campaign.tests
+    assert len(test.angle_deg) == 72 * laps
+
+
+def test_repeated_angles_and_end_marks(tmp_path: Path) -> None:
+    """0 to 360° twice over, the closing angle read twice, and the end mark of old systems."""
+    path = table(tmp_path / NAME, rows=lines(count=73) * 2)
+    path.write_bytes(path.read_bytes() + b"\x1a")
+    assert len(imported(path, {"laps": "average"}).campaign.tests[0].angle_deg) == 72
+
+
+# ---- the layout
+
+
+def test_the_layout_that_was_found_out_leaves_nothing_to_guess(tmp_path: Path) -> None:
+    """Read again with it: the same campaign, and no assumption about the file."""
+    rows = [line.replace(",", ";").replace(".", ",") for line in CIRCLE]
+    path = table(tmp_path / "own 238N.csv", "Winkel;Messwert", rows, "Radius: 140 mm", "cp1252")
+    first = imported(path)
+    (tmp_path / "layout.toml").write_text(layout_to_toml(first.layout), encoding="utf-8")
+    again = lb.import_campaign(path, layout=lb.read_layout(tmp_path / "layout.toml"))
+    assert (again.campaign.sha256, again.layout) == (first.campaign.sha256, first.layout)
+    assert {"separator", "decimal mark", "columns", "unit of the angle"} <= {own.what for own in first.assumptions}
+    assert {own.what for own in again.assumptions if own.place} == {"force_N", "radius_mm"}, "what the file says of its test"
+    assert (first.campaign.tests[0].force_N, first.campaign.tests[0].radius_mm) == (238.0, 140.0)
+    assert str(first).startswith("own 238N: 1 tests, 72 readings; assumed")
+    assert first.as_dict()["campaign"] == {"name": "own 238N", "tests": 1, "readings": 72}
+
+
+def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
+    path = table(tmp_path / "own.csv", "a,b")
+    entry = {"file": "own.csv", "pressure_bar": 3.0, "direction": "CW", "work_ball_deg": 45.0}
+    layout = {"columns": {"angle": "a", "reading": "b"}, "reading_unit": "nm", "angle_unit": "deg", "zero": "deviation"}
+    found = imported(path, layout | {"test": [entry]}, topology="wCAFYXZSt", plane="XY", radius_mm=150.0, resolution_um=0.1)
+    (test,) = found.campaign.tests
+    assert (test.pressure_bar, test.direction, test.work_ball_deg) == (3.0, "CW", 45.0)
+    np.testing.assert_allclose(test.reading_um, [1e-3 * (k % 7 + 0.25) for k in range(72)])
+    assert {own.what for own in found.assumptions} == {"mount", "force", "direction"}  # stated CW, the angles rise
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("schema = 2\n", "'schema' must be valid"),
+        ("colums = {}\n", "got 'colums'. Did you mean 'columns'"),
+        ("[columns]\nangel = 'a'\n", "got 'angel'. Did you mean 'angle'"),
+        ("laps = 'mean'\n", "'laps' must be valid, got 'mean'"),
+        ("[[test]]\nfile = 'a'\nforce = 3.0\n", "in [test 1] must be among file, name, force_N"),
+        ("[[test]]\nname = 'a'\n", "'file' in [test 1] must be given"),
+        ("[[test]]\nfile = 'a'\n[[test]]\nfile = 'a'\n", "got two for 'a'"),
+        ("reading_unit = 'bar'\n", "it should be one of um, mm"),
+        ("a = " + "[\n" * 5000, "valid TOML"),
+        ("a." * 400 + "b = 1", "line 1"),
+        ("x = 'é'\n", "UTF-8"),
+    ],
+)
+def test_layouts_that_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "layout.toml"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(lb.InputError) as found:
+        lb.read_layout(path)
+    assert str(path) in str(found.value)
+    assert said in str(found.value)
+
+
+def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_path: Path) -> None:
+    """The same names, other headers: what the files say counts; what was stated counts, and is told."""
+    for week, force, sense in (("1", 36, "CCW"), ("2", 86, "CW")):
+        (tmp_path / week).mkdir()
+        table(tmp_path / week / "T.csv", above=f"Force: {force} N\nDirection: {sense}\nRadius: 100 mm")
+    first = imported(tmp_path / "1" / "T.csv").layout.model_dump(by_alias=True, exclude_none=True)
+    assert loads_of(tmp_path / "2" / "T.csv", **first) == [("T", 86.0, "CW")]
+    stated = {"test": [{"file": "T.csv", "force_N": 36.0, "direction": "CCW"}]}
+    found = imported(tmp_path / "2" / "T.csv", stated, radius_mm=150.0)
+    assert {(own.what, own.value, own.because) for own in found.assumptions} >= {
+        ("force_N", "36 N, as given", "line 1 says 86 N"),
+        ("direction", "CCW, as given", "the file says the other"),
+        ("radius_mm", "150 mm, as given", "line 3 says 100 mm"),
+    }
+    assert [test.force_N for test in found.campaign.tests] == [36.0]
+
+
+def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
+    entry = {"file": "a.csv", "force_N": 5.0, "direction": "CCW"}
+    layout = lb.Layout.model_validate({"forces_N": [36.0, 742.0], "test": [entry]})
+    assert layout.with_given({"direction": "CW"}).test[0].model_dump(exclude_none=True) == {"file": "a.csv", "force_N": 5.0}
+    found = lb.import_campaign(
+        [table(tmp_path / "a.csv"), table(tmp_path / "b.csv")], layout=layout.with_given({"pressures_bar": [2.0, 3.0]})
+    )
+    assert [round(float(test.force_N or 0.0), 2) for test in found.campaign.tests] == [237.88, 363.92]
+    with pytest.raises(lb.InputError, match="the angle must be one column"):
+        lb.Layout().with_given({"columns": {"angle": ["A", "B"]}})
+
+
+def test_units_found_in_one_file_do_not_beat_the_header_of_another(tmp_path: Path) -> None:
+    paths = [
+        table(tmp_path / "a 36N.csv", "angle_deg,reading"),
+        table(tmp_path / "a 742N.csv", "angle,reading [mm]", lines("{a},0.00{r}")),
+    ]
+    units = table(tmp_path / "a 86N.csv", "angle,reading", ["deg,mm", *CIRCLE])
+    first = imported([*paths, units])
+    again = lb.import_campaign([*paths, units], layout=first.layout)
+    assert again.campaign.sha256 == first.campaign.sha256
+    assert [float(test.reading_um[1]) for test in first.campaign.tests] == pytest.approx([1.25, 1.0, 1250.0])
+
+
+# ---- what is told
+
+
+@pytest.mark.parametrize(
+    ("header", "form", "above", "layout", "expected"),
+    [
+        ("angle_deg,reading_um,humidity", "{a},{r},0.4", "", {}, ("columns not used", "humidity")),
+        ("angle_deg,reading_um,T [°C]", "{a},{r},04.03.2026", "", {}, ("columns not used", "T [°C]")),
+        ("angle_deg,reading_um,time stamp", "{a},{r},04.03.2026", "", {}, ("columns not used", "time stamp")),
+        ("angle_deg,reading_um,Test temperature", "{a},{r},21", "", {}, ("columns not used", "Test temperature")),
+        ("time_s,angle_deg,reading_um", "{t},{a},{r}", "", {}, ("columns not used", "time_s")),
+        ("temperature_C,angle_deg,reading_um", "{t},{a},{r}", "", {}, ("columns not used", "temperature_C")),
+        (HEADER, "{a},{r}", "", {"test": [{"file": "other.csv", "force_N": 742.0}]}, ("[[test]] not used", "other.csv")),
+        (HEADER, "{a},{r}", "", {"overshoot_deg": 45.0}, ("not used", "--overshoot-deg")),
+        (HEADER, "{a},{r}", "", {"direction": "CW"}, ("direction", "CW, as stated")),
+        (HEADER, "{a},{r}", "", {"header_line": 0, "columns": {"angle": 1, "reading": 2}}, ("header", "none, as given")),
+        ("angle_deg;reading_nm", "{a};12,{k}10", "", {}, ("decimal mark", ",")),
+        ("angle_deg;reading_um", "{a};{r}.250", "", {"decimal": ","}, ("decimal mark", ",, as given")),
+        ("force_N,angle [deg],reading [um]", "36,{a},{r}", "", {"forces_N": [400.0]}, ("force_N", "400 N, as given")),
+        ("direction,angle,reading_um", "CCW,{a},{r}", "", {"direction": "CW"}, ("direction", "CW, as given")),
+        ("direction,angle,reading_um", "CW,{a},{r}", "Direction: CCW", {}, ("direction", "CW, its column")),
+        ("angle,reading [um]", "{a},{r}", "", {"reading_unit": "nm"}, ("unit of the reading", "nm, as given")),
+        ("Force [V],angle,reading_um", "5,{a},{r}", "", {"forces_N": [36.0]}, ("column of the force", "not used")),
+        ("pressure_bar,angle,reading_um", "6,{a},{r}", "", {}, ("force and pressure", "36 N and 6 bar")),
+        ("radius_mm,plane,angle,reading_um", "100,YZ,{a},{r}", "Radius: 150 mm", {}, ("radius_mm", "100.0, as given")),
+        ("radius_mm,plane,angle,reading_um", "100,YZ,{a},{r}", "", {}, ("plane", "YZ")),
+        ("Load step,angle_deg,reading_um", "3,{a},{r}", "", {}, ("force_N", "36 N")),
+        ("test,angle_deg,reading_um", "../evil,{a},{r}", "", {"forces_N": [36.0]}, ("name of the test", "_._evil")),
+        (
+            "time_s,reading_um",
+            "{t:.1f},{r}",
+            "",
+            {"feed_mm_per_min": 2e3, "angle_sign": -1},
+            ("not used", "--angle-sign, --angle-offset-deg"),
+        ),
+    ],
+)
+def test_told(header: str, form: str, above: str, layout: dict[str, Any], expected: tuple[str, str], tmp_path: Path) -> None:
+    path = table(tmp_path / NAME, header, lines(form, 90 if "{t:" in form else 72), above)
+    assert expected in told(imported(path, layout, plane="XY"))
+
+
+def test_a_column_or_an_option_that_agrees_is_not_told(tmp_path: Path) -> None:
+    right = table(tmp_path / "a 742N.csv", "pressure_bar,angle_deg,reading_um", lines("6,{a},{r}"))
+    assert "force and pressure" not in {own.what for own in imported(right).assumptions}
+    assert "direction" not in {own.what for own in imported(right, {"direction": "CCW"}).assumptions}
+
+
+def test_marks_and_units_that_may_be_others_are_told(tmp_path: Path) -> None:
+    path = table(tmp_path / NAME, "angle_deg;reading_nm", lines("{a};12,{k}10", 10) + lines("{a};12,{k}0")[10:])
+    assert any("thousands" in own.because for own in imported(path).assumptions if own.what == "decimal mark")
+    assert imported(path, {"decimal": "."}).campaign.tests[0].reading_um[0] == pytest.approx(12.010)
+    gon = table(tmp_path / "b 36N.csv", "angle,reading_um", [f"{k * 400 / 72:.4f},{k % 7}" for k in range(72)])
+    assert "it spans 394.4: gon are as likely" in {own.because for own in imported(gon).assumptions}
+
+
+def test_rows_and_radii_of_labels(tmp_path: Path) -> None:
+    rows = [
+        f"{name},{force},{radius},{row}"
+        for name, force, radius in (("A", 36, 100), ("B", 742, 150), ("A", 36, 100))
+        for row in CIRCLE
+    ]
+    path = table(tmp_path / "x.csv", "test,force_N,radius_mm,angle_deg,reading_um", rows)
+    found = imported(path, radius_mm=150.0)
+    assert ("rows", "2 blocks joined") in told(found)
+    assert [test.radius_mm for test in found.campaign.tests] == [100.0, 150.0]
+    assert [own.place for own in found.assumptions if own.what == "radius_mm"] == [f"{path}, test 'A'"]
+
+
+# ---- what is refused
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "layout", "message"),
+    [
+        ("angle_deg,error,status", lines("{a},0,{k}"), {}, "the reading must change from row to row, got 0 in all"),
+        (HEADER, [*CIRCLE, "---,---"], {}, "line 74: angle must be a finite number, got '---'"),
+        (HEADER, [*lines("{a},{r}", 73), *lines("{a},{r}")[::-1]], {}, r"run one way in a test, got -360° after \+360°"),
+        (HEADER, lines("{a} deg,{k} um"), {}, r"Line 37 reads '175', 'deg,35', 'um'\."),
+        (HEADER, CIRCLE, {"header_line": 3}, "line 3: the header must hold names, got numbers"),
+        ("angle_deg,reading [mm]", lines("{a},0.00{r}"), {"zero": "distance"}, r"as distance \(--zero\)"),
+        ("angle_deg,reading [mm]", lines("{a},150.00{r}"), {"zero": "deviation"}, r"as deviation \(--zero\)"),
+        ("test,angle_deg,reading_um", ["a," + CIRCLE[0], *lines(",{a},{r}")], {}, "line 3: rows must name their test"),
+        ("test,force_N,angle_deg,reading_um,work_ball_deg", [*lines("a,36,{a},{r},45", 30), *lines("a,36,{a},{r},50")[30:]], {},
+         "line 32: work_ball_deg must be the same in all rows of test 'a', got '50' after '45'"),
+        ("", lines("{k},{a},{r}.25"), {}, "must be named by number, got 3"),
+        ("", lines("{a},0,{r},25"), {}, "must be named by number, got 4"),
+        *[("", [*CIRCLE[:3], bad, *CIRCLE[4:]], {}, "line [34]") for bad in ("-,-", ",", "pause", "15.0", "15,-3,1")],
+        *[(HEADER, [*CIRCLE[:5], f"25,{bad}", *CIRCLE[6:]], {}, "line 7: reading must be a") for bad in ("---", "NaN", "")],
+        *[(HEADER, [*CIRCLE[:3], f"{bad},{bad}", *CIRCLE[3:]], {}, "line 5") for bad in ("NaN", "n/a", "#DIV/0!", "paused")],
+        *[(HEADER, [*CIRCLE[:n], HEADER, *CIRCLE[n:]], {}, f"line {n + 2}") for n in (1, 5, 8, 12)],
+        *[(f"angle_deg,reading {unit}", CIRCLE, {}, r"line 1\. Correct the header, or give --unit")
+          for unit in ("[counts]", "[V]", "[\u00c2\u00b5m]", "in steps", "in sswert in mm", "in 1/0 mm")],
+        *[(f"angle_deg;reading {unit}", lines("{a};{r}.25"), {}, "must be in um|name every column")
+          for unit in ("[10-3 mm]", "[10–3 mm]", "10-3 mm", "10^-3 mm", "x 10 µm", "x10 µm", "[µm] x 10", "[µm] / 10",
+                       "(mm) x1000", "100 nm", "[1,000 nm]", "0.1 µm")],
+    ],
+)  # fmt: skip
+def test_refused(header: str, rows: list[str], layout: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match=message):
+        imported(table(tmp_path / NAME, header, rows), layout)
+
+
+def test_distances_on_another_radius_ask_for_it(tmp_path: Path) -> None:
+    for radius in (100, 155):
+        path = table(tmp_path / NAME, "angle_deg,radius (mm)", lines("{a}," + str(radius) + ".00{r}"))
+        with pytest.raises(lb.InputError, match=rf"or distances near it, got {radius} mm\. Give --radius-mm"):
+            imported(path)
+        (test,) = imported(path, radius_mm=float(radius)).campaign.tests
+        assert (test.radius_mm, test.reading_um[1]) == (radius, pytest.approx(1.0, abs=1e-6))
+
+
+# ---- what is read
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("in 1/1000 mm", 1.0), ("/ 0.1 um", 0.1), ("[mil]", 25.4), ("[thou]", 25.4), ("(millimeters)", 1e3), ("[uinch]", 0.0254)],
+)
+def test_units_with_factors_and_other_names(unit: str, factor: float, tmp_path: Path) -> None:
+    (test,) = imported(table(tmp_path / NAME, f"angle_deg,reading {unit}")).campaign.tests
+    assert test.reading_um[1] == pytest.approx(1.25 * factor)
+
+
+@pytest.mark.parametrize("units", ["°;µm;-", "°;µm;°C", "Grad;µm;"])
+def test_units_below_the_names_of_which_one_is_none(units: str, tmp_path: Path) -> None:
+    (test,) = imported(table(tmp_path / NAME, "Winkel;Messwert;T", [units, *lines("{a};{r};21")])).campaign.tests
+    np.testing.assert_allclose(test.reading_um, [k % 7 for k in range(72)])
+    assert test.arc_deg > 350.0
+
+
+def test_our_own_tables_import_as_they_read(tmp_path: Path, root: Path) -> None:
+    """Columns that hold one value a test among them; names like f036 say the force."""
+    header = "test,force_N,angle_deg,reading_um,direction,work_ball_deg,radius_mm,setup,plane,temperature_C,time_s"
+    rows = lines("a,36,{a},{r},CW,45,120,2,XY,20.5,0") + lines("b,742,{a},{r},CCW,90,150,1,XY,21,600")
+    path = table(tmp_path / "all.csv", header, rows)
+    found = imported(path, name="all")
+    assert found.campaign.sha256 == lb.read_campaign(path).sha256
+    assert "columns not used" not in {own.what for own in found.assumptions}
+    shipped = lb.read_campaign(root / "data" / "recovered_experiment")
+    again = imported(sorted((root / "data" / "recovered_experiment").glob("f*.csv"))).campaign
+    assert again.forces_N.tolist() == shipped.forces_N.tolist()
+    for own, test in zip(again.tests, shipped.tests, strict=True):
+        np.testing.assert_array_equal([own.angle_deg, own.reading_um], [test.angle_deg, test.reading_um])
+
+
+def test_bare_columns_by_number_and_decimal_commas_between_blanks(tmp_path: Path) -> None:
+    path = table(tmp_path / NAME, "", lines("{k},{a},{r}.25"))
+    assert imported(path, {"columns": {"angle": 2, "reading": 3}}).campaign.tests[0].reading_um[1] == 1.25
+    assert imported(table(tmp_path / "b 36N.txt", "", lines("{a},0 {r},25"))).campaign.tests[0].reading_um[1] == 1.25
+
+
+def test_the_angle_of_the_first_axis_is_as_the_file_counts(tmp_path: Path) -> None:
+    """Clockwise with X at 30: the file's 30 is 0, its 120 is -90."""
+    path = table(tmp_path / NAME, rows=[f"{(30 - 5 * k) % 360},{k % 7}" for k in range(72)])
+    (test,) = imported(path, {"angle_sign": -1, "angle_offset_deg": 30.0}).campaign.tests
+    np.testing.assert_allclose(np.mod(test.angle_deg, 360.0), [5 * k for k in range(72)], atol=1e-9)
+
+
+def test_names_of_files_and_labels(tmp_path: Path) -> None:
+    """What cannot stand in a file's name is replaced; a label that two files share comes behind the file's name."""
+    found = imported(table(tmp_path / "36,5 N (1).csv"))
+    assert [(test.name, test.force_N) for test in found.campaign.tests] == [("36_5 N _1_", 36.5)]
+    paths = [table(tmp_path / f"{name}.csv", "angle;36 N;238 N", lines("{a};{r};{q}")) for name in ("CW", "CCW")]
+    assert [own[0] for own in loads_of(paths)] == ["36 N", "238 N", "CCW 36 N", "CCW 238 N"]
+    with pytest.raises(lb.InputError, match="tests must bear different names, got 'a 36N' twice"):
+        imported([table(tmp_path / NAME)] * 2)
+
+
+def test_a_label_before_its_file(tmp_path: Path) -> None:
+    """Both entries speak; the label's word counts; one force for a file of several tests is refused."""
+    path = table(tmp_path / "all.csv", "test,angle_deg,reading_um", [f"{label},{line}" for label in "ab" for line in CIRCLE])
+    entries = [
+        {"file": "all.csv", "direction": "CCW"},
+        {"file": "a", "force_N": 36.0},
+        {"file": "b", "force_N": 742.0, "direction": "CW"},
+    ]
+    found = imported(path, {"test": entries})
+    assert [(test.force_N, test.direction) for test in found.campaign.tests] == [(36.0, "CCW"), (742.0, "CW")]
+    assert "[[test]] not used" not in {own.what for own in found.assumptions}
+    with pytest.raises(lb.InputError, match="must be of one test, got several in it"):
+        imported(path, {"test": [{"file": "all.csv", "force_N": 36.0}]})
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("Winkel [°];36 N [mm];742 N CW [mm]", [("36 N", 36.0, None), ("742 N CW", 742.0, "CW")]),
+        (
+            "angle;reading 36 N, mm;reading 742 N CW, mm",
+            [("reading 36 N_ mm", 36.0, None), ("reading 742 N CW_ mm", 742.0, "CW")],
+        ),
+        ("angle;F=36N (mm);F=742N CW (mm)", [("F_36N", 36.0, None), ("F_742N CW", 742.0, "CW")]),
+        ("angle;36 N (CW) [mm];238 N (CCW) [mm]", [("36 N", 36.0, "CW"), ("238 N", 238.0, "CCW")]),
+        ("angle;A (36 N);reading [mm] 238 N", [("A", 36.0, None), ("reading", 238.0, None)]),
+    ],
+)
+def test_a_column_for_each_force(header: str, expected: list[tuple[str, float, str | None]], tmp_path: Path) -> None:
+    path = table(tmp_path / "wide.csv", header, lines("{a};0.00{r};0.0{q}"))
+    found = imported(path)
+    assert loads_of(path) == expected
+    np.testing.assert_allclose(found.campaign.tests[1].reading_um, [10 * (k % 5) for k in range(72)], atol=1e-12)
+    assert lb.import_campaign(path, layout=found.layout).campaign.sha256 == found.campaign.sha256
+
+
+def test_columns_of_readings_that_are_named(tmp_path: Path) -> None:
+    path = table(tmp_path / "wide.csv", "angle_deg,A [um],B [nm]", lines("{a},{r},{q}"))
+    found = imported(path, {"columns": {"reading": ["A", "B"]}, "forces_N": [36.0, 742.0]})
+    np.testing.assert_allclose(found.campaign.tests[1].reading_um, [0.001 * (k % 5) for k in range(72)], atol=1e-12)
+    assert found.campaign.forces_N.tolist() == [36.0, 742.0]
+    one = table(tmp_path / "one.csv", "angle;36 N (CW) [um];238 N (CCW) [um]", lines("{a};{r};{q}"))
+    assert loads_of(one, columns={"reading": "238 N (CCW) [um]"}) == [("one", 238.0, "CCW")]
+    bare = table(tmp_path / "bare.csv", "", lines("{a},{r},{q}"))
+    assert len(loads_of(bare, columns={"angle": 1, "reading": [2, 3]}, header_line=0, forces_N=[36.0, 742.0])) == 2
+
+
+# ---- workbooks
+
+
+def test_workbooks_with_titles_dates_and_notes(tmp_path: Path) -> None:
+    """A date and a formula outside the table, a sheet of words, two books with the usual name of a sheet."""
+    rows = [["measured", datetime(2026, 3, 4, 10, 15)], ["angle_deg", "reading_um", "check"]]
+    rows += [[5 * k, k % 7 + 0.25, f"=B{k + 3}*2"] for k in range(72)]
+    notes = {"Info": [["operator", "J. D."]]}
+    found = imported([book(tmp_path / f"own {force}N.xlsx", {"Sheet1": rows} | notes) for force in (36, 742)])
+    assert [(test.name, test.force_N) for test in found.campaign.tests] == [("own 36N", 36.0), ("own 742N", 742.0)]
+    assert ("left out", "the sheet") in told(found)
+    with pytest.raises(lb.InputError, match="must hold a table of at least 9 rows"):
+        imported(book(tmp_path / "notes.xlsx", notes | {"More": [["nothing"]]}))
+
+
+def test_one_force_for_each_sheet(tmp_path: Path) -> None:
+    path = book(tmp_path / "two.xlsx", {"Versuch 1": SHEET, "Versuch 2": SHEET})
+    expected = [("Versuch 1", 36.0, None), ("Versuch 2", 742.0, None)]
+    assert loads_of(path, forces_N=[36.0, 742.0]) == expected
+    each = {"test": [{"file": f"Versuch {k}", "force_N": force} for k, force in ((1, 36.0), (2, 742.0))]}
+    assert loads_of(path, **each) == expected
+    with pytest.raises(lb.InputError, match="must be of one test, got several in it"):
+        loads_of(path, test=[{"file": "two.xlsx", "force_N": 36.0}])
+    with pytest.raises(lb.InputError, match=r"'Versuch 2': --forces-N must hold one number for each test, got 1"):
+        loads_of(path, forces_N=[36.0])
+    with pytest.raises(lb.InputError, match=r"--forces-N must hold one number for each test, got 3 for 2 tests"):
+        loads_of(path, forces_N=[36.0, 742.0, 9.0])
+    senses = book(tmp_path / "cw and ccw.xlsx", {"36 N CW": SHEET, "36 N CCW": SHEET})
+    assert loads_of(senses) == [("36 N CW", 36.0, "CW"), ("36 N CCW", 36.0, "CCW")]
+
+
+def test_what_a_spreadsheet_hides_is_told(tmp_path: Path) -> None:
+    made = Workbook()
+    for force in (36, 742):
+        sheet = made.create_sheet(f"{force} N")
+        for row in SHEET:
+            sheet.append(row)
+    del made["Sheet"]
+    made["742 N"].sheet_state = "hidden"
+    for row in (5, 6, 40):
+        made["36 N"].row_dimensions[row].hidden = True
+    made.save(tmp_path / "two.xlsx")
+    assert [own.value for own in imported(tmp_path / "two.xlsx").assumptions if own.what == "hidden"] == [
+        "3 rows of the workbook, read like the others",
+        "the sheet and 3 rows of the workbook, read like the others",
+    ]

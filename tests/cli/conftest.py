@@ -1,0 +1,36 @@
+"""Commands run in this process: exit code, stdout, stderr."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from campaigns import Invoke, plan, simulated
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli.main import app
+
+
+@pytest.fixture
+def invoke(capsys: pytest.CaptureFixture[str]) -> Invoke:
+    """A command's exit code, what it printed, and what it said on stderr."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as left:
+            app([str(argument) for argument in arguments])
+        shown = capsys.readouterr()
+        return int(left.value.code or 0), shown.out, shown.err
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of four circles."""
+    return lb.write_campaign(simulated(plan()), tmp_path_factory.mktemp("campaign") / "c")
+
+
+@pytest.fixture(scope="session")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plan of three circles."""
+    return lb.write_campaign(plan((40,) * 3, forces_N=(36.0, 400.0, 742.0)), tmp_path_factory.mktemp("plan") / "p")

@@ -1,0 +1,108 @@
+"""The command line as a process: start, Ctrl-C, encodings, pipes, the demo."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.report.figures import FIGURES
+
+COMMAND = [sys.executable, "-W", "error", "-m", "ldbb_bayes"]
+
+
+def run(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+    command = [*COMMAND, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, **options)  # type: ignore[call-overload]
+
+
+def test_help_and_version_import_nothing_heavy() -> None:
+    assert run("--version").stdout == f"ldbb-bayes {lb.__version__}\n"
+    code = (
+        "import sys; sys.argv = ['ldbb-bayes', *sys.argv[1:]]\n"
+        "from ldbb_bayes.cli.main import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        "print([m for m in ('numpy', 'scipy', 'pandas', 'xarray', 'emcee', 'matplotlib') if m in sys.modules])"
+    )
+    for arguments in (["--help"], ["fit", "--help"]):
+        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+        assert "Usage" in done.stdout
+        assert done.stdout.strip().endswith("[]")
+
+
+def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
+    """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code 130."""
+    ours, theirs = pty.openpty()
+    fit = ["fit", str(folder), "--json", "--ess", "1e7", "--max-steps", "1000000", "--out", str(tmp_path / "r")]
+
+    def heed() -> None:  # a run in the background ignores Ctrl-C, and hands that on
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    with subprocess.Popen([*COMMAND, *fit], stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heed) as process:
+        os.close(theirs)
+        shown = b""
+        while b"steps" not in shown:
+            shown += os.read(ours, 4096)
+        process.send_signal(signal.SIGINT)
+        try:
+            while block := os.read(ours, 4096):
+                shown += block
+        except OSError:  # how a terminal says that its other end is closed
+            pass
+        assert process.stdout is not None
+        assert process.stdout.read() == ""
+    os.close(ours)
+    assert process.returncode == 130
+    assert shown.decode().rstrip().endswith("ldbb-bayes: interrupted; nothing was written.")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+def test_terminals_that_cannot_show_every_sign(folder: Path, encoding: str) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
+    done = subprocess.run([*COMMAND, "check", str(folder)], capture_output=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == b""
+
+
+def test_a_reader_that_leaves_early_is_no_error(folder: Path) -> None:
+    command = f"{sys.executable} -m ldbb_bayes check {folder} --json | true"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.slow
+def test_demo(tmp_path: Path) -> None:
+    done = run("demo", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    words = " ".join(done.stdout.split())
+    for expected in (
+        "Constant compliance",
+        "Linear compliance",
+        "(k = 2)",
+        "N/µm",
+        "confounded with ball form",
+        "identified",
+    ):
+        assert expected in words
+    assert "With constant compliance C_XXX = 0.05" in words
+    assert "E_XX1 =" not in words
+    out = tmp_path / "ldbb_demo"
+    assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]
+    figures = {path.name for path in (out / "figures").iterdir()}
+    assert figures == {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")}
+    assert all((out / "figures" / name).stat().st_size > 5000 for name in figures)
+    assert "<svg" in (out / "linear" / "report.html").read_text(encoding="utf-8")
+    linear = json.loads((out / "linear" / "summary.json").read_text())
+    assert linear["sampler"]["converged"]
+    assert linear["campaign"]["sha256"] == lb.read_campaign(out / "campaign").sha256
+    again = run("demo", cwd=tmp_path)
+    assert again.returncode == 2
+    assert "--force" in again.stderr

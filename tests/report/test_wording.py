@@ -1,0 +1,146 @@
+"""Nothing is decided by reading a sentence: every function of report/wording.py reworded, all decisions and numbers stay."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from campaigns import plan, simulated
+
+import ldbb_bayes as lb
+from ldbb_bayes.fleet.row import Job, Settings, fit_row
+from ldbb_bayes.model.specification import model_to_toml
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.sections import Details, Picture, compose
+from ldbb_bayes.table import Table, json_text
+
+MODEL = lb.HybridModel.default(1)
+QUICK = lb.StoppingRule(ess=100.0)
+FORCES_N = (36.0, 400.0, 742.0)
+
+
+def hashed(value: Any) -> Any:
+    """Every text of what a function returns, unreadable."""
+    if isinstance(value, str):
+        return f"#{hashlib.sha256(value.encode()).hexdigest()[:12]}" if value else value
+    if value is None or isinstance(value, dict | int | float):
+        return value
+    return type(value)(map(hashed, value)) if isinstance(value, tuple | list) else iter([hashed(own) for own in value])
+
+
+def reworded(function: Callable[..., Any]) -> Callable[..., Any]:
+    return wraps(function)(lambda *given, **options: hashed(function(*given, **options)))
+
+
+def reword(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Put it in the place of every public function of the module, wherever it was imported to."""
+    changed = 0
+    originals = {getattr(wording, name) for name in wording.__all__ if name != "with_words"}
+    for name, module in list(sys.modules.items()):
+        if name.startswith("ldbb_bayes"):
+            for key, own in list(vars(module).items()):
+                if callable(own) and type(own).__name__ == "function" and own in originals:
+                    monkeypatch.setattr(module, key, reworded(own))
+                    changed += 1
+    return changed
+
+
+def same(plain: Any, other: Any, where: str = "") -> int:
+    """Whether two records differ in sentences alone; how many do."""
+    if isinstance(plain, str) and isinstance(other, str):
+        assert plain == other or "#" in other, (where, plain, other)
+        return int(plain != other)
+    assert type(plain) is type(other), (where, plain, other)
+    if isinstance(plain, dict):
+        assert list(plain) == list(other), where
+        return sum(same(plain[key], other[key], f"{where}.{key}") for key in plain)
+    if isinstance(plain, list | tuple):
+        assert len(plain) == len(other), (where, plain, other)
+        return sum(same(a, b, f"{where}[{k}]") for k, (a, b) in enumerate(zip(plain, other, strict=True)))
+    assert plain == other, (where, plain, other)
+    return 0
+
+
+def against_the_sign() -> lb.Campaign:
+    """Readings that no compliance explains."""
+    campaign = simulated(plan((40,) * 3, forces_N=FORCES_N))
+    tests = tuple(test.with_reading_um(-0.14 * np.asarray(test.reading_um)) for test in campaign.tests)
+    return lb.Campaign(tests, name="turned")
+
+
+@pytest.fixture(scope="module")
+def campaigns() -> dict[str, lb.Campaign]:
+    return {"good": simulated(plan((40,) * 3, forces_N=FORCES_N)), "turned": against_the_sign()}
+
+
+@pytest.fixture(scope="module")
+def folders(campaigns: dict[str, lb.Campaign], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return {name: lb.write_campaign(own, tmp_path_factory.mktemp("campaigns") / name) for name, own in campaigns.items()}
+
+
+def part_of(part: Any) -> Any:
+    if isinstance(part, Table):
+        return [part.caption, list(part.heads), [list(row) for row in part.shown()]]
+    if isinstance(part, Picture):
+        return [part.key, part.caption]
+    return [part.summary, [part_of(own) for own in part.parts]] if isinstance(part, Details) else part
+
+
+def page_of(posterior: xr.DataTree) -> Any:
+    """Alerts, sections and what stands in them."""
+    document = compose(find(posterior, comparison="left out in this test", recommended="left out in this test"))
+    return [list(document.alerts), [[own.key, own.title, [part_of(part) for part in own.parts]] for own in document.sections]]
+
+
+def analyses_of(campaign: lb.Campaign) -> Any:
+    models = {"constant": MODEL.with_degree(0), "linear": MODEL}
+    every = {
+        "preview": lb.preview(campaign),
+        "identify": lb.identify(MODEL, campaign),
+        "compare": lb.compare(models, campaign, evidence_only=True),
+        "design": lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N),
+    }
+    return {name: json.loads(json_text(wording.with_words(own))) for name, own in every.items()}
+
+
+def rows_of(folders: dict[str, Path]) -> Any:
+    settings = Settings(model_to_toml(lb.HybridModel.default(0)), ess=100.0)
+    rows = [fit_row(settings, Job(k, str(folder))) for k, folder in enumerate(folders.values())]
+    return json.loads(json_text({"rows": [{**row, "stamp": None} for row in rows]}))
+
+
+@pytest.mark.parametrize("what", [pytest.param("analyses", marks=pytest.mark.slow), "page", "rows"])
+def test_words_decide_nothing(
+    what: str, campaigns: dict[str, lb.Campaign], folders: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a campaign that the model expects and one that it does not."""
+    turned = lb.sample(lb.HybridModel.default(0), campaigns["turned"], seed=1, sampler="independent", rule=QUICK)
+    work: dict[str, Callable[[], Any]] = {
+        "analyses": lambda: analyses_of(campaigns["good"]),
+        "page": lambda: page_of(turned),
+        "rows": lambda: rows_of(folders),
+    }
+    plain = work[what]()
+    assert reword(monkeypatch) > 30
+    assert same(plain, work[what]()) > 0
+
+
+def test_a_decision_by_words_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    def count(campaign: lb.Campaign) -> list[str]:
+        return [text for text in wording.preview_sentences(lb.preview(campaign)) if text.startswith("Note: One")]
+
+    one_way = simulated(plan((30,) * 3, forces_N=FORCES_N))
+    plain = count(one_way)
+    assert plain
+    reword(monkeypatch)
+    with pytest.raises(AssertionError):
+        same(plain, count(one_way))

@@ -1,0 +1,124 @@
+"""Joint and independent draws against the exact marginals: recovered experiment, 20 simulated campaigns, drift, planes."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from campaigns import HYPER_UM, TRUTH, plan
+from collapsed import collapsed
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.mcmc import StoppingRule
+from ldbb_bayes.inference.nodes import HyperPosterior
+
+PLANS = {
+    "circles": plan(),
+    "arcs": plan((30, 40, 35, 30), arc_deg=220.0),
+    "work ball clocked": plan(work_deg=40.0),
+    "both balls clocked, arcs": plan((40, 30, 9, 26), work_deg=40.0, tool_deg=-65.0, arc_deg=300.0),
+    "few readings": plan((9, 40, 12, 30)),
+}
+MODELS = {
+    "constant": lb.HybridModel.default(0),
+    "linear": lb.HybridModel.default(1),
+    "constant without ball form": lb.HybridModel.default(0).without("ball-form"),
+    "linear without truncation": lb.HybridModel.default(1).without("truncation"),
+}
+RULE = StoppingRule(ess=5000.0)
+
+
+def differences(model: lb.HybridModel, campaign: lb.Campaign, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of both: (mean − exact) in Monte Carlo errors, and sd / exact − 1."""
+    exact = lb.marginals(model, campaign)
+    z, ratio = [], []
+    for sampler in ("joint", "independent"):
+        found = lb.summarize(lb.sample(model, campaign, sampler=sampler, seed=seed, rule=RULE))
+        z.append((found["mean"] - exact["mean"]) / (exact["sd"] / np.sqrt(found["ess_bulk"])))
+        ratio.append(found["sd"] / exact["sd"] - 1.0)
+    return np.array(z), np.array(ratio)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [0, 1])
+def test_recovered_experiment(recovered: lb.Campaign, degree: int) -> None:
+    z, ratio = differences(lb.HybridModel.default(degree), recovered, 1)
+    assert np.abs(z).max() < 4.0
+    assert np.mean(np.abs(z) > 3.0) < 0.02
+    assert np.abs(ratio).max() < 0.04
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [0, 1])
+def test_the_third_route_agrees(recovered: lb.Campaign, degree: int) -> None:
+    """Draws that need neither lattice nor chain, against the exact marginals."""
+    model = lb.HybridModel.default(degree)
+    exact = lb.marginals(model, recovered)
+    draws = np.hstack(collapsed(HyperPosterior(model.bind(recovered), truncated=True), 10_000))
+    np.testing.assert_allclose((draws.mean(axis=0) - exact["mean"]) / exact["sd"], 0.0, atol=0.05)
+    np.testing.assert_allclose(draws.std(axis=0) / exact["sd"], 1.0, atol=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODELS)
+def test_simulated_campaigns(name: str) -> None:
+    """Five plans each, 20 in all. Of some thousand differences a few pass three Monte Carlo errors by chance."""
+    every_z, every_ratio = [], []
+    for k, planned in enumerate(PLANS.values()):
+        campaign = lb.HybridModel.default(0).simulate(planned, seed=k, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+        z, ratio = differences(MODELS[name], campaign, k)
+        every_z.append(z.ravel())
+        every_ratio.append(ratio.ravel())
+    z = np.concatenate(every_z)
+    assert np.abs(z).max() < 4.5
+    assert np.mean(np.abs(z) > 3.0) < 0.01
+    assert np.abs(np.concatenate(every_ratio)).max() < 0.04
+
+
+STUDY = Path(__file__).parents[2] / "studies" / "08_other_campaigns"
+
+
+@pytest.fixture(scope="module")
+def plans() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("plans_of_other_campaigns", STUDY / "plans.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+def test_calibrated_with_radii_directions_and_drift(plans: ModuleType) -> None:
+    model, plan = plans.everything()
+    result = lb.validate(model, plan, replicates=80, draws=49, seed=11)
+    assert result.calibrated, result.verdict
+
+
+@pytest.mark.slow
+def test_left_out_hysteresis_is_noticed(plans: ModuleType) -> None:
+    """The check can fail: readings with hysteresis, a model without."""
+    result = lb.validate(
+        plans.MODEL.without("hysteresis"), plans.both_directions(), generator=plans.MODEL, replicates=60, draws=49, seed=12
+    )
+    assert not result.calibrated
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["everything", "three_planes"])
+def test_joint_sampling_and_quadrature_agree(plans: ModuleType, name: str) -> None:
+    model, plan = plans.everything() if name == "everything" else (plans.MODEL.with_degree(0), plans.three_planes())
+    campaign = model.simulate(plan, seed=4).campaign
+    exact = lb.marginals(model, campaign)
+    posterior = lb.sample(model, campaign, seed=4)
+    found = lb.summarize(posterior)
+    for parameter in model.bind(campaign).names:
+        mean, sd = float(posterior["posterior"][parameter].mean()), float(posterior["posterior"][parameter].std())
+        assert abs(mean - exact.loc[parameter, "mean"]) < 0.2 * exact.loc[parameter, "sd"], parameter
+        assert sd == pytest.approx(exact.loc[parameter, "sd"], rel=0.12), parameter
+    assert np.isfinite(found.select_dtypes("number").to_numpy()).any()

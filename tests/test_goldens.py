@@ -1,0 +1,54 @@
+"""The package answers what it answered when the goldens were written (tests/goldens/make.py writes them, and says how to)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pyarrow")
+pytest.importorskip("openpyxl")
+HERE = Path(__file__).parent / "goldens"
+sys.path.insert(0, str(HERE))
+import make  # noqa: E402
+
+SHOWN = 20
+NAMES = [pytest.param(name, marks=pytest.mark.slow if own.slow else ()) for name, own in make.GOLDENS.items()]
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> make.Work:
+    return make.Work(tmp_path_factory.mktemp("goldens").resolve())
+
+
+@pytest.mark.golden
+@pytest.mark.parametrize("name", NAMES)
+def test_golden(name: str, work: make.Work) -> None:
+    found = make.check(name, make.make(name, work))
+    assert not found, "\n".join(f"{own.path}: {own.old!r} -> {own.new!r}" for own in found[:SHOWN])
+
+
+def test_every_file_has_a_golden() -> None:
+    assert {path.stem for path in HERE.glob("*.json")} == set(make.GOLDENS)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "differ"),
+    [
+        ({"mean": 1.0}, {"mean": 1.0 + 1e-12}, False),
+        ({"mean": 1.0}, {"mean": 1.0 + 1e-8}, True),
+        ({"mean": 0.0, "sd": 1.0}, {"mean": 1e-12, "sd": 1.0}, False),
+        ({"mean": 0.0, "other": 1.0}, {"mean": 1e-12, "other": 1.0}, True),
+        ([0.0, 1.0], [1e-12, 1.0], False),
+        ("C is 1.20 ± 0.01", "C is 1.21 ± 0.01", False),
+        ("C is 1.20 ± 0.01", "C is 1.23 ± 0.01", True),
+        ("C is large", "C is small", True),
+        ([1, 2], [1, 2, 3], True),
+        ({"a": None}, {"b": None}, True),
+        (float("nan"), float("nan"), False),
+    ],
+)
+def test_what_counts_as_a_difference(old: object, new: object, differ: bool) -> None:
+    assert bool(make.differences(old, new)) == differ
+    assert not make.differences(old, old, relative=0.0)

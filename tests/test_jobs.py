@@ -1,0 +1,305 @@
+"""Independent jobs: every result once, few in flight, and what happens when a job raises, a worker dies or nobody wants more."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy  # noqa: F401  # whose threads are counted
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from ldbb_bayes import jobs
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.jobs import Lost, dask_executor, done, executor_named, process_executor
+
+
+class Late(Executor):
+    """Runs a job only when so many are in flight, the last one first."""
+
+    def __init__(self, at: int, workers: int | None = None) -> None:
+        if workers is not None:
+            self._max_workers = workers
+        self.at, self.waiting, self.made = at, [], []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.waiting.append((future, partial(fn, *args, **kwargs)))
+        self.made.append(future)
+        if len(self.waiting) == self.at:
+            while self.waiting:
+                self.finish(*self.waiting.pop())
+        return future
+
+    def finish(self, future: Future[Any], call: Callable[[], Any]) -> None:
+        future.set_result(call())
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def reciprocal(x: int) -> float:
+    return 1 / (x - 3)
+
+
+def blas_threads(_: int) -> set[int]:
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+def dies(folder: Path, times: int, x: int) -> int:
+    """Job 5 kills its worker so many times (−1: always)."""
+    tries = len(list(folder.iterdir()))
+    if x == 5 and (times < 0 or tries < times):
+        (folder / str(tries)).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return x * x
+
+
+def dies_sending(folder: Path, x: int) -> int:
+    """Job 5 kills its worker once, in the middle of sending a result."""
+    if x == 5 and not (folder / "died").exists():
+        (folder / "died").touch()
+        frame = sys._getframe()
+        while "pipe" not in frame.f_locals:
+            assert frame.f_back is not None
+            frame = frame.f_back
+        os.write(frame.f_locals["pipe"].fileno(), struct.pack("!i", 1000) + b"half")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return x * x
+
+
+def where(_: int) -> tuple[int, str | None]:
+    return os.getpid(), os.environ.get("OPENBLAS_NUM_THREADS")
+
+
+def sleeps(x: int) -> int:
+    time.sleep(60.0 if x else 0.0)
+    return os.getpid()
+
+
+def test_here_one_after_the_other_and_no_further_than_asked() -> None:
+    read: list[int] = []
+
+    def endless() -> Iterator[int]:
+        while True:
+            read.append(len(read))
+            yield read[-1]
+
+    results = done(square, endless())
+    assert [next(results) for _ in range(3)] == [(0, 0), (1, 1), (2, 4)]
+    assert read == [0, 1, 2]
+    results = done(square, endless(), Late(at=64))
+    next(results)
+    assert len(read) == 3 + 64
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_every_job_once_with_its_index(workers: int) -> None:
+    with ThreadPoolExecutor(workers) as threads:
+        assert sorted(done(square, range(300), threads)) == [(k, k * k) for k in range(300)]
+    assert list(done(square, [], Late(at=1))) == []
+
+
+def test_one_blas_thread_each() -> None:
+    with threadpool_limits(2, user_api="blas"):
+        assert next(done(blas_threads, [0])) == (0, {1})
+        assert blas_threads(0) == {2}
+
+
+def test_no_more_in_flight_than_four_a_worker() -> None:
+    executor = Late(at=8, workers=2)
+    results = done(square, range(1000), executor)
+    next(results)
+    assert len(executor.made) == 8
+    results.close()  # type: ignore[attr-defined]
+
+
+def test_when_the_consumer_stops_the_rest_is_cancelled() -> None:
+    executor = Late(at=8, workers=3)
+    results = done(square, range(100), executor)
+    next(results)
+    results.close()  # type: ignore[attr-defined]
+    assert [future.cancelled() for future in executor.made] == [False] * 8 + [True] * (len(executor.made) - 8)
+    assert len(executor.made) == 12
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_job_that_raises_says_which(there: bool) -> None:
+    executor = Late(at=1)
+    executor.finish = lambda future, _: future.set_exception(ZeroDivisionError())  # type: ignore[method-assign]
+    with pytest.raises(ZeroDivisionError) as raised:
+        list(done(reciprocal, range(10), executor if there else None))
+    assert raised.value.__notes__ == [f"In job {0 if there else 3}, counted from 0."]
+
+
+def test_an_executor_that_gives_up_or_breaks_is_refused_after_what_is_done() -> None:
+    executor = Late(at=64)
+    executor.finish = lambda future, _: future.cancel()  # type: ignore[method-assign, assignment, return-value]
+    with pytest.raises(InputError, match=r"the executor must last as long as its jobs, .* Finished work is kept"):
+        list(done(square, range(100), executor))
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        results = done(os._exit, [0], pool)
+        with pytest.raises(InputError, match=r"workers must live as long as their jobs, .*work is kept.*process_executor"):
+            list(results)
+
+
+def test_processes(tmp_path: Path) -> None:
+    """Two that last, none of them this one; killed ones cost nothing but their job, a job that always kills its worker a row."""
+    with process_executor(2) as executor:
+        found = {own for _, own in done(where, range(20), executor)}
+        assert {threads for _, threads in found} == {"1"}
+        assert len(found) == 2
+        assert os.getpid() not in dict(found)
+        with pytest.raises(ZeroDivisionError) as raised:
+            list(done(reciprocal, range(3, 4), executor))
+        with pytest.raises(ZeroDivisionError) as raised:
+            list(done(reciprocal, range(4), executor))
+        assert "in reciprocal" in raised.value.__notes__[0]
+        for name, job, deaths in (
+            ("once", partial(dies, tmp_path / "once", 1), 1),
+            ("sending", partial(dies_sending, tmp_path / "sending"), 1),
+            ("always", partial(dies, tmp_path / "always", -1), 3),
+        ):
+            (tmp_path / name).mkdir()
+            results = dict(done(job, range(12), executor))
+            lost = results.pop(5)
+            assert results == {k: k * k for k in range(12) if k != 5}
+            assert len(list((tmp_path / name).iterdir())) == deaths
+            assert lost == 25 or name == "always"
+        assert isinstance(lost, Lost)
+        assert lost.reason.startswith("its worker died whenever it was tried, the last time with no other job at work")
+    for process, _ in found:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+    with executor_named("process", 1) as executor:
+        assert executor is None
+
+
+def test_an_interruption_stops_those_at_work() -> None:
+    def interrupted() -> None:
+        with process_executor(2) as executor:
+            for _, process in done(sleeps, range(10), executor):
+                raise KeyboardInterrupt(process)
+
+    start = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt) as raised:
+        interrupted()
+    assert time.perf_counter() - start < 20.0
+    with pytest.raises(ProcessLookupError):
+        os.kill(raised.value.args[0], 0)
+
+
+KilledWorker = type("KilledWorker", (Exception,), {})
+
+
+def test_jobs_blamed_by_dask_are_tried_once_more_by_themselves() -> None:
+    queue = jobs._Queue(range(6), 2)
+    flying: dict[Any, Any] = {}
+    for k in range(6):
+        flying[k] = queue.next(flying)
+    assert queue.again(flying.pop(3), KilledWorker()) is None
+    assert queue.next(flying) is None  # not while others fly
+    flying.clear()
+    flying[3] = queue.next(flying)
+    assert (flying[3].work, flying[3].deaths) == (3, 2)
+    assert queue.next(flying) is None  # nor others beside it
+    assert isinstance(queue.again(flying.pop(3), KilledWorker()), Lost)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("proces", 0, None), "--executor must be one of process, dask, got 'proces'. Did you mean 'process'?"),
+        (("process", 0, "tcp://a:1"), "--scheduler must go with --executor dask, got --executor process"),
+        (("process", -1, None), "--workers must be 0 or more, got -1"),
+        (("dask", 3, "tcp://a:1"), "--workers must not go with --scheduler, got 3"),
+    ],
+)
+def test_options_that_do_not_fit(arguments: tuple[str, int, str | None], message: str) -> None:
+    with pytest.raises(InputError) as raised, executor_named(*arguments):
+        pass
+    assert message in str(raised.value)
+
+
+def test_without_dask_the_cure_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "dask", None)
+    with pytest.raises(InputError, match=r"find the library dask, got none.*pip install 'ldbb-bayes\[fleet\]'"), dask_executor():
+        pass
+
+
+UNGUARDED = """
+import sys
+from math import sqrt
+from ldbb_bayes.jobs import done, executor_named
+with executor_named(sys.argv[1], 2) as executor:
+    print(dict(done(sqrt, range(5), executor)))
+"""
+DASK = """
+import json, os, signal, sys, warnings
+from pathlib import Path
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.jobs import Lost, dask_executor, done
+import ldbb_bayes.jobs as home
+
+def job(x):
+    if x == 5 and not Path(sys.argv[1], "died").exists():
+        Path(sys.argv[1], "died").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if x == 9:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return (max, [x * x, 0])  # Dask would take this for a task of its own, if it looked into it
+
+if __name__ == "__main__":
+    with dask_executor(workers=2) as executor:
+        found = dict(done(job, range(20), executor))
+    lost = [k for k, value in found.items() if isinstance(value, Lost)]
+    print(json.dumps([sorted(found), lost, all(found[k] == (max, [k * k, 0]) for k in found if k not in lost)]))
+    home.ANSWER_S = 1.0
+    import distributed
+    other = distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None)
+    for address in ("nonsense", "tcp://127.0.0.1:1", other.scheduler_address):
+        try:
+            with dask_executor(address):
+                pass
+        except InputError as error:
+            print(error)
+"""
+
+
+def run(script: str, folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    (folder / "script.py").write_text(script)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    command = [sys.executable, str(folder / "script.py"), *map(str, arguments)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("kind", ["process", pytest.param("dask", marks=pytest.mark.slow)])
+def test_an_unguarded_script_is_told_so_once(kind: str, tmp_path: Path) -> None:
+    ended = run(UNGUARDED, tmp_path, kind)
+    assert ended.returncode == 1
+    assert ended.stderr.count("Traceback") == 1
+    assert 'A script must do its work under `if __name__ == "__main__":`' in ended.stderr
+
+
+@pytest.mark.slow
+def test_dask(tmp_path: Path) -> None:
+    """In a process of its own: it warns of what is no concern here."""
+    ended = run(DASK, tmp_path, tmp_path)
+    first, *refused = ended.stdout.splitlines()
+    assert json.loads(first) == [list(range(20)), [9], True], ended.stderr
+    assert (tmp_path / "died").exists()
+    assert "must be the address of a Dask scheduler that is at work, got 'nonsense' (missing port number" in refused[0]
+    assert "got 'tcp://127.0.0.1:1' (" in refused[1]
+    assert refused[2].startswith("workers must have one thread each, got 2 at inproc://")
