@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.special import ndtr
 
+from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, cures, degeneracies, standing_degeneracies
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.aliases import Cure, Degeneracy, Standing, cures, degeneracies, standing_degeneracies
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.information import NOISE, Information, information_of

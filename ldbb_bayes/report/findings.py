@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import pandas as pd
 import xarray as xr
 
+from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.analysis.budget import Budget, budgets
 from ldbb_bayes.analysis.circularity import circularity, contributions, measured_circularity
 from ldbb_bayes.analysis.comparison import Comparison, compare
@@ -31,7 +32,6 @@ from ldbb_bayes.inference.posterior import (
     result_json,
     summarize,
 )
-from ldbb_bayes.model.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.report.wording import (
     alias_sentences,
     check_words,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, StandingKind
 from ldbb_bayes.analysis.budget import Budget
 from ldbb_bayes.analysis.calibration import Validation
 from ldbb_bayes.analysis.comparison import WHITE_NOISE, Comparison, Sign
@@ -24,7 +25,6 @@ from ldbb_bayes.analysis.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.analysis.slopes import SlopeSubset
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit
 from ldbb_bayes.inference.predictive import Check, CheckKind
-from ldbb_bayes.model.aliases import Cure, Degeneracy, Standing, StandingKind
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.information import NOISE, OWN
 from ldbb_bayes.model.terms import Term

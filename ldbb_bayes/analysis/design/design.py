@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
 from ldbb_bayes.analysis.design.candidates import Costs, CriterionName, bind_tests, frame_of, running_order
 from ldbb_bayes.analysis.design.forecast import DECISIVE, Expected, Forecast
 from ldbb_bayes.analysis.design.planning import (
@@ -27,7 +28,6 @@ from ldbb_bayes.analysis.design.solvers import MOST_TESTS, Found
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.aliases import Cure, Degeneracy, cures, degeneracies
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Drift, Hysteresis
 from ldbb_bayes.result import ByRow, Records, Result, read_result

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Columns, Drift, Term
 from ldbb_bayes.result import Result
@@ -245,7 +245,9 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
         standing.append(Standing(StandingKind.CURVATURE, direct))
     rotary = tuple(name.label for name in bound.compliances if name.kind == "rotation_for_moment")
     once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1 and bound.campaign.force_levels > 1
-    four = any(name.endswith(("cos4", "sin4")) for d in found for name in d.nuisances)
+    names, _, values, _ = _coefficients(bound)
+    of_fourth_order = ~np.any(np.delete(values, harmonic_index(4), axis=1), axis=(0, 1))
+    four = any(of_fourth_order[names.index(name)] for d in found for name in d.nuisances)
     if rotary and once and not four and any(d.term == "BallForm" for d in found):
         standing.append(Standing(StandingKind.LOBES, rotary))
     for covariate, values in (("time", bound.setting.time_h), ("temperature", bound.setting.temperature_K)):
