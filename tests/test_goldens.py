@@ -52,3 +52,11 @@ def test_every_file_has_a_golden() -> None:
 def test_what_counts_as_a_difference(old: object, new: object, differ: bool) -> None:
     assert bool(make.differences(old, new)) == differ
     assert not make.differences(old, old, relative=0.0)
+
+
+@pytest.mark.parametrize(("new", "differ"), [(0.0, False), (9e-10, False), (1.1e-9, True), (-0.1, True)])
+def test_less_than_a_billionth_of_a_micrometre_is_rounding(new: float, differ: bool) -> None:
+    for old in ({"change_um": 1e-14}, {"sigma_um": [1e-14, 0.0]}):
+        answer = {"change_um": new} if "change_um" in old else {"sigma_um": [new, 0.0]}
+        assert bool(make.differences(old, answer, rules=make.RULES)) == differ
+    assert make.differences({"change_mm": 1e-14}, {"change_mm": 9e-10}, rules=make.RULES)

@@ -118,6 +118,7 @@ def _pivots(null: Array, preferred: NDArray[np.bool_]) -> list[int]:
 
 _ANGLES = 240
 _NEGLIGIBLE = 0.02
+_ROUNDING = 1e-9
 _HIDDEN = 1e-3
 _MICROMETRE = 1e-3
 
@@ -141,7 +142,7 @@ class Degeneracy:
     prior_sds : float
         Its length in units of the prior sd.
     change_um : float
-        Largest change of a reading by it [µm].
+        Largest change of a reading by it [µm]; 0 where it is below 1e-9 of what its largest member does alone, which is rounding.
     """
 
     term: str
@@ -201,7 +202,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     for pivot, sparse in NullSpace(scaled, p, limit).sparse():
         vector = sparse if pivot >= p else _of_parameters_alone(scaled, sparse, p, limit)
         effect = np.abs(scaled * vector).max(axis=0)
-        moving = np.flatnonzero(vector)
+        moving = np.flatnonzero(effect > _ROUNDING * effect.max())
         own = [i for i in moving if i < p]
         others = sorted((i for i in moving if i >= p), key=lambda i: (i != pivot, -effect[i]))
         main = tuple(names[i] for i in own if effect[i] > _NEGLIGIBLE * effect.max())
@@ -212,6 +213,8 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         change = vector * sd
         amount = Term.owner(names[lead]).unit_of(names[lead]).one if term else change[lead]
         change *= amount / change[lead]
+        effects = scaled * (change / sd)
+        together = np.abs(effects.sum(axis=1)).max()
         found.append(
             Degeneracy(
                 term,
@@ -220,7 +223,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
                 {names[i]: bound.parameters[i].unit for i in own},
                 all(owners[i] in modelled for i in others),
                 float(np.linalg.norm(change / sd)),
-                float(np.abs(scaled @ (change / sd)).max() / _MICROMETRE),
+                float(together / _MICROMETRE) if together > _ROUNDING * np.abs(effects).max() else 0.0,
             )
         )
     return tuple(found)

@@ -64,8 +64,8 @@ RULES = (
     Rule(r"-lobe form .* with (minus )?as much .* looks exactly like", tie=True),
     Rule(r"^Expected intervals against equal steps: ", tie=True),
     Rule(r"against equal steps the interval of \S+ is then", tie=True),
-    # Sampled probabilities near zero or one.
-    Rule(r"/discrimination/", 1e-3, 1.0),
+    # Means and probabilities over draws times eigenvectors, whose signs are the processor's choice.
+    Rule(r"/discrimination/", 5e-3, 1.0),
     Rule(r"misleading evidence as strong", 0.2),
     # Errors of numerical integrals, ranks of draws, derivatives by small differences.
     Rule(r"error(_um)?(/[\w/]+)?$|/pareto_k$", 1e-5),
@@ -75,6 +75,8 @@ RULES = (
     Rule(r"/(confounding|shapley|\w*shares?|loadings|gain)(/|$)", 1e-9, 1.0),
     # Standard uncertainties of a truncated normal distribution, from points of a sequence.
     Rule(r"/(expected|baseline)/\w+/(floor_)?sd$", 1e-3),
+    # Lengths shown in µm: less than 1e-9 µm is rounding, whatever stands around it.
+    Rule(r"_um(/[\w/]+)?$", 1e-10, 10.0),
 )
 _WIDTH = "150"
 _WORD_FOR_WORD = 3
@@ -139,7 +141,10 @@ class Work:
         """A result of independent draws."""
         if name not in self._fits:
             out = self.folder / f"fit_{name}"
-            options = ["--degree", DEGREES.get(name, 1), "--sampler", INDEPENDENT, "--ess", 400, "--seed", 1, "--quiet"]
+            ess = (
+                500 if name == "two_radii" else 400
+            )  # with 400 its R-hat is 1.0100, on either side of 1.01 after the last bit of a sum
+            options = ["--degree", DEGREES.get(name, 1), "--sampler", INDEPENDENT, "--ess", ess, "--seed", 1, "--quiet"]
             options += ["--without", "discrepancy,hysteresis,setup-shift"] if name == "small" else []
             code, _, error = self.command("fit", self.campaign(name), *options, "--out", out)
             if not out.is_dir():
