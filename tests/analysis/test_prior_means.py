@@ -17,8 +17,7 @@ from ldbb_bayes.analysis.design.forecast import states_before
 from ldbb_bayes.analysis.design.planning import DesignSpace
 from ldbb_bayes.inference.evidence import Weighed
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.report.figures.correlations import prior_and_posterior
-from ldbb_bayes.report.figures.forests import forest
+from ldbb_bayes.report.figures import forest, prior_and_posterior
 from ldbb_bayes.report.findings import full_result
 from ldbb_bayes.report.sections import assumptions
 from ldbb_bayes.report.text import parameter_table

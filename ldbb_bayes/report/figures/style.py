@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import cycle
+from pathlib import Path
 from typing import Any, ParamSpec, cast
 
 import matplotlib as mpl
@@ -13,9 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ldbb_bayes.units import display_name, display_unit
+from ldbb_bayes.units import display_name, display_unit, value_and_uncertainty
 
-__all__ = ["PALETTE", "force_colours", "new_figure", "styled"]
+__all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
 Array = NDArray[Any]
 P = ParamSpec("P")
@@ -36,27 +38,20 @@ _TERM_COLOURS = {
     "Parameters": LIGHT,
 }
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
+_VISIBLE = 0.005
 _STYLE: dict[str, Any] = {
-    "font.size": 9.0,
-    "figure.titlesize": 9.5,
-    "axes.titlesize": 9.5,
+    **dict.fromkeys(("font.size", "axes.labelsize"), 9.0),
+    **dict.fromkeys(("figure.titlesize", "axes.titlesize"), 9.5),
+    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 8.0),
+    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon", "text.parse_math"), False),
+    **dict.fromkeys(("axes.grid", "axes.axisbelow"), True),
     "axes.titleweight": "normal",
-    "axes.labelsize": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
     "grid.color": "#E3E3E3",
     "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "legend.fontsize": 8.0,
     "lines.linewidth": 1.2,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
     "savefig.dpi": 160,
     "svg.hashsalt": "ldbb",
     "svg.fonttype": "none",
-    "text.parse_math": False,
 }
 
 
@@ -78,9 +73,8 @@ def new_figure(width: float, height: float) -> Figure:
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
     """One colour per force, light to dark in order of force."""
-    cmap = mpl.colormaps["viridis"]
     order = sorted(set(forces_N))
-    return [cmap(0.9 - 0.85 * (order.index(force) / max(len(order) - 1, 1))) for force in forces_N]
+    return [mpl.colormaps["viridis"](0.9 - 0.85 * (order.index(force) / max(len(order) - 1, 1))) for force in forces_N]
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
@@ -89,13 +83,11 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
     return factor, f"{display_name(name)} ({label})"
 
 
-def term_colours(terms: Iterable[str]) -> dict[str, str]:
-    """Return a colour for every term, in the order in which figures stack them."""
-    asked = list(dict.fromkeys(terms))
-    strangers = [term for term in asked if term not in _TERM_COLOURS]
-    return {term: colour for term, colour in _TERM_COLOURS.items() if term in asked} | dict(
-        zip(strangers, cycle(_SPARE), strict=False)
-    )
+def mean_and_sd(mean: float, sd: float, unit: str) -> str:
+    """0.0548 ± 0.0034 µm/N."""
+    factor, label = display_unit(unit)
+    value, u = value_and_uncertainty(mean * factor, sd * factor)
+    return f"{value} ± {u} {label}"
 
 
 def panels(count: int, columns: int, width: float, height: float, extra: float = 0.6, **shared: Any) -> tuple[Figure, list[Axes]]:
@@ -125,6 +117,14 @@ def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
     right.spines["right"].set_visible(False)
 
 
+def term_colours(terms: Iterable[str]) -> dict[str, str]:
+    """Return a colour for every term, in the order in which figures stack them."""
+    asked = list(dict.fromkeys(terms))
+    strangers = [term for term in asked if term not in _TERM_COLOURS]
+    ours = {term: colour for term, colour in _TERM_COLOURS.items() if term in asked}
+    return ours | dict(zip(strangers, cycle(_SPARE), strict=False))
+
+
 def stacked(axes: Axes, rows: Array, shares: Mapping[str, Array], words: Callable[[str], str]) -> None:
     """Draw the terms' shares of every row as a bar each, next to one another; what is nowhere visible is left out."""
     start = np.zeros(len(rows))
@@ -136,28 +136,23 @@ def stacked(axes: Axes, rows: Array, shares: Mapping[str, Array], words: Callabl
     axes.grid(axis="y", visible=False)
 
 
-_VISIBLE = 0.005
-
-
 def heat_map(axes: Axes, values: Array, across: Sequence[str], down: Sequence[str], **image: Any) -> Any:
     """Draw a matrix in colours with named rows and columns; returns the image for its colour bar."""
-    drawn = axes.imshow(values, aspect=image.pop("aspect", "auto"), **image)
+    drawn = axes.imshow(values, **{"aspect": "auto", **image})
     axes.set_xticks(range(len(across)), across)
     axes.set_yticks(range(len(down)), down)
     axes.grid(visible=False)
     return drawn
 
 
-def band(axes: Axes, x: Any, low: Any, high: Any, colour: Any, alpha: float = 0.2, label: str | None = None) -> None:
+def band(axes: Axes, x: Any, low: Any, high: Any, colour: Any, alpha: float = 0.2, **more: Any) -> None:
     """Shade what lies between two curves."""
-    axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0, label=label)
+    axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0, **more)
 
 
 def angle_axis(axes: Axes, step: int = 90) -> None:
     """Mark the angle of the bar."""
-    axes.set_xlim(0.0, 360.0)
-    axes.set_xticks(range(0, 361, step))
-    axes.set_xlabel("angle of the bar (°)")
+    axes.set(xlim=(0.0, 360.0), xticks=range(0, 361, step), xlabel="angle of the bar (°)")
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
@@ -171,3 +166,16 @@ def nothing(axes: Axes, text: str) -> None:
     """Say in an empty panel why it is empty."""
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
     axes.set_axis_off()
+
+
+def save_figure(
+    figure: Figure, folder: str | os.PathLike[str], name: str, *, formats: tuple[str, ...] = ("png", "svg")
+) -> list[Path]:
+    """Write one figure into a folder under a name, the same bytes for the same figure; returns the files written."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = [folder / f"{name}.{kind}" for kind in formats]
+    for path, kind in zip(written, formats, strict=True):
+        with mpl.rc_context({"svg.hashsalt": "ldbb"}):
+            figure.savefig(path, format=kind, dpi=160, metadata={"Date": None} if kind == "svg" else None)
+    return written
