@@ -58,7 +58,7 @@ def test_it_has_its_place_in_the_model() -> None:
     assert MODEL.hypers == ("sigma", "delta", "kappa", "pitch")
     assert MODEL.without("pitch-error").hypers == ("sigma", "delta", "kappa")
     assert MODEL.including(PitchError(2.0)).nuisances[-1] == PitchError(2.0)
-    assert "pitch_error_cos5" in MODEL.bind(plan()).given_interest.shared_names
+    assert MODEL.bind(plan()).columns_of[PitchError][0].names[0] == "pitch_error_cos5"
     assert "PitchError" in str(MODEL)
     assert "PitchError" in MODEL._repr_html_()
 

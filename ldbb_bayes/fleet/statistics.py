@@ -110,7 +110,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     for start in range(0, len(weight), _CHUNK):
         phi = bound.hyper_prior.phi(free[start : start + _CHUNK])
         _, shared = bound.collapsed.conditional(phi, np.zeros(len(bound.names)))
-        inverse = np.linalg.inv(shared.precision_root)
+        inverse = np.linalg.inv(shared.root)
         spread = (np.swapaxes(inverse, 1, 2) * shared.scale[:, :, None])[:, pick]
         means.append(shared.mean[:, pick])
         spreads.append(spread @ np.swapaxes(spread, 1, 2))

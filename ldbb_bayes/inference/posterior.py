@@ -544,7 +544,7 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     if not names:
         return pd.DataFrame(columns=["term", "unit", "mean", "sd", "prior_sd"])
     _, given = bound.given_interest.conditional(phi, beta - bound.centre)
-    inverse = solve_lower(given.precision_root, np.broadcast_to(np.eye(len(names)), given.precision_root.shape))
+    inverse = solve_lower(given.root, np.broadcast_to(np.eye(len(names)), given.root.shape))
     within = ((inverse**2).sum(axis=1) * given.scale**2).mean(axis=0)
     columns = {
         "term": owners,

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ __all__ = [
     "factor_and_solve",
     "holm",
     "least_squares",
+    "log_diagonal",
     "mixture_moments",
     "mixture_quantiles",
     "newton",
@@ -66,7 +67,7 @@ class Gaussian:
         self.__dict__.update(precision=precision, shift=shift, log_constant=np.asarray(log_constant, dtype=float))
 
     @classmethod
-    def factored(cls, mean: Array, root: Array, scale: Array, log_integral: Array | float = 0.0) -> Gaussian:
+    def factored(cls, mean: Array, root: Array, scale: Array, log_integral: Array | float = 0.0) -> Self:
         """From its mean (..., q), the lower L (..., q, q) and the scales (..., q) of P = S⁻¹ L Lᵀ S⁻¹, and ln ∫ g."""
         found = object.__new__(cls)
         found.__dict__.update(_factored=(mean, root, scale), log_integral=np.asarray(log_integral, dtype=float))
@@ -131,7 +132,7 @@ class Gaussian:
         batch = np.broadcast_shapes(stack.shape[:-2], before.shape[:-2])
         both = [np.broadcast_to(part, (*batch, *part.shape[-2:])) for part in (stack, before)]
         triangle = np.asarray(np.linalg.qr(np.concatenate(both, axis=-2), mode="r"))
-        constant = self.log_integral + _log_diagonal(root) - 0.5 * rows.shape[-2] * _LOG_2PI
+        constant = self.log_integral + log_diagonal(root) - 0.5 * rows.shape[-2] * _LOG_2PI
         return Gaussian._of_triangle(triangle, mean, scale, constant, scaled=True)
 
     @classmethod
@@ -144,7 +145,7 @@ class Gaussian:
         sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
         root = np.swapaxes(upper * sign[..., :, None], -1, -2)
         mean = about + scale * solve_upper(root, triangle[..., :q, q] * sign)
-        log_integral = constant - _log_diagonal(root) + (0.0 if scaled else np.log(scale).sum(axis=-1))
+        log_integral = constant - log_diagonal(root) + (0.0 if scaled else np.log(scale).sum(axis=-1))
         if triangle.shape[-2] > q:
             log_integral = log_integral - 0.5 * triangle[..., q, q] ** 2
         return cls.factored(mean, root, np.broadcast_to(scale, mean.shape), log_integral)
@@ -176,7 +177,7 @@ class Gaussian:
     def log_integral(self) -> Array:
         """ln ∫ g, shape (...): of a prior times a likelihood the log evidence."""
         mean, root, scale = self._factored
-        volume = np.log(scale).sum(axis=-1) - _log_diagonal(root) + 0.5 * mean.shape[-1] * _LOG_2PI
+        volume = np.log(scale).sum(axis=-1) - log_diagonal(root) + 0.5 * mean.shape[-1] * _LOG_2PI
         return np.asarray(self.log_constant + 0.5 * (self.shift * mean).sum(axis=-1) + volume)
 
     @property
@@ -245,7 +246,7 @@ class Gaussian:
     def log_density(self, x: Array) -> Array:
         """ln of the normalised density N(x; mean, covariance), shape (...)."""
         white = self.white(x)
-        log_root = _log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
+        log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
         return np.asarray(log_root - 0.5 * ((white**2).sum(axis=-1) + white.shape[-1] * _LOG_2PI))
 
     def draw(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
@@ -256,7 +257,7 @@ class Gaussian:
         """Kullback-Leibler divergence of this distribution from ``other`` [nat], shape (...)."""
         mixed = np.swapaxes(other.root, -1, -2) @ (self.spread() / other.scale[..., :, None])
         apart = other.white(self.mean)
-        log_ratio = _log_diagonal(self.root) - _log_diagonal(other.root) + np.log(other.scale / self.scale).sum(axis=-1)
+        log_ratio = log_diagonal(self.root) - log_diagonal(other.root) + np.log(other.scale / self.scale).sum(axis=-1)
         trace = (mixed**2).sum(axis=(-1, -2)) + (apart**2).sum(axis=-1)
         return np.asarray(0.5 * (trace - self.mean.shape[-1]) + log_ratio)
 
@@ -350,7 +351,8 @@ def _positive(upper: Array) -> Array:
     return np.swapaxes(upper * sign[..., :, None], -1, -2)
 
 
-def _log_diagonal(root: Array) -> Array:
+def log_diagonal(root: Array) -> Array:
+    """ln det of triangular factors (..., q, q), shape (...)."""
     return np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
 
 

@@ -455,9 +455,9 @@ class BoundModel:
         """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β | y, φ)."""
         log_evidence, shared = self.collapsed.conditional(phi, np.zeros(len(self.names)))
         p = len(self.names)
-        return log_evidence, ParameterConditional(
-            shared.mean[:, -p:] + self.centre, shared.precision_root[:, -p:, -p:], shared.scale[:, -p:], self.physical
-        )
+        given = ParameterConditional.factored(shared.mean[:, -p:] + self.centre, shared.root[:, -p:, -p:], shared.scale[:, -p:])
+        given.physical = self.physical
+        return log_evidence, given
 
     def log_evidence(self, phi: Array) -> Array:
         """ln p(y | φ) alone, shape (w,); see `given`."""
@@ -504,17 +504,10 @@ class BoundModel:
         return float(max(np.abs(self.linearisation_error_mm(test, beta)).max() for test in tests))
 
     def _structured(self, extra: tuple[Columns, ...]) -> StructuredGaussian:
-        columns = [term for term in self.nuisance_columns if isinstance(term, Columns)]
+        columns = [replace(term, mean=None) if isinstance(term, Columns) else term for term in self.nuisance_columns]
         offset = self.interest @ self.centre + self.known_offset
-        shared = [replace(term, mean=None) for term in columns if not term.private]
         return StructuredGaussian(
-            self.reduced,
-            noise=[term for term in self.nuisance_columns if isinstance(term, BasisNoise)],
-            private=[term for term in columns if term.private],
-            shared=[*shared, *extra],
-            interest=self.interest,
-            offset=offset,
-            hypers=self.model.hypers,
+            self.reduced, [*columns, *extra], interest=self.interest, offset=offset, hypers=self.model.hypers
         )
 
     def _interest(self, setting: Setting) -> Array:

@@ -16,7 +16,7 @@ from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.names import geometric_names
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml
-from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.model.terms import Columns, Drift
 from ldbb_bayes.report.wording import standing_words
 
 FORCES_N = (100.0, 400.0, 700.0)
@@ -137,7 +137,7 @@ def test_names_of_what_is_shared_and_what_is_not() -> None:
     assert len(set(names)) == len(names)
     assert [n for n in names if "t0" in n] == ["E_Xt0", "E_Yt0", "E_Yt0_2", "E_Zt0", "E_Zt0_2"]
     assert names.count("C_XXX") == names.count("E_XX1") == 1
-    shared = bound.given_interest.shared_names
+    shared = [name for own in bound.nuisance_columns if isinstance(own, Columns) and not own.private for name in own.names]
     assert {
         "bar_length_100",
         "bar_length_150",
