@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import tempfile
 import tomllib
 from collections.abc import Collection, Iterator
@@ -98,14 +99,19 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     InputError
     """
     _put_back(target)
-    if target.exists() and not force:
+    kind = None
+    with suppress(OSError):
+        kind = target.stat().st_mode
+    if kind is not None and not force:
         raise InputError(f"{target} must not exist, got an existing one. Choose another name or pass --force.")
-    if target.exists() and not target.is_dir():
+    if kind is not None and not stat.S_ISDIR(kind):
         raise InputError(f"{target} must be a folder, got a file. Choose another name.")
     here = Path.cwd()
     if _resolved(target) in (here, *here.parents):
         raise InputError(f"{target} must not be the folder you stand in, or one above it. Choose another name.")
-    foreign = sorted(entry.name for entry in target.iterdir() if entry.name not in ours) if target.exists() else []
+    foreign: list[str] = []
+    with suppress(FileNotFoundError, NotADirectoryError):  # another run may be replacing it
+        foreign = sorted(set(os.listdir(target)) - set(ours))
     if foreign:
         raise InputError(
             f"{target} must hold nothing but earlier results to be replaced, got {foreign[0]!r}. "
@@ -158,17 +164,26 @@ def _take_place(staging: Path, target: Path, *, force: bool) -> None:
             os.rename(staging, target)
             break
         except OSError as error:
-            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES) or not target.is_dir():
+            occupied = error.errno in (errno.ENOTEMPTY, errno.EEXIST) and not target.is_file()
+            if not (occupied or (error.errno == errno.EACCES and target.is_dir())):
                 _put_back(target)
                 raise
         if not force:
             raise InputError(
                 f"{target} must not exist, got one that another run wrote meanwhile. Choose another name or pass --force."
             )
-        shutil.rmtree(retired, ignore_errors=True)
+        _discard(retired)
         with suppress(FileNotFoundError):
             os.rename(target, retired)
-    shutil.rmtree(retired, ignore_errors=True)
+    _discard(retired)
+
+
+def _discard(retired: Path) -> None:
+    """Remove an old folder, under a name by which no other run puts it back half removed."""
+    with suppress(FileNotFoundError):
+        gone = Path(f"{retired}er")
+        os.rename(retired, gone)
+        shutil.rmtree(gone, ignore_errors=True)
 
 
 def _put_back(target: Path) -> None:

@@ -142,19 +142,36 @@ def test_of_two_runs_into_one_new_folder_the_second_is_refused(tmp_path: Path) -
 
 
 def test_runs_into_one_folder_at_once(tmp_path: Path) -> None:
-    """Folders one after the other, files at once: in the end it is one of theirs, whole, and nothing is left beside it."""
+    """In the end it is one of theirs, whole, and nothing is left beside it."""
 
     def replace(k: int) -> None:
         with staged_folder(tmp_path / "result", force=True, ours=FILES) as staging:
             write_campaign_into(campaign(2 + k % 4), staging)
 
-    for k in range(8):
-        replace(k)
     with ThreadPoolExecutor(4) as threads:
+        list(threads.map(replace, range(40)))
         list(threads.map(lambda _: write_whole(tmp_path / "one", bytes(20_000)), range(100)))
     assert version_of(tmp_path / "result") in (2, 3, 4, 5)
     assert {path.name for path in tmp_path.iterdir()} == {"result", "one"}
     assert (tmp_path / "one").read_bytes() == bytes(20_000)
+
+
+def test_a_folder_that_another_run_takes_away_between_two_renames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was there when this run came, and is not when this run looks again."""
+    rename, moments = os.rename, iter([OSError(39, "Directory not empty")])
+
+    def taken_away(source: str, target: str) -> None:
+        for error in moments:
+            raise error
+        rename(source, target)
+
+    monkeypatch.setattr(os, "rename", taken_away)
+    lb.write_campaign(campaign(3), tmp_path / "result", force=True)
+    assert version_of(tmp_path / "result") == 3
+    listdir = os.listdir
+    monkeypatch.setattr(os, "listdir", lambda path: listdir(f"{path}-gone"))
+    monkeypatch.setattr(Path, "iterdir", lambda path: (path / name for name in listdir(f"{path}-gone")))
+    check_target(tmp_path / "result", force=True, ours=FILES)
 
 
 def test_links_to_themselves_and_names_of_nothing_are_refused(tmp_path: Path) -> None:
