@@ -21,7 +21,6 @@ from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts
 from .analysis.local_fits import local_fits as local_fits
 from .analysis.outliers import belonging as belonging
-from .analysis.preview import preview as preview
 from .campaign.campaign import Campaign as Campaign
 from .campaign.campaign import CircularTest as CircularTest
 from .campaign.campaign import ForceLaw as ForceLaw
@@ -38,6 +37,7 @@ from .campaign.preparation import compensate_mount as compensate_mount
 from .campaign.preparation import mask_angles as mask_angles
 from .campaign.preparation import mask_reversals as mask_reversals
 from .campaign.preparation import trim_overshoot as trim_overshoot
+from .campaign.preview import preview as preview
 from .errors import InputError as InputError
 from .fleet.batch import Batch as Batch
 from .fleet.batch import batch as batch

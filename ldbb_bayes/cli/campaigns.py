@@ -185,7 +185,7 @@ def _named(column: str) -> str | int:
 @command
 def check(campaign: GivenCampaign, as_json: JsonOption = False) -> None:
     """Preview a campaign: per test what is there and what looks odd, and what a fit will assume. Fits nothing."""
-    from ldbb_bayes.analysis.preview import preview
+    from ldbb_bayes.campaign.preview import preview
     from ldbb_bayes.cli.show import show
     from ldbb_bayes.report.text import parts_of
     from ldbb_bayes.report.wording import with_words

@@ -18,8 +18,8 @@ from ldbb_bayes.analysis.circularity import circularity, contributions, measured
 from ldbb_bayes.analysis.comparison import Comparison, compare
 from ldbb_bayes.analysis.design.design import Design, design
 from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, identify, verdicts
-from ldbb_bayes.analysis.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import (
     bound_of,

@@ -17,8 +17,8 @@ from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.describe import DescribedMachine, Seen
 from ldbb_bayes.analysis.design.design import Design
 from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability
-from ldbb_bayes.analysis.preview import CampaignPreview
 from ldbb_bayes.campaign.importing import Imported
+from ldbb_bayes.campaign.preview import CampaignPreview
 from ldbb_bayes.inference.least_squares import LeastSquares
 from ldbb_bayes.inference.posterior import ConcernKind, Fit
 from ldbb_bayes.model.hybrid import HybridModel, Simulation

@@ -21,8 +21,8 @@ from ldbb_bayes.analysis.describe import DescribedMachine, Seen
 from ldbb_bayes.analysis.design.design import Design
 from ldbb_bayes.analysis.design.planning import Outcome, RemedyKind
 from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, Verdict
-from ldbb_bayes.analysis.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.analysis.slopes import SlopeSubset
+from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit
 from ldbb_bayes.inference.predictive import Check, CheckKind
 from ldbb_bayes.model.hybrid import HybridModel

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.preview import RemarkKind, resolution_of
+from ldbb_bayes.campaign.preview import RemarkKind, resolution_of
 from ldbb_bayes.report.text import preview_table
 from ldbb_bayes.report.wording import preview_sentences, remark_words
 

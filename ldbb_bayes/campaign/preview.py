@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.model.fourier import SIZE, basis, reduce_readings
 from ldbb_bayes.result import Result
 from ldbb_bayes.units import ranked
 
 __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", "resolution_of"]
 
 Array = NDArray[np.float64]
+_ORDER = 12
+_SIZE = 2 * _ORDER + 1
 _FULL = 359.0
 _MOST_READINGS = 200_000
 _LEAST_FORCE_N = 5.0
@@ -228,10 +229,9 @@ def _sorted(campaign: Campaign) -> bool:
 
 def _spikes(test: CircularTest) -> dict[int, float]:
     """Readings far outside their neighbours' scatter, by the median absolute deviation from a Fourier fit to order 12 [µm]."""
-    if test.reading_um is None or not SIZE + 10 <= len(test.angle_deg) <= _MOST_READINGS:
+    if test.reading_um is None or not _SIZE + 10 <= len(test.angle_deg) <= _MOST_READINGS:
         return {}
-    columns = basis(test.angles_rad())
-    rest = test.reading_um - columns @ np.linalg.lstsq(columns, test.reading_um, rcond=1e-9)[0]
+    rest = _off_the_path(test)
     scatter = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
     return {int(k): float(rest[k]) for k in np.flatnonzero(np.abs(rest) > 8.0 * max(scatter, 1e-9))}
 
@@ -269,10 +269,18 @@ def _step_remark(step: float | None, campaign: Campaign) -> list[Remark]:
 
 def _noise_um(test: CircularTest) -> float | None:
     """Root mean square outside orders 0-12 [µm]."""
-    if len(test.angle_deg) < SIZE + 10:
+    if len(test.angle_deg) < _SIZE + 10:
         return None
-    reduced = reduce_readings(test.angles_rad(), test.readings_mm())
-    return float(np.sqrt(reduced.residual_ss / (reduced.readings - SIZE)) * 1e3)
+    rest = _off_the_path(test)
+    return float(np.sqrt(rest @ rest / (len(rest) - _SIZE)))
+
+
+def _off_the_path(test: CircularTest) -> Array:
+    """Readings off a Fourier fit to order 12 [µm]."""
+    turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
+    columns = np.hstack([turns.real, turns.imag[:, 1:]])
+    rest: Array = test.reading_um - columns @ np.linalg.lstsq(columns, test.reading_um, rcond=1e-9)[0]
+    return rest
 
 
 def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
