@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draw_nuisances, draws_of
 from ldbb_bayes.jobs import one_blas_thread
@@ -284,7 +284,7 @@ def circularity(
     beta, phi = draws_of(posterior, bound, draws)
     travel = _travel_draws(bound, beta, phi) if both_ways and bound.setting.both_ways else {}
     beta = np.where(offsets(bound), 0.0, beta)
-    forces = list(forces_N) or [0.0, *np.unique(bound.setting.force_N).tolist()]
+    forces = list(forces_N) or [0.0, *distinct_forces(bound.setting.force_N).tolist()]
     units, rows = QUANTITIES | BIDIRECTIONAL, []
     for plane in bound.setting.planes:
         r = first_circle(bound, plane)

@@ -30,6 +30,7 @@ __all__ = [
     "Plan",
     "check_campaign",
     "check_positive",
+    "distinct_forces",
 ]
 
 
@@ -78,6 +79,8 @@ LARGEST_READING_UM = 1e5
 LARGEST_FORCE_N = 1e6
 LARGEST_LENGTH_MM = 1e5
 LARGEST_SETUP = 1000
+# A regulator repeats a force no better than to this share of the largest.
+SAME_FORCE = 1e-3
 _CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 # Fields of a test that a table may hold in columns, and campaign.toml in its [[test]], by these very names.
 PER_TEST = (
@@ -253,8 +256,7 @@ def _one_of(test: CircularTest, plain: str, other: str, convert: Callable[[Array
 
 
 def _set(frozen: object, **values: Any) -> None:
-    for name, value in values.items():
-        object.__setattr__(frozen, name, value)
+    frozen.__dict__.update(values)
 
 
 def check_positive(owner: Any, field: str, value: float | None, unit: str, largest: float) -> None:
@@ -263,6 +265,16 @@ def check_positive(owner: Any, field: str, value: float | None, unit: str, large
         raise InputError(f"{owner.label} must have {field} ≤ {largest:g} {unit}, got {value}. Check the unit.")
     if value is not None and not (np.isfinite(value) and value > 0):
         raise InputError(f"{owner.label} must have {field} > 0 {unit}, got {value}. Correct it.")
+
+
+def distinct_forces(forces_N: ArrayLike) -> Array:
+    """Return the forces that differ, rising: those less than a thousandth of the largest above another are the same force [N]."""
+    ordered = np.unique(np.asarray(forces_N, dtype=float))
+    distinct: list[float] = []
+    for force in ordered.tolist():
+        if not distinct or force - distinct[-1] > SAME_FORCE * ordered[-1]:
+            distinct.append(force)
+    return np.array(distinct)
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,9 +387,8 @@ class Campaign:
 
     @property
     def force_levels(self) -> int:
-        """Number of forces that differ by more than a millionth of the largest."""
-        ordered = np.sort(self.forces_N)
-        return 1 + int(np.sum(np.diff(ordered) > 1e-6 * ordered[-1]))
+        """Number of distinct forces, as `distinct_forces` counts them."""
+        return len(distinct_forces(self.forces_N))
 
     @property
     def pressures_bar(self) -> Array:

@@ -315,12 +315,13 @@ def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
 
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and the CSVs into an existing folder."""
-    head = {key: getattr(campaign, key) for key in ("topology", "plane", "radius_mm", "name", "machine_id", "date")}
+    head: dict[str, Any] = {"schema": SCHEMA}
+    head |= {key: getattr(campaign, key) for key in ("topology", "plane", "radius_mm", "name", "machine_id", "date")}
     head |= {"feed_mm_per_min": campaign.feed_mm_per_min, "resolution_um": campaign.resolution_um}
     head |= {"mount": asdict(campaign.mount), "force": asdict(campaign.force_law)}
     head["frames_mm"] = {axis: list(frame) for axis, frame in campaign.frames_mm.items()} or None
     entries = [f"\n[[test]]\n{tomli_w.dumps(_entry(campaign, test))}" for test in campaign.tests]
-    (folder / TOML_NAME).write_text(tomli_w.dumps(_given({"schema": SCHEMA} | head)) + "".join(entries), encoding="utf-8")
+    (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")
     for test in campaign.tests:
         if test.reading_um is not None:
             frame = pd.DataFrame({"angle_deg": test.angle_deg, "reading_um": test.reading_um})

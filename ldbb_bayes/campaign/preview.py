@@ -18,10 +18,9 @@ __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", 
 
 Array = NDArray[np.float64]
 _ORDER = 12
-_SIZE = 2 * _ORDER + 1
-_FULL = 359.0
-_MOST_READINGS = 200_000
-_LEAST_FORCE_N = 5.0
+_FULL_DEG, _LEAST_FORCE_N, _RADII_MM = 359.0, 5.0, (10.0, 2000.0)
+# Numbers of readings that a path is fitted to; scatters off it that make a spike; rounds of reweighting.
+_FITTED, _SPIKE, _ROUNDS = range(2 * _ORDER + 11, 200_001), 8.0, 20
 # Steps that few readings repeat: not below this size, nor in fewer values.
 _FINEST_UM, _ENOUGH = 0.005, 50
 
@@ -42,6 +41,7 @@ class RemarkKind(StrEnum):
     ONE_LEVEL = "one force level"
     TWO_LEVELS = "two force levels"
     SMALL_FORCE = "small force"
+    RADIUS = "radius"
     COPY = "copy"
     ONE_WAY = "one way"
     SORTED = "sorted"
@@ -83,9 +83,9 @@ class TestPreview:
     resolution_um : float or None
         Step by which all readings differ, where enough of them repeat to see one [µm].
     spikes : int
-        Readings more than eight times the scatter off a Fourier fit to order 12.
+        Readings more than eight times the scatter off a resistant Fourier fit to order 12.
     noise_um : float or None
-        Scatter left by a Fourier fit to order 12 [µm], where there are at least 35 readings.
+        Scatter left by a Fourier fit to order 12 without the spikes [µm], where there are at least 35 readings.
     start_end_um : float or None
         Last reading minus first, where the circle closes [µm].
     peak_to_peak_um : float or None
@@ -133,12 +133,11 @@ class CampaignPreview(Result):
 
 def preview(campaign: Campaign) -> CampaignPreview:
     """Look at a campaign or plan without fitting anything."""
-    machine = campaign.machine()
     return CampaignPreview(
         name=campaign.name,
         sha256=campaign.sha256,
         topology=campaign.topology,
-        plane=machine.plane,
+        plane=campaign.machine().plane,
         is_plan=campaign.is_plan,
         tests=tuple(_preview(test, campaign) for test in campaign.tests),
         assumptions=_assumptions(campaign),
@@ -146,79 +145,47 @@ def preview(campaign: Campaign) -> CampaignPreview:
     )
 
 
+_SHOWN = ("name", "force_N", "pressure_bar", "arc_deg", "direction", "plane", "setup", "work_ball_deg", "tool_ball_deg")
+
+
 def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
-    angle = np.asarray(test.angle_deg)
-    wrapped = np.sort(np.mod(angle, 360.0))
-    between = np.diff(np.append(wrapped, wrapped[0] + 360.0))
-    steps = np.diff(angle)
-    gap, usual = float(between.max()), max(float(np.median(between)), float(np.median(np.abs(steps))))
+    angle, kinds = np.asarray(test.angle_deg), RemarkKind
+    around, steps = np.sort(np.mod(angle, 360.0)), np.diff(angle)
+    between, step = np.diff(np.append(around, around[0] + 360.0)), float(np.median(np.abs(steps)))
+    gap, usual = float(between.max()), max(float(np.median(between)), step)
     travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
-    reading = None if test.reading_um is None else np.asarray(test.reading_um)
-    noise = _noise_um(test) if reading is not None else None
-    step = None if reading is None else resolution_of(reading)
-    spikes = _spikes(test)
-    closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * float(np.median(np.abs(steps)))
-    start_end = float(reading[-1] - reading[0]) if reading is not None and closes else None
-    return TestPreview(
-        name=test.name,
-        force_N=float(test.force_N or 0.0),
-        pressure_bar=float(test.pressure_bar or 0.0),
-        readings=len(angle),
-        arc_deg=test.arc_deg,
-        largest_gap_deg=gap,
-        gaps=int(np.count_nonzero(between > 10.0 * usual)),
-        direction=test.direction,
-        travel=travel,
-        plane=str(test.plane),
-        setup=test.setup or 1,
-        radius_mm=test.circle.radius_mm,
-        centre_mm=test.circle.centre_mm,
-        work_ball_deg=test.work_ball_deg,
-        tool_ball_deg=test.tool_ball_deg,
-        resolution_um=step,
-        spikes=len(spikes),
-        noise_um=noise,
-        start_end_um=start_end,
-        peak_to_peak_um=None if reading is None else float(np.ptp(reading)),
-        remarks=(
-            *_test_remarks(test, campaign, travel, gap, usual, noise, start_end),
-            *_spike_remark(test, spikes),
-            *_step_remark(step, campaign),
-        ),
-    )
-
-
-def _test_remarks(
-    test: CircularTest,
-    campaign: Campaign,
-    travel: str | None,
-    gap: float,
-    usual: float,
-    noise: float | None,
-    start_end: float | None,
-) -> list[Remark]:
-    found = []
+    closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * step
+    remarks = []
     if not campaign.is_plan and test.direction and travel and test.direction != travel and not _sorted(campaign):
-        found.append(Remark(RemarkKind.TRAVEL, {"stated": test.direction, "travel": travel}))
-    if test.arc_deg < _FULL:
-        found.append(Remark(RemarkKind.ARC, {"arc_deg": test.arc_deg}))
+        remarks.append(Remark(kinds.TRAVEL, {"stated": test.direction, "travel": travel}))
+    if test.arc_deg < _FULL_DEG:
+        remarks.append(Remark(kinds.ARC, {"arc_deg": test.arc_deg}))
     elif gap > 10.0 * usual:
-        found.append(Remark(RemarkKind.GAP, {"gap_deg": gap}))
-    if noise is not None and start_end is not None and abs(start_end) > 10.0 * max(noise, campaign.resolution_um):
-        found.append(Remark(RemarkKind.OPEN, {"start_end_um": start_end}))
-    if test.reading_um is not None:
-        span = float(np.ptp(test.reading_um))
-        if span == 0.0:
-            found.append(Remark(RemarkKind.EQUAL, {}))
-        elif span < 3.0 * campaign.resolution_um:
-            found.append(Remark(RemarkKind.SMALL, {}))
-        elif span > 1000.0:
-            found.append(Remark(RemarkKind.LARGE, {}))
+        remarks.append(Remark(kinds.GAP, {"gap_deg": gap}))
     force, pressure = float(test.force_N or 0.0), float(test.pressure_bar or 0.0)
     law = campaign.force_law.force_N(pressure)
     if abs(law - force) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
-        found.append(Remark(RemarkKind.FORCE_LAW, {"force_N": force, "law_N": law, "pressure_bar": pressure}))
-    return found
+        remarks.append(Remark(kinds.FORCE_LAW, {"force_N": force, "law_N": law, "pressure_bar": pressure}))
+    seen: dict[str, Any] = {"resolution_um": None, "spikes": 0, "noise_um": None, "start_end_um": None, "peak_to_peak_um": None}
+    if test.reading_um is not None:
+        reading = np.asarray(test.reading_um)
+        seen |= {"resolution_um": resolution_of(reading), "peak_to_peak_um": float(np.ptp(reading))}
+        seen |= {"start_end_um": float(reading[-1] - reading[0]) if closes else None}
+        if len(reading) in _FITTED:
+            seen["noise_um"], seen["spikes"], odd = _path(test, campaign.resolution_um, closes)
+            remarks += odd
+        remarks += _sizes(seen["peak_to_peak_um"], seen["resolution_um"], campaign.resolution_um)
+    return TestPreview(
+        **{key: getattr(test, key) for key in _SHOWN},
+        readings=len(angle),
+        largest_gap_deg=gap,
+        gaps=int(np.count_nonzero(between > 10.0 * usual)),
+        travel=travel,
+        radius_mm=test.circle.radius_mm,
+        centre_mm=test.circle.centre_mm,
+        **seen,
+        remarks=tuple(remarks),
+    )
 
 
 def _sorted(campaign: Campaign) -> bool:
@@ -227,21 +194,52 @@ def _sorted(campaign: Campaign) -> bool:
     return rising and {"CW", "CCW"} <= {test.direction for test in campaign.tests}
 
 
-def _spikes(test: CircularTest) -> dict[int, float]:
-    """Readings far outside their neighbours' scatter, by the median absolute deviation from a Fourier fit to order 12 [µm]."""
-    if test.reading_um is None or not _SIZE + 10 <= len(test.angle_deg) <= _MOST_READINGS:
-        return {}
-    rest = _off_the_path(test)
-    scatter = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))
-    return {int(k): float(rest[k]) for k in np.flatnonzero(np.abs(rest) > 8.0 * max(scatter, 1e-9))}
+def _path(test: CircularTest, resolution_um: float, closes: bool) -> tuple[float, int, list[Remark]]:
+    """Scatter off a Fourier fit to order 12 [µm], the number of spikes, and what looks odd.
+
+    Where the circle closes, a drift linear in the angle is fitted too: last and first reading are a step of the path apart.
+    """
+    turns, reading = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1))), np.asarray(test.reading_um)
+    path, turn = np.hstack([turns.real, turns.imag[:, 1:]]), test.angle_deg / 360.0
+    columns = np.column_stack([path, turn]) if closes else path
+    kept = _without_spikes(columns, reading)
+    coefficients, off, scatter = _fit(columns, reading, kept)
+    remarks, spikes = [], np.flatnonzero(~kept)
+    jump = float(off[-1] - off[0] + (turn[-1] - turn[0]) * coefficients[-1]) if closes else 0.0
+    if abs(jump) > 10.0 * max(scatter, resolution_um):
+        remarks.append(Remark(RemarkKind.OPEN, {"start_end_um": jump}))
+    if len(spikes):
+        worst = int(ranked(spikes, lambda k: abs(off[k]))[0])
+        values = {"reading": worst + 1, "angle_deg": float(test.angle_deg[worst]), "off_um": float(off[worst])}
+        remarks.append(Remark(RemarkKind.SPIKES, values | {"count": len(spikes)}))
+    return _fit(path, reading, kept)[2], len(spikes), remarks
 
 
-def _spike_remark(test: CircularTest, spikes: dict[int, float]) -> list[Remark]:
-    if not spikes:
-        return []
-    worst = ranked(spikes, lambda k: abs(spikes[k]))[0]
-    values = {"reading": worst + 1, "angle_deg": float(test.angle_deg[worst]), "off_um": spikes[worst], "count": len(spikes)}
-    return [Remark(RemarkKind.SPIKES, values)]
+def _fit(columns: Array, reading: Array, kept: NDArray[np.bool_]) -> tuple[Array, Array, float]:
+    """Coefficients of least squares over the readings kept, all readings off it, and the scatter of those kept."""
+    coefficients = np.linalg.lstsq(columns[kept], reading[kept], rcond=1e-9)[0]
+    off = reading - columns @ coefficients
+    return coefficients, off, float(np.sqrt(np.sum(off[kept] ** 2) / (np.count_nonzero(kept) - columns.shape[1])))
+
+
+def _without_spikes(columns: Array, reading: Array) -> NDArray[np.bool_]:
+    """Which readings stand less than eight scatters off the path of least absolute deviations, then off that of the others."""
+    span, size, _ = np.linalg.svd(columns, full_matrices=False)
+    span = span[:, size > 1e-9 * size[0]]
+    n, p = span.shape
+    off = reading - span @ (span.T @ reading)
+    for _ in range(_ROUNDS):
+        weight = 1.0 / np.maximum(np.abs(off), 1e-6 * np.abs(off).max() + 1e-12)
+        off = reading - span @ np.linalg.solve((span.T * weight) @ span, span.T @ (weight * reading))
+    kept = np.ones(n, dtype=bool)
+    for _ in range(_ROUNDS):
+        # A path of least absolute deviations goes through p readings.
+        scatter = 1.4826 * float(np.median(np.sort(np.abs(off))[p:]))
+        before, kept = kept, np.abs(off) <= _SPIKE * max(scatter, 1e-9)
+        if np.array_equal(before, kept) or np.count_nonzero(kept) <= p:
+            break
+        off = _fit(columns, reading, kept)[1]
+    return kept
 
 
 def resolution_of(reading_um: Array) -> float | None:
@@ -260,27 +258,14 @@ def resolution_of(reading_um: Array) -> float | None:
     return step if float(off.max()) < 0.05 else None
 
 
-def _step_remark(step: float | None, campaign: Campaign) -> list[Remark]:
-    stated = campaign.resolution_um
-    if step is None or 0.5 * stated < step < 1.5 * stated:
-        return []
-    return [Remark(RemarkKind.STEP, {"step_um": step, "stated_um": stated})]
-
-
-def _noise_um(test: CircularTest) -> float | None:
-    """Root mean square outside orders 0-12 [µm]."""
-    if len(test.angle_deg) < _SIZE + 10:
-        return None
-    rest = _off_the_path(test)
-    return float(np.sqrt(rest @ rest / (len(rest) - _SIZE)))
-
-
-def _off_the_path(test: CircularTest) -> Array:
-    """Readings off a Fourier fit to order 12 [µm]."""
-    turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
-    columns = np.hstack([turns.real, turns.imag[:, 1:]])
-    rest: Array = test.reading_um - columns @ np.linalg.lstsq(columns, test.reading_um, rcond=1e-9)[0]
-    return rest
+def _sizes(span: float, step: float | None, stated: float) -> list[Remark]:
+    kinds = RemarkKind
+    remarks = [Remark(kind, {}) for kind, odd in ((kinds.EQUAL, span == 0.0), (kinds.LARGE, span > 1000.0)) if odd]
+    if 0.0 < span < 3.0 * stated:
+        remarks.append(Remark(kinds.SMALL, {}))
+    if step is not None and not 0.5 * stated < step < 1.5 * stated:
+        remarks.append(Remark(kinds.STEP, {"step_um": step, "stated_um": stated}))
+    return remarks
 
 
 def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
@@ -312,11 +297,12 @@ def _directions(campaign: Campaign, plane: str) -> set[str | None]:
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
     found, kinds = [], RemarkKind
     planes, force = campaign.machine().planes, float(campaign.forces_N.max())
-    levels = len(np.unique(campaign.forces_N))
-    if levels <= 2:
-        found.append(Remark(kinds.ONE_LEVEL if levels == 1 else kinds.TWO_LEVELS, {}))
+    if campaign.force_levels <= 2:
+        found.append(Remark(kinds.ONE_LEVEL if campaign.force_levels == 1 else kinds.TWO_LEVELS, {}))
     if force < _LEAST_FORCE_N:
         found.append(Remark(kinds.SMALL_FORCE, {"force_N": force}))
+    radii = sorted({test.circle.radius_mm for test in campaign.tests})
+    found += [Remark(kinds.RADIUS, {"radius_mm": radius}) for radius in radii if not _RADII_MM[0] <= radius <= _RADII_MM[1]]
     found += [
         Remark(kinds.COPY, {"first": first.name, "second": second.name})
         for first, second in combinations(campaign.tests, 2)

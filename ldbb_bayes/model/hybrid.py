@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.forward import geometric_reading_mm
 from ldbb_bayes.machine.identifiable import kept_compliances
@@ -602,7 +602,7 @@ class BoundModel:
 
     def _physical_rows(self, campaign: Campaign, reference_force_N: float) -> Array:
         """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind."""
-        forces = np.unique(campaign.forces_N)
+        forces = distinct_forces(campaign.forces_N)
         if self.model.degree == 0:
             forces = forces[:1]
         elif self.model.degree == 1:

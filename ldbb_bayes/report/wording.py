@@ -367,7 +367,7 @@ _REMARKS: Mapping[RemarkKind, Callable[..., str]] = {
     RemarkKind.ARC: lambda arc_deg: f"arc of {arc_deg:.0f}° only: harmonics mix",
     RemarkKind.GAP: lambda gap_deg: f"gap of {gap_deg:.1f}°",
     RemarkKind.OPEN: lambda start_end_um: (
-        f"start and end differ by {start_end_um:+.1f} µm: drift, or a trace that does not close"
+        f"start and end differ by {start_end_um:+.1f} µm more than the path does there: drift, or a trace that does not close"
     ),
     RemarkKind.EQUAL: lambda: "all readings equal",
     RemarkKind.SMALL: lambda: "readings hardly exceed the resolution: check their unit",
@@ -388,6 +388,7 @@ _REMARKS: Mapping[RemarkKind, Callable[..., str]] = {
         "Two force levels: constant compliance only is checked by the readings; a slope needs a third."
     ),
     RemarkKind.SMALL_FORCE: lambda force_N: f"The largest force is {force_N:g} N: check the unit of force_N.",
+    RemarkKind.RADIUS: lambda radius_mm: f"A radius is {radius_mm:g} mm: check the unit of radius_mm.",
     RemarkKind.COPY: lambda first, second: f"Tests {first} and {second} hold the same readings: a file read twice?",
     RemarkKind.ONE_WAY: lambda compliance, plane: (
         f"One direction of travel (or none stated){f' in plane {plane}' if plane else ''}: friction in the bar cannot be told "

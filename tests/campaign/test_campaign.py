@@ -72,6 +72,16 @@ def test_defaults_come_from_the_campaign() -> None:
     assert first.pressure_bar == pytest.approx((36.0 + 14.2) / 126.04)
 
 
+def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
+    def levels(*forces: float) -> int:
+        return lb.Campaign(tuple(make(force_N=force) for force in forces)).force_levels
+
+    assert (levels(400.0, 400.001), levels(400.0, 400.3, 400.6), levels(36.0, 37.0, 742.0)) == (1, 2, 3)
+    assert lb.preview(lb.Campaign((make(force_N=400.0), make(force_N=400.001)))).remarks[0].kind == "one force level"
+    with pytest.raises(InputError, match="at least two force levels, got one"):
+        lb.HybridModel.default(1).bind(lb.Campaign((make(force_N=400.0), make(force_N=400.001))))
+
+
 def test_pressure_alone_gives_the_force() -> None:
     campaign = lb.Campaign((make(force_N=None, pressure_bar=6.0),))
     assert campaign.forces_N[0] == pytest.approx(742.04)

@@ -9,6 +9,7 @@ import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.preview import RemarkKind
 from ldbb_bayes.report.wording import remark_words
 
 
@@ -49,6 +50,28 @@ def test_preview_notices_spikes_copies_and_units() -> None:
     assert "Tests f520 and f742 hold the same readings: a file read twice?" in map(remark_words, seen.remarks)
     kilo = lb.preview(plan(forces_N=(0.036, 0.3, 0.52, 0.742)))
     assert any("check the unit of force_N" in remark_words(remark) for remark in kilo.remarks)
+
+
+@pytest.mark.parametrize("step", [1.0, 5.0, 10.0])
+def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(step: float, rng: np.random.Generator) -> None:
+    """Last and first reading are a step apart: where the path is steep they differ without any drift."""
+    angle = np.arange(20.0, 380.0, step)
+    for drift, expected in ((0.0, []), (60.0, [RemarkKind.OPEN]), (0.0, [RemarkKind.SPIKES])):
+        reading = 40.0 * np.cos(np.deg2rad(2.0 * angle + 30.0)) + 0.3 * rng.standard_normal(angle.size) + drift * angle / 360.0
+        if RemarkKind.SPIKES in expected:
+            reading[7] += 900.0
+        (seen,) = lb.preview(lb.Campaign((lb.CircularTest(300.0, angle, reading),))).tests
+        assert [remark.kind for remark in seen.remarks] == expected
+        assert 0.1 < (seen.noise_um or 0.0) < 0.6 or drift
+    assert (seen.spikes, seen.remarks[0].values["reading"]) == (1, 8)
+    assert seen.remarks[0].values["off_um"] == pytest.approx(900.0, abs=3.0)
+
+
+@pytest.mark.parametrize(("radius_mm", "asked"), [(0.15, [0.15]), (100_000.0, [100_000.0]), (50.0, []), (1350.0, [])])
+def test_a_radius_that_no_bar_has_is_asked_about(radius_mm: float, asked: list[float]) -> None:
+    seen = lb.preview(lb.Campaign((lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0)),), radius_mm=radius_mm))
+    assert [own.values["radius_mm"] for own in seen.remarks if own.kind is RemarkKind.RADIUS] == asked
+    assert all(f"A radius is {r:g} mm: check the unit of radius_mm." in map(remark_words, seen.remarks) for r in asked)
 
 
 def test_preview_is_silent_on_a_good_campaign() -> None:

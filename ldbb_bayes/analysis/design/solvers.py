@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.design.candidates import Costs
 from ldbb_bayes.analysis.design.criteria import Objective, SmallestEigenvalue
-from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
 from ldbb_bayes.errors import InputError
 
 __all__ = ["MOST_TESTS", "Found", "Optimum", "Search", "certificate", "efficient_rounding", "exchange", "optimal_shares"]
@@ -287,14 +287,14 @@ class Search:
         """The best design of this many whole tests; see `exchange` for ``thorough``."""
         chosen = np.arange(len(self.tests)) if allowed is None else allowed
         forces = np.array([float(self.tests[i].force_N or 0.0) for i in chosen])
-        if tests < self.levels or len(np.unique(forces)) < self.levels:
+        if tests < self.levels or len(distinct_forces(forces)) < self.levels:
             raise InputError(
                 f"tests must be at {self.levels} different forces at least for this degree, got "
-                f"{min(tests, len(np.unique(forces)))}. Ask for more tests, offer more force levels, or use --augment."
+                f"{min(tests, len(distinct_forces(forces)))}. Ask for more tests, offer more force levels, or use --augment."
             )
 
         def feasible(counts: Array) -> bool:
-            return len(np.unique(forces[counts > 0])) >= self.levels
+            return len(distinct_forces(forces[counts > 0])) >= self.levels
 
         optimum = self.shares(float(tests), allowed)
         objective = self.objective if allowed is None else self.objective.among(allowed)

@@ -19,6 +19,7 @@ from scipy.stats import rankdata
 
 from ldbb_bayes.analysis.circularity import COMPLIANCE, GEOMETRY, TOGETHER, contribution_paths, first_circle, measured_circularity
 from ldbb_bayes.analysis.circularity import circularity as quantities
+from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.posterior import bound_of, diagnose, draws_of, priors_of, record_of
 from ldbb_bayes.inference.predictive import (
@@ -398,7 +399,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
     """Compliance, geometry and both against angle at every force, with 95 % bands; offsets of the tool ball left out (Fig. 8)."""
     bound = bound_of(posterior)
     beta, _ = draws_of(posterior, bound, _DRAWS_OF_CONTRIBUTIONS)
-    forces = np.unique(bound.setting.force_N)
+    forces = distinct_forces(bound.setting.force_N)
     forces = forces[np.unique(np.linspace(0, len(forces) - 1, _MOST_FORCES).round().astype(int))]
     planes = bound.setting.planes
     figure, every = panels(3 * len(planes), 3, 9.6, 3.0, sharey="row")

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.units import display_name, display_unit, value_and_uncertainty
 
 __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
@@ -73,8 +74,9 @@ def new_figure(width: float, height: float) -> Figure:
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
     """One colour per force, light to dark in order of force."""
-    order = sorted(set(forces_N))
-    return [mpl.colormaps["viridis"](0.9 - 0.85 * (order.index(force) / max(len(order) - 1, 1))) for force in forces_N]
+    levels = distinct_forces(forces_N)
+    places = np.searchsorted(levels, forces_N, side="right") - 1
+    return [mpl.colormaps["viridis"](0.9 - 0.85 * place / max(len(levels) - 1, 1)) for place in places]
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
