@@ -8,13 +8,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TypeVar
 
 from ldbb_bayes.errors import InputError
 
 __all__ = [
-    "DISPLAY_UNITS",
     "Statement",
     "display_name",
     "display_unit",
@@ -32,67 +30,47 @@ __all__ = [
     "value_and_uncertainty",
 ]
 
-DISPLAY_UNITS: Mapping[str, tuple[float, str]] = MappingProxyType(
-    {
-        "mm/N": (1e3, "µm/N"),
-        "mm/N/N": (1e6, "µm/N per kN"),
-        "mm/N/N^2": (1e9, "µm/N per kN²"),
-        "rad/N": (1e9, "nrad/N"),
-        "rad/N/N": (1e12, "nrad/N per kN"),
-        "rad/N/N^2": (1e15, "nrad/N per kN²"),
-        "rad/(N mm)": (1e9, "µrad/(N m)"),
-        "rad/(N mm)/N": (1e12, "µrad/(N m) per kN"),
-        "rad/(N mm)/N^2": (1e15, "µrad/(N m) per kN²"),
-        "1": (1e6, "µm/m"),
-        "1/mm": (1e9, "µm/m²"),
-        "rad": (1e6, "µrad"),
-        "mm": (1e3, "µm"),
-        "um": (1.0, "µm"),
-    }
-)
+T = TypeVar("T")
+# By inside unit: factor and label for reading; of what changes with force per kN, per kN².
+_OF_A_COMPLIANCE = {"mm/N": (1e3, "µm/N"), "rad/N": (1e9, "nrad/N"), "rad/(N mm)": (1e9, "µrad/(N m)")}
+_UNITS: Mapping[str, tuple[float, str]] = {
+    **_OF_A_COMPLIANCE,
+    **{f"{unit}/N": (factor * 1e3, f"{label} per kN") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
+    **{f"{unit}/N^2": (factor * 1e6, f"{label} per kN²") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
+    "1": (1e6, "µm/m"),
+    "1/mm": (1e9, "µm/m²"),
+    "rad": (1e6, "µrad"),
+    "mm": (1e3, "µm"),
+    "um": (1.0, "µm"),
+}
+_CHOSEN: ContextVar[Mapping[str, tuple[float, str]]] = ContextVar("units chosen for reading")
+_READABLE, _HARDLY, _ZERO = 0.1, 0.2, 1e-12
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """Factor and label that turn an inside unit into one for reading: those of `units_for`, else of `DISPLAY_UNITS`.
+    """Factor and label that turn an inside unit into one for reading: those of `units_for`, else the usual ones.
 
     Raises
     ------
     InputError
         For a unit that is not one of ours.
     """
-    if unit not in DISPLAY_UNITS:
-        raise InputError(f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use an inside unit.")
-    return _CHOSEN.get().get(unit, DISPLAY_UNITS[unit])
-
-
-_READABLE = 0.1
-_CHOSEN: ContextVar[Mapping[str, tuple[float, str]]] = ContextVar("units chosen for reading", default=MappingProxyType({}))
+    if unit not in _UNITS:
+        raise InputError(f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.")
+    return _CHOSEN.get({}).get(unit, _UNITS[unit])
 
 
 def reading_unit(unit: str, *sizes: float) -> tuple[float, str]:
-    """As in `DISPLAY_UNITS`, a thousand times smaller where every size would stay below 0.1: 0.058 µm/N → 58 nm/N.
-
-    Parameters
-    ----------
-    sizes : float
-        What will be shown, in the inside unit.
-    """
-    factor, label = DISPLAY_UNITS[unit]
-    smaller = {"µ": "n", "n": "p"}[label[0]]
+    """The usual factor and label, or those of a unit a thousand times smaller where every size would stay below 0.1: 58 nm/N."""
+    factor, label = _UNITS[unit]
     if any(sizes) and all(abs(size) * factor < _READABLE for size in sizes):
-        return factor * 1e3, smaller + label[1:]
+        return factor * 1e3, {"µ": "n", "n": "p"}[label[0]] + label[1:]
     return factor, label
 
 
 @contextmanager
 def units_for(sizes: Mapping[str, Collection[float]]) -> Iterator[None]:
-    """Choose one unit for each kind of number and keep to it: `display_unit` gives it until the block ends.
-
-    Parameters
-    ----------
-    sizes : mapping of inside unit to sizes
-        Of the numbers that will be shown.
-    """
+    """Choose one unit for each inside unit by the numbers that will be shown; `display_unit` gives it until the block ends."""
     token = _CHOSEN.set({unit: reading_unit(unit, *shown) for unit, shown in sizes.items()})
     try:
         yield
@@ -102,20 +80,12 @@ def units_for(sizes: Mapping[str, Collection[float]]) -> Iterator[None]:
 
 def is_direct(name: str) -> bool:
     """Whether a parameter is a translation along the force: its reciprocal is a stiffness."""
-    return len(name) == 5 and name.startswith("C_") and name[2] == name[3] and name[2] in "XYZ"
+    return re.fullmatch(r"C_([XYZ])\1.", name) is not None
 
 
 def display_name(name: str) -> str:
     """The name as the paper prints it: E_C0YX → E_C(0Y)X."""
-    if len(name) == 6 and name.startswith("E_") and name[3] == "0":
-        return f"{name[:3]}({name[3:5]}){name[5]}"
-    return name
-
-
-_HARDLY = 0.2
-
-
-T = TypeVar("T")
+    return re.sub(r"^(E_.)(0.)(.)$", r"\1(\2)\3", name)
 
 
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
@@ -129,7 +99,7 @@ def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 
         Relative to the keys. What is a trillion times smaller than the largest key counts as zero.
     """
     left = sorted(((key(item), i, item) for i, item in enumerate(items)), key=lambda entry: (-entry[0], entry[1]))
-    zero = 1e-12 * max((abs(value) for value, _, _ in left if math.isfinite(value)), default=0.0)
+    zero = _ZERO * max((abs(value) for value, _, _ in left if math.isfinite(value)), default=0.0)
     found: list[T] = []
     while left:
         top = left[0][0]
@@ -144,18 +114,13 @@ def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
     """The uncertainty to significant ``digits``, and the number of decimals it leaves (negative left of the point)."""
     if not math.isfinite(uncertainty) or uncertainty <= 0:
         return ("0" if uncertainty == 0 else "?"), digits
-    decimals = digits - 1 - math.floor(math.log10(uncertainty))
-    if float(f"{uncertainty:.{digits - 1}e}") >= 10.0 ** (digits - decimals):
-        decimals -= 1
+    decimals = digits - 1 - int(f"{uncertainty:.{digits - 1}e}".partition("e")[2])
     return round_like(uncertainty, decimals), decimals
 
 
 def round_like(value: float, decimals: int) -> str:
     """The value rounded to a decimal place; a value that rounds to nothing has no sign."""
-    if not math.isfinite(value):
-        return "?"
-    rounded = round(value, decimals)
-    return f"{rounded if rounded != 0 else 0.0:.{max(decimals, 0)}f}"
+    return f"{round(value, decimals) or 0.0:.{max(decimals, 0)}f}" if math.isfinite(value) else "?"
 
 
 def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
@@ -191,14 +156,14 @@ class Statement:
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
     """A result in a unit for reading, from numbers in an inside unit."""
     factor, label = display_unit(unit)
-    value, u = value_and_uncertainty(mean * factor, sd * factor)
-    _, decimals = round_uncertainty(sd * factor)
-    low, high = (bound * factor for bound in interval)
-    expanded, _ = round_uncertainty(2.0 * sd * factor)
+    middle, low, high = (number * factor for number in (mean, *interval))
+    u, decimals = round_uncertainty(sd * factor)
+    expanded = round_uncertainty(2.0 * sd * factor)[0]
     if is_lopsided(mean, interval):
-        above, below = (round_like(distance, decimals) for distance in (high - mean * factor, mean * factor - low))
-        expanded = f"+{above} / −{below}" if low <= mean * factor <= high else "see interval"
-    return Statement(_minus(value), u, expanded, _minus(f"[{round_like(low, decimals)}, {round_like(high, decimals)}]"), label)
+        above, below = (round_like(distance, decimals) for distance in (high - middle, middle - low))
+        expanded = f"+{above} / −{below}" if low <= middle <= high else "see interval"
+    value, least, most = (round_like(number, decimals).replace("-", "−") for number in (middle, low, high))
+    return Statement(value, u, expanded, f"[{least}, {most}]", label)
 
 
 def is_lopsided(mean: float, interval: tuple[float, float]) -> bool:
@@ -226,24 +191,17 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
 def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:
     """Value ± U (k = 2) to the same place and unit; value and interval where the distribution is lopsided."""
     factor, label = display_unit(unit)
+    if is_lopsided(mean, interval):
+        whole = state(mean, sd, interval, unit)
+        return f"{whole.value} {whole.interval} {label}"
     value, expanded = value_and_uncertainty(mean * factor, 2.0 * sd * factor)
-    if not is_lopsided(mean, interval):
-        return f"{_minus(value)} ± {expanded} {label}"
-    own = state(mean, sd, interval, unit)
-    return f"{own.value} {own.interval} {own.unit}"
-
-
-def _minus(text: str) -> str:
-    """A minus sign in place of a hyphen."""
-    return text.replace("-", "−")
-
-
-_MINUS = re.compile(r"(?<![\w.\-])-(?=\d)")
-_EXPONENT = re.compile(r"(?<=\d)e([+-])0*(\d+)\b")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return f"{value.replace('-', '−')} ± {expanded} {label}"
 
 
 def typeset(text: str) -> str:
     """Return the text with minus signs before numbers and powers of ten in full: -5.85 → −5.85, 3.1e-05 → 3.1·10⁻⁵."""
-    text = _EXPONENT.sub(lambda match: f"·10{(match[1].replace('+', '') + match[2]).translate(_RAISED)}", text)
-    return _MINUS.sub("−", text)
+    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    text = re.sub(
+        r"(?<=\d)e([+-])0*(\d+)\b", lambda match: f"·10{(match[1].replace('+', '') + match[2]).translate(raised)}", text
+    )
+    return re.sub(r"(?<![\w.\-])-(?=\d)", "−", text)

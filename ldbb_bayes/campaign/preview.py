@@ -217,7 +217,7 @@ def _path(test: CircularTest, resolution_um: float, closes: bool) -> tuple[float
 
 def _fit(columns: Array, reading: Array, kept: NDArray[np.bool_]) -> tuple[Array, Array, float]:
     """Coefficients of least squares over the readings kept, all readings off it, and the scatter of those kept."""
-    coefficients = np.linalg.lstsq(columns[kept], reading[kept], rcond=1e-9)[0]
+    coefficients: Array = np.linalg.lstsq(columns[kept], reading[kept], rcond=1e-9)[0].astype(float)
     off = reading - columns @ coefficients
     return coefficients, off, float(np.sqrt(np.sum(off[kept] ** 2) / (np.count_nonzero(kept) - columns.shape[1])))
 
