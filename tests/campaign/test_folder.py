@@ -98,6 +98,8 @@ def test_thousands_separators_are_not_decimals(tmp_path: Path) -> None:
 def test_unknown_options_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"option must be one of .*Did you mean 'plane'"):
         lb.read_campaign(write(tmp_path) / "a.csv", plan="XY")
+    with pytest.raises(InputError, match="must hold 'test'"):
+        lb.read_campaign(tmp_path / "a.csv")
 
 
 def test_radians_millimetres_bom_and_crlf(tmp_path: Path) -> None:
@@ -246,18 +248,6 @@ def test_rows_of_a_test_must_agree(tmp_path: Path) -> None:
     path.write_text(tidy(simulated(plan())).replace("f036,36.0", "f036,37.0", 1))
     with pytest.raises(InputError, match=r"all\.csv: force_N must be the same in all rows of a test, got 36.0 to 37.0 in 'f036'"):
         lb.read_campaign(path)
-
-
-def test_test_column_is_needed(tmp_path: Path) -> None:
-    path = tmp_path / "all.csv"
-    path.write_text("force_N,angle_deg,reading_um\n" + "\n".join(f"36,{a},1" for a in range(0, 360, 10)))
-    with pytest.raises(InputError, match="must hold 'test'"):
-        lb.read_campaign(path)
-
-
-def test_options_belong_to_tables(root: Path) -> None:
-    with pytest.raises(InputError, match="options must come with a tidy CSV, got radius_mm"):
-        lb.read_campaign(root / "data" / "recovered_experiment", radius_mm=100.0)
 
 
 def test_empty_direction_is_none(tmp_path: Path) -> None:
