@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
+from ldbb_bayes.model.hybrid import BoundModel, information_of
+from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
 from ldbb_bayes.result import Result
 from ldbb_bayes.units import ranked

@@ -21,9 +21,8 @@ from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draw_nuisances, draws_of
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.fourier import SIZE, basis, harmonic_index
+from ldbb_bayes.model.fourier import SIZE, basis, geometric_errors_of, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.setting import geometric_errors_of
 
 __all__ = [
     "BIDIRECTIONAL",

@@ -22,8 +22,8 @@ from ldbb_bayes.analysis.circularity import offsets
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, record_of
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.information import Information, information_of
+from ldbb_bayes.model.hybrid import BoundModel, information_of
+from ldbb_bayes.model.likelihood import Information
 from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.units import ranked
 

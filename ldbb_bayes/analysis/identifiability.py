@@ -26,8 +26,8 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import least_squares
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.model.information import NOISE, Information, information_of
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
+from ldbb_bayes.model.likelihood import NOISE, Information
 from ldbb_bayes.result import ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked
 

@@ -1,25 +1,47 @@
-"""The trigonometric basis of a circle: 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
+"""The circle's basis 1, cos θ, sin θ, …, cos 12θ, sin 12θ; readings reduced to it; the tests of a campaign as columns in it.
 
 Every column of the model is a polynomial in this basis, so a test is 25 coefficients wide whatever its number of readings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MAX_ORDER", "ORDERS", "SIZE", "Reduced", "basis", "coefficients", "harmonic_index", "reduce_readings"]
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.names import ComplianceName, GeometricName, geometric_names
+
+__all__ = [
+    "MAX_ORDER",
+    "ORDERS",
+    "SIZE",
+    "TRAVEL",
+    "Reduced",
+    "Setting",
+    "basis",
+    "coefficients",
+    "geometric_errors_of",
+    "harmonic_index",
+    "reduce_readings",
+    "setting_of",
+]
 
 Array = NDArray[Any]
-
 MAX_ORDER = 12
 SIZE = 2 * MAX_ORDER + 1
 ORDERS = np.array([0, *(n for n in range(1, MAX_ORDER + 1) for _ in range(2))])
 ORDERS.setflags(write=False)
+TRAVEL = {"CW": 1.0, "CCW": -1.0}
+_HOUR_S = 3600.0
+_CHUNK = 8192
+_ORTHOGONAL = 1e-9
 
 
 def basis(angle_rad: Array) -> Array:
@@ -58,10 +80,6 @@ def coefficients(columns: Callable[[Array], Array]) -> Array:
     return np.where(np.abs(found) > 1e-13 * np.abs(found).max(axis=0, initial=0.0), found, 0.0)
 
 
-_CHUNK = 8192
-_ORTHOGONAL = 1e-9
-
-
 @dataclass(frozen=True, eq=False)
 class Reduced:
     """One test after projection on the basis.
@@ -89,26 +107,208 @@ class Reduced:
         if self.readings < SIZE:
             return False
         gram = self.factor.T @ self.factor
-        off = gram - np.diag(np.diag(gram))
-        return bool(np.abs(off).max() <= _ORTHOGONAL * self.readings)
+        return bool(np.abs(gram - np.diag(np.diag(gram))).max() <= _ORTHOGONAL * self.readings)
 
 
 def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
-    """Project one test on the basis; any sampling of the circle, in chunks of bounded memory.
-
-    Parameters
-    ----------
-    angle_rad : ndarray, shape (n,) [rad]
-    reading_mm : ndarray, shape (n,) [mm], or None
-    """
+    """One test (n,) [rad], [mm] projected on the basis; any sampling of the circle, in chunks of bounded memory."""
     n = len(angle_rad)
+    values = np.zeros(n) if reading_mm is None else reading_mm
     stack = np.zeros((0, SIZE + 1))
     for start in range(0, n, _CHUNK):
         part = slice(start, start + _CHUNK)
-        reading = np.zeros(len(angle_rad[part])) if reading_mm is None else reading_mm[part]
-        rows = np.column_stack([basis(angle_rad[part]), reading])
+        rows = np.column_stack([basis(angle_rad[part]), values[part]])
         stack = np.asarray(np.linalg.qr(np.vstack([stack, rows]), mode="r"))
     m = min(n, SIZE)
     residual = float(stack[SIZE, SIZE] ** 2) if n > SIZE else 0.0
-    projection = None if reading_mm is None else stack[:m, SIZE]
-    return Reduced(projection, stack[:m, :SIZE], residual, n)
+    return Reduced(None if reading_mm is None else stack[:m, SIZE], stack[:m, :SIZE], residual, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """One row per test.
+
+    Attributes
+    ----------
+    force_N, pressure_bar, radius_mm : ndarray, shape (tests,)
+    work_ball_rad, tool_ball_rad : ndarray, shape (tests,)
+    plane, setup : ndarray of str and int, shape (tests,)
+    travel : ndarray, shape (tests,)
+        +1 clockwise, −1 counterclockwise, 0 where not stated.
+    time_h, temperature_K : ndarray, shape (tests,)
+        From the mean of the whole campaign; NaN where not recorded.
+    direction : ndarray, shape (tests, 25, 3)
+        Basis coefficients of the bar's direction (X, Y, Z).
+    wrench : ndarray, shape (tests, 25, compliances)
+        Basis coefficients of j_C.
+    geometric : ndarray, shape (tests, 25, geometric errors)
+        Basis coefficients of j_G.
+    reference_force_N, force_range_N : float
+        F0 and F_max − F_min.
+    two_balls : bool
+        Whether the clocking of either ball differs between tests.
+    radii_mm, setups, planes, both_ways : tuple
+        Of the whole campaign: different radii and set-ups, planes, and planes run in both directions of travel.
+    compliance_estimate : ndarray, shape (compliances,)
+        Ĉ, used only to linearise the force error.
+    compensated : bool
+    deflection_um_per_bar : float
+    """
+
+    force_N: Array
+    pressure_bar: Array
+    radius_mm: Array
+    work_ball_rad: Array
+    tool_ball_rad: Array
+    plane: Array
+    setup: Array
+    travel: Array
+    time_h: Array
+    temperature_K: Array
+    direction: Array
+    wrench: Array
+    geometric: Array
+    reference_force_N: float
+    force_range_N: float
+    two_balls: bool
+    radii_mm: tuple[float, ...]
+    setups: tuple[int, ...]
+    planes: tuple[str, ...]
+    both_ways: tuple[str, ...]
+    compliance_estimate: Array
+    compensated: bool
+    deflection_um_per_bar: float
+
+    @property
+    def tests(self) -> int:
+        """Number of tests."""
+        return len(self.force_N)
+
+    def select(self, rows: Sequence[int]) -> Setting:
+        """Only these tests; what belongs to the whole campaign stays."""
+        per_test = [name for name, value in vars(self).items() if isinstance(value, np.ndarray)]
+        return replace(self, **{name: getattr(self, name)[list(rows)] for name in per_test if name != "compliance_estimate"})
+
+    def each(self, what: Literal["plane", "radius", "setup"]) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
+        """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only one), and its tests."""
+        own, every = {
+            "plane": (self.plane, self.planes),
+            "radius": (self.radius_mm, self.radii_mm),
+            "setup": (self.setup, self.setups),
+        }[what]
+        for value in every:
+            text = value if isinstance(value, str) else f"{value:g}"
+            yield value, f"_{text}" if len(every) > 1 else "", own == value
+
+    def harmonics(self, orders: Sequence[int], turned_rad: Array | float = 0.0) -> Array:
+        """cos n(θ − ψ), sin n(θ − ψ) for every order n, shape (tests, 25, 2 orders); ψ of each test, as a ball's clocking."""
+        values = np.zeros((self.tests, SIZE, 2 * len(orders)))
+        for j, n in enumerate(orders):
+            c, s = harmonic_index(n)
+            turn = n * np.remainder(turned_rad, 2 * np.pi)
+            values[:, c, 2 * j], values[:, s, 2 * j] = np.cos(turn), np.sin(turn)
+            values[:, c, 2 * j + 1], values[:, s, 2 * j + 1] = -np.sin(turn), np.cos(turn)
+        return np.where(np.abs(values) < 1e-14, 0.0, values)
+
+    def constant(self, values: Array) -> Array:
+        """What does not depend on the angle, (tests, p) or (tests,), as columns, shape (tests, 25, p)."""
+        own = values[:, None] if values.ndim == 1 else values
+        columns = np.zeros((self.tests, SIZE, own.shape[1]))
+        columns[:, 0] = own
+        return columns
+
+
+def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
+    """The geometric errors of a campaign's machine, with the tool offsets of every set-up but the first by its number."""
+    names: list[GeometricName] = []
+    for name in geometric_names(campaign.machine()):
+        if name.kind == "offset":
+            seen = {test.setup or 1 for test in campaign.scope if name.component in str(test.plane)}
+            names += [replace(name, setup=0 if setup == 1 else setup) for setup in sorted(seen)]
+        else:
+            names.append(name)
+    return tuple(names)
+
+
+def setting_of(
+    campaign: Campaign, compliances: Sequence[ComplianceName], reference_force_N: float | None, *, pilot: Campaign | None
+) -> Setting:
+    """The setting of a campaign or plan; of a plan F0, force range and the zero of time and temperature are the pilot's."""
+    machine, tests = campaign.machine(), campaign.tests
+    columns = {
+        circle: (
+            coefficients(circle.direction),
+            coefficients(partial(compliance_jacobian, machine, circle, names=compliances)),
+            coefficients(partial(geometric_jacobian, machine, circle)),
+        )
+        for circle in {test.circle for test in tests}
+    }
+    direction, wrench, geometric = (np.stack([columns[test.circle][k] for test in tests]) for k in range(3))
+    clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in tests])
+    turned = np.exp(1j * clockings)
+    forces = (pilot or campaign).forces_N
+    return Setting(
+        force_N=campaign.forces_N,
+        pressure_bar=campaign.pressures_bar,
+        radius_mm=np.array([test.radius_mm for test in tests], dtype=float),
+        work_ball_rad=clockings[:, 0],
+        tool_ball_rad=clockings[:, 1],
+        plane=np.array([str(test.plane) for test in tests]),
+        setup=np.array([test.setup or 1 for test in tests]),
+        travel=np.array([TRAVEL.get(test.direction or "", 0.0) for test in tests]),
+        time_h=_recorded("time_s", campaign, pilot) / _HOUR_S,
+        temperature_K=_recorded("temperature_C", campaign, pilot),
+        direction=direction,
+        wrench=wrench,
+        geometric=_by_setup(campaign, geometric),
+        reference_force_N=float((forces.min() + forces.max()) / 2.0 if reference_force_N is None else reference_force_N),
+        force_range_N=float(forces.max() - forces.min()),
+        two_balls=bool(np.abs(turned - turned[0]).max() > 1e-9),
+        radii_mm=tuple(sorted({float(test.radius_mm or 0.0) for test in tests})),
+        setups=tuple(sorted({test.setup or 1 for test in tests})),
+        planes=tuple(machine.planes),
+        both_ways=_both_ways(campaign),
+        compliance_estimate=np.zeros(len(compliances)),
+        compensated=campaign.mount.compensated,
+        deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
+    )
+
+
+def _by_setup(campaign: Campaign, columns: Array) -> Array:
+    """Columns of the machine's errors (tests, 25, errors) → those of the campaign's: a tool offset only in its own set-up."""
+    machine_errors = [name.label for name in geometric_names(campaign.machine())]
+    names = geometric_errors_of(campaign)
+    chosen = columns[:, :, [machine_errors.index(replace(name, setup=0).label) for name in names]]
+    for j, name in enumerate(names):
+        if name.kind == "offset":
+            chosen[[test.setup != (name.setup or 1) for test in campaign.tests], :, j] = 0.0
+    return chosen
+
+
+def _recorded(field: str, campaign: Campaign, pilot: Campaign | None) -> Array:
+    """From the campaign's mean. Tests of a plan beside a pilot that record nothing are taken at the pilot's mean: run in an
+    order that has nothing to do with what differs between them."""
+    own, before = (
+        np.array([np.nan if getattr(test, field) is None else getattr(test, field) for test in tests.tests], dtype=float)
+        for tests in (campaign, pilot or campaign)
+    )
+    if not np.isfinite(before).any():
+        return own * np.nan
+    shifted: Array = own - np.nanmean(before)
+    return shifted if pilot is None else np.where(np.isfinite(shifted), shifted, 0.0)
+
+
+def _both_ways(campaign: Campaign) -> tuple[str, ...]:
+    """Planes run, or to be run, in both directions."""
+    both = []
+    for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
+        if not {"CW", "CCW"} <= {test.direction for test in campaign.scope if test.plane == plane}:
+            continue
+        silent = next((test for test in campaign.tests if test.plane == plane and test.direction is None), None)
+        if silent is not None:
+            raise InputError(
+                f"{silent.label} must state its direction, CW or CCW, as circles of plane {plane} run, or are to run, both ways, "
+                f"got none. Give direction in every test of {campaign.name!r}."
+            )
+        both.append(plane)
+    return tuple(both)

@@ -1,11 +1,11 @@
-"""HybridModel: the terms, the prior and the noise, before they meet a campaign.
+"""HybridModel: the terms, the prior and the noise, before they meet a campaign; BoundModel: the same of one campaign.
 
 ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε, β = (C_0 …, E) ~ N(m, S), nuisances Gaussian given φ = (σ, δ, κ, τ).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -20,16 +20,15 @@ from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.forward import geometric_reading_mm
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.machine.names import ComplianceName, GeometricName
-from ldbb_bayes.model.fourier import SIZE, Reduced, basis, reduce_readings
+from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
 from ldbb_bayes.model.gaussian import least_squares
-from ldbb_bayes.model.likelihood import ParameterConditional, StructuredGaussian
+from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian
 from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit
-from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
 from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper, Scale, Term
 from ldbb_bayes.model.truncation import Orthant, Truncation
 from ldbb_bayes.result import Result
 
-__all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation"]
+__all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation", "information_of", "informations_of"]
 
 Array = NDArray[Any]
 Preset = Literal["default", "paper"]
@@ -149,7 +148,7 @@ class HybridModel(Result):
             For an unknown name.
         """
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
-        prior = self.prior.untruncated() if "truncation" in names else self.prior
+        prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
         return replace(self, nuisances=tuple(term for term in self.nuisances if term.key() not in names), prior=prior)
 
     @property
@@ -210,12 +209,18 @@ class HybridModel(Result):
         else:
             check_known("parameter", parameters, bound.names)
             beta = np.array([parameters.get(name, 0.0) for name in bound.names], dtype=float)
-        phi = _true_hyper(bound, hyper_um or {}, rng)
+        given, names = hyper_um or {}, bound.hyper_prior.names
+        check_known("hyper-parameter", given, names)
+        for name, value in given.items():
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.")
+        drawn = bound.hyper_prior.draw(1, rng)[0]
+        phi = {name: given[name] * 1e-3 if name in given else float(own) for name, own in zip(names, drawn, strict=True)}
         truth = replace(bound.setting, compliance_estimate=bound.compliance_at(bound.setting.reference_force_N) @ beta)
         coefficients = bound.interest @ beta + bound.known_offset
         for term in self.nuisances:
             for columns in term.columns(truth):
-                coefficients = coefficients + _contribution(columns, phi, truth.tests, rng)
+                coefficients = coefficients + columns.draw(phi, truth.tests, rng)
         tests = []
         for test, own in zip(plan.tests, coefficients, strict=True):
             reading = basis(test.angles_rad()) @ own + rng.normal(0.0, phi["sigma"], len(test.angle_deg))
@@ -244,26 +249,6 @@ class Simulation(Result):
     campaign: Campaign
     parameters: dict[str, float]
     hyper_um: dict[str, float]
-
-
-def _true_hyper(bound: BoundModel, given: Mapping[str, float], rng: np.random.Generator) -> dict[Hyper, float]:
-    names = bound.hyper_prior.names
-    check_known("hyper-parameter", given, names)
-    for name, value in given.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise InputError(f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.")
-    drawn = bound.hyper_prior.draw(1, rng)[0]
-    return {name: given[name] * 1e-3 if name in given else float(value) for name, value in zip(names, drawn, strict=True)}
-
-
-def _contribution(columns: Columns | BasisNoise, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-    """One draw of a nuisance term, shape (tests, 25) [mm]."""
-    if isinstance(columns, BasisNoise):
-        return phi[columns.hyper] * columns.sd * rng.standard_normal((tests, SIZE))
-    sd = columns.sd * (phi[columns.hyper] if columns.hyper else 1.0)
-    shape = (tests, len(sd)) if columns.private else (1, len(sd))
-    drawn = np.broadcast_to(sd * rng.standard_normal(shape), (tests, len(sd)))
-    return np.einsum("tkq,tq->tk", columns.values, drawn)
 
 
 Group = Literal["compliance", "slope", "geometric"]
@@ -306,11 +291,14 @@ class BoundModel:
     model, campaign, pilot : as given
     parameters : tuple of Parameter
         Compliances, their slopes degree by degree, geometric errors.
-    test_names : tuple of str
+    names, test_names : tuple of str
+        Of the parameters and of the tests.
     setting : Setting
     reduced : tuple of Reduced
     interest : ndarray, shape (tests, 25, p)
         H: columns of the parameters of interest.
+    prior_sd, prior_mean : ndarray, shape (p,)
+        Infinite and zero when flat.
     physical : Truncation
         The region of physical compliances, C(F) ≥ 0.
     truncation : Truncation
@@ -320,27 +308,31 @@ class BoundModel:
     def __init__(
         self, model: HybridModel, campaign: Campaign, *, keep: Sequence[str] | None = None, pilot: Campaign | None = None
     ) -> None:
-        _check(model, campaign if pilot is None else pilot)
+        _check_levels(model, campaign if pilot is None else pilot)
         self.model, self.campaign, self.pilot = model, campaign, pilot
-        kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
-        self.compliances: tuple[ComplianceName, ...] = kept.names
-        self._kept = kept
+        self._kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
+        self.compliances: tuple[ComplianceName, ...] = self._kept.names
         self.geometric_errors: tuple[GeometricName, ...] = geometric_errors_of(campaign)
         reduced = _reduced(campaign)
-        whole = setting_of(campaign, self.compliances, model.reference_force_N, pilot=pilot)
-        every = self._list_parameters(whole.force_range_N)
+        self.setting: Setting = setting_of(campaign, self.compliances, model.reference_force_N, pilot=pilot)
+        every = self._every_parameter()
         check_known("fixed parameter", model.fixed, [parameter.name for parameter in every])
         self._free = np.array([parameter.name not in model.fixed for parameter in every])
         self.parameters = tuple(parameter for parameter in every if parameter.name not in model.fixed)
-        self.physical = Truncation(self._physical_rows(campaign, whole.reference_force_N))
-        self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.parameters))))
-        estimate = self._estimate(whole, reduced) if pilot is None else self._estimate_of(pilot)
-        whole = replace(whole, compliance_estimate=estimate)
-        rows = _rows(campaign, keep)
-        self.setting: Setting = whole.select(rows)
+        self.names = tuple(parameter.name for parameter in self.parameters)
+        self.prior_sd = np.array([parameter.prior_sd for parameter in self.parameters])
+        self.prior_mean = np.array([parameter.prior_mean for parameter in self.parameters])
+        self.physical = Truncation(self._physical_rows())
+        self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.names))))
+        estimate = self._estimate(reduced) if pilot is None else self._estimate_of(pilot)
+        kept = {test.name for test in (campaign if keep is None else campaign.select(keep)).tests}
+        rows = [i for i, test in enumerate(campaign.tests) if test.name in kept]
+        self.setting = replace(self.setting, compliance_estimate=estimate).select(rows)
         self.reduced = tuple(reduced[i] for i in rows)
         self.test_names = tuple(campaign.tests[i].name for i in rows)
-        self.interest = self._interest(self.setting)
+        lever = self.setting.force_N - self.setting.reference_force_N
+        elastic = [(self.setting.force_N * lever**k)[:, None, None] * self.setting.wrench for k in range(model.degree + 1)]
+        self.interest = np.concatenate([*elastic, self.setting.geometric], axis=2)[:, :, self._free]
         self.hyper_prior = model.prior.hyper(model.scales, campaign.resolution_um)
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
@@ -349,14 +341,9 @@ class BoundModel:
 
     def with_two_balls(self) -> BoundModel:
         """The same binding with a form for each ball, as other readings with the same balls need."""
-        found = BoundModel(self.model, self.campaign, keep=self.test_names, pilot=self.pilot)
-        found.setting = replace(found.setting, two_balls=True)
-        return found
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters of interest."""
-        return tuple(parameter.name for parameter in self.parameters)
+        bound = self.keeping(self.test_names)
+        bound.setting = replace(bound.setting, two_balls=True)
+        return bound
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -364,42 +351,31 @@ class BoundModel:
         idle = [kind.__name__ for kind, columns in self.columns_of.items() if not columns]
         return tuple(name for name in self.model.terms if name not in idle)
 
-    def compliance_at(self, force_N: float, *, reference_force_N: float | None = None) -> Array:
+    def compliance_at(self, force_N: float) -> Array:
         """Rows A with C(F) = A β, one per kept compliance, shape (compliances, p)."""
-        reference = self.setting.reference_force_N if reference_force_N is None else reference_force_N
         labels = [name.label for name in self.compliances]
         rows = np.zeros((len(labels), len(self.parameters)))
         for column, parameter in enumerate(self.parameters):
             if parameter.group != "geometric":
-                rows[labels.index(parameter.compliance), column] = (force_N - reference) ** parameter.degree
+                lever = force_N - self.setting.reference_force_N
+                rows[labels.index(parameter.compliance), column] = lever**parameter.degree
         return rows
-
-    @cached_property
-    def prior_sd(self) -> Array:
-        """Prior sd of the parameters, shape (p,); infinite when flat."""
-        return np.array([parameter.prior_sd for parameter in self.parameters])
-
-    @cached_property
-    def prior_mean(self) -> Array:
-        """Prior mean of the parameters, shape (p,); zero when flat."""
-        return np.array([parameter.prior_mean for parameter in self.parameters])
 
     @cached_property
     def scale(self) -> Array:
         """Typical size of every parameter, shape (p,): its prior sd, or the default prior's when flat."""
-        if not self.model.prior.flat:
-            return self.prior_sd
-        return self._sd_of(Prior.default(), self.setting.force_range_N)[self._free]
+        return self._sd_of(Prior.default())[self._free] if self.model.prior.flat else self.prior_sd
 
     @cached_property
     def centre(self) -> Array:
         """Least-squares estimate about which densities are computed, shape (p,); the prior mean for a plan."""
-        return self._fit(self.interest, self.prior_mean, self.scale, self.setting, self.reduced)
+        return self._fit(self.interest, self.prior_mean, self.scale, self.reduced)
 
     @property
     def known_offset(self) -> Array:
         """Nominal mount deflection still in the readings (Eq. 32), shape (tests, 25) [mm]; zero when compensated."""
-        return _mount_mean(self.setting)
+        nominal = 0.0 if self.setting.compensated else self.setting.deflection_um_per_bar * 1e-3
+        return self.setting.constant(self.setting.pressure_bar * nominal)[:, :, 0]
 
     @cached_property
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
@@ -414,12 +390,21 @@ class BoundModel:
     @cached_property
     def given_interest(self) -> StructuredGaussian:
         """p(y | β, φ): nuisances integrated out. Coefficients are β − centre."""
-        return self._structured(())
+        return self._structured()
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
         """p(y | φ): nuisances and β integrated out, truncation left aside. The last shared coefficients are β − centre."""
-        return self._structured((Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre),))
+        return self._structured(Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre))
+
+    def _structured(self, *extra: Columns) -> StructuredGaussian:
+        return StructuredGaussian(
+            self.reduced,
+            [*self.nuisance_columns, *extra],
+            interest=self.interest,
+            offset=self.interest @ self.centre + self.known_offset,
+            hypers=self.model.hypers,
+        )
 
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """ln p(y | β, φ), shape (w,). φ (w, h) [mm], β (w, p)."""
@@ -436,8 +421,6 @@ class BoundModel:
             return np.zeros(beta.shape[:-1])
         white = (beta - self.prior_mean) / self.prior_sd
         density = -0.5 * (white**2).sum(axis=-1) - np.log(self.prior_sd * np.sqrt(2 * np.pi)).sum()
-        if not self.truncation.active:
-            return np.asarray(density)
         return np.where(self.truncation.holds(beta), density - self.log_prob_truncation_prior, -np.inf)
 
     @cached_property
@@ -448,8 +431,7 @@ class BoundModel:
         mean, spread = self.truncation.rows @ self.prior_mean, self.truncation.rows * self.prior_sd
         count, label = connected_components(np.abs(spread @ spread.T) > 0.0, directed=False)
         blocks = [(mean[None, label == k], spread[None, label == k]) for k in range(count)]
-        values = [Orthant(*block).log_probability(1 << 14)[0][0] for block in blocks]
-        return float(np.sum(values))
+        return float(np.sum([Orthant(*block).log_probability(1 << 14)[0][0] for block in blocks]))
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β | y, φ)."""
@@ -477,168 +459,163 @@ class BoundModel:
         if not self.truncation.active:
             return self.prior_mean + rng.standard_normal((size, p)) * self.prior_sd
         draws = np.zeros((0, p))
-        spread = np.broadcast_to(np.diag(self.prior_sd), (size, p, p))
-        mean = np.broadcast_to(self.prior_mean, (size, p))
+        orthant = self.truncation.orthants(
+            np.broadcast_to(self.prior_mean, (size, p)), np.broadcast_to(np.diag(self.prior_sd), (size, p, p))
+        )
         while len(draws) < size:
-            white, exact = self.truncation.orthants(mean, spread).draw_spread(rng)
+            white, exact = orthant.draw_spread(rng)
             beta = self.prior_mean + white * self.prior_sd
             draws = np.concatenate([draws, beta[exact & self.truncation.holds(beta)]])
         return draws[:size]
 
     def linearisation_error_mm(self, test: CircularTest, beta: Array) -> Array:
         """Exact (Eq. 1-14) minus linear geometric reading of one test, shape (n,) [mm]. β (p,)."""
-        values = dict(zip(self.names, beta.tolist(), strict=True))
-        angle = test.angles_rad()
-        errors = np.array([values.get(name.label, 0.0) for name in self.geometric_errors])
-        linear = basis(angle) @ (self.setting.geometric[self.test_names.index(test.name)] @ errors)
-        named = {
-            replace(name, setup=0).label: values.get(name.label, 0.0)
-            for name in self.geometric_errors
+        values, angle = dict(zip(self.names, beta.tolist(), strict=True)), test.angles_rad()
+        errors = {name: values.get(name.label, 0.0) for name in self.geometric_errors}
+        linear = basis(angle) @ (self.setting.geometric[self.test_names.index(test.name)] @ np.array([*errors.values()]))
+        in_setup = {
+            replace(name, setup=0).label: value
+            for name, value in errors.items()
             if not (name.kind == "offset" and (name.setup or 1) != test.setup)
         }
-        return geometric_reading_mm(self.campaign.machine(), test.circle, angle, named) - linear
+        return geometric_reading_mm(self.campaign.machine(), test.circle, angle, in_setup) - linear
 
     def largest_linearisation_error_mm(self, beta: Array) -> float:
         """The largest absolute error over all readings [mm]."""
         tests = [test for test in self.campaign.tests if test.name in self.test_names]
         return float(max(np.abs(self.linearisation_error_mm(test, beta)).max() for test in tests))
 
-    def _structured(self, extra: tuple[Columns, ...]) -> StructuredGaussian:
-        columns = [replace(term, mean=None) if isinstance(term, Columns) else term for term in self.nuisance_columns]
-        offset = self.interest @ self.centre + self.known_offset
-        return StructuredGaussian(
-            self.reduced, [*columns, *extra], interest=self.interest, offset=offset, hypers=self.model.hypers
-        )
-
-    def _interest(self, setting: Setting) -> Array:
-        """Columns F (F − F0)^k j_C, k = 0 … degree (Eq. 22, 33), and j_G (Eq. 16-18)."""
-        lever = setting.force_N - setting.reference_force_N
-        powers = [setting.force_N * lever**k for k in range(self.model.degree + 1)]
-        elastic = [power[:, None, None] * setting.wrench for power in powers]
-        return np.concatenate([*elastic, setting.geometric], axis=2)[:, :, self._free]
-
-    def _estimate_of(self, pilot: Campaign) -> Array:
-        """The pilot's Ĉ; what it does not know of, as for a plan."""
-        known = BoundModel(self.model, pilot)
-        labels = [name.label for name in known.compliances]
-        return np.array(
-            [
-                known.setting.compliance_estimate[labels.index(name.label)] if name.label in labels else planned
-                for name, planned in zip(self.compliances, self._planned(), strict=True)
-            ]
-        )
-
-    def _planned(self) -> Array:
-        """What no readings tell: the prior mean where the prior has one, else a usual machine's."""
-        usual = {name.label: _PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances}
-        return np.array([self.model.prior.means.get(name, value) for name, value in usual.items()])
-
-    def _estimate(self, setting: Setting, reduced: Sequence[Reduced]) -> Array:
-        """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, nearest to the prior mean in units of the prior sd."""
-        if reduced[0].projection is None:
-            return self._planned()
-        columns = np.concatenate([setting.force_N[:, None, None] * setting.wrench, setting.geometric], axis=2)
-        prior = Prior.default() if self.model.prior.flat else self.model.prior
-        compliance = self._compliance_sd(prior, 0, setting.force_range_N)
-        scale = np.concatenate([compliance, prior.geometric_sd(self.geometric_errors)])
-        names = [*(name.label for name in self.compliances), *(name.label for name in self.geometric_errors)]
-        mean = np.array([self.model.prior.means.get(name, 0.0) for name in names])
-        found = self._fit(columns, mean, scale, setting, reduced)[: len(self.compliances)]
-        seen = np.abs(setting.wrench).max(axis=(0, 1)) > 0.0
-        return np.where(seen, found, self._planned())
-
-    @staticmethod
-    def _fit(columns: Array, near: Array, scale: Array, setting: Setting, reduced: Sequence[Reduced]) -> Array:
-        """Least squares; where not unique, what is closest to ``near`` in units of ``scale``. Of a plan, ``near`` itself."""
-        if reduced[0].projection is None:
-            return near
-        mean = _mount_mean(setting)
-        rows = np.concatenate([test.factor @ columns[r] for r, test in enumerate(reduced)])
-        values = [np.asarray(test.projection) - test.factor @ mean[r] for r, test in enumerate(reduced)]
-        return near + least_squares(rows, np.concatenate(values) - rows @ near, scale)
-
-    def _list_parameters(self, force_range_N: float) -> tuple[Parameter, ...]:
-        sd = self._sd_of(self.model.prior, force_range_N)
-        if self.model.prior.flat:
-            sd = np.full(len(sd), np.inf)
-        names: list[tuple[str, str, Group, int]] = []
+    def _every_parameter(self) -> tuple[Parameter, ...]:
+        prior = self.model.prior
+        sd = iter(self._sd_of(prior).tolist())
+        rows: list[tuple[str, str, Group, int]] = []
         for k in range(self.model.degree + 1):
             group: Group = "slope" if k else "compliance"
-            suffix = f"_{k}" if k else ""
-            names += [(c.label + suffix, compliance_unit(c, k), group, k) for c in self.compliances]
-        names += [(name.label, geometric_unit(name.kind), "geometric", 0) for name in self.geometric_errors]
-        self.model.prior.check_names([name for name, *_ in names])
-        means = self.model.prior.means
-        return tuple(Parameter(n, u, float(s), g, k, means.get(n, 0.0)) for (n, u, g, k), s in zip(names, sd, strict=True))
+            rows += [(c.label + (f"_{k}" if k else ""), compliance_unit(c, k), group, k) for c in self.compliances]
+        rows += [(name.label, geometric_unit(name.kind), "geometric", 0) for name in self.geometric_errors]
+        check_known("prior override", prior.overrides, [name for name, *_ in rows])
+        check_known("prior mean", prior.means, [name for name, *_ in rows])
+        return tuple(
+            Parameter(name, unit, np.inf if prior.flat else next(sd), group, k, prior.means.get(name, 0.0))
+            for name, unit, group, k in rows
+        )
 
-    def _sd_of(self, prior: Prior, force_range_N: float) -> Array:
-        degrees = range(self.model.degree + 1)
-        compliance = [self._compliance_sd(prior, k, force_range_N) for k in degrees]
+    def _sd_of(self, prior: Prior) -> Array:
+        """Prior sd of all parameters, fixed ones included."""
+        compliance = [self._compliance_sd(prior, k) for k in range(self.model.degree + 1)]
         return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors)])
 
-    def _compliance_sd(self, prior: Prior, degree: int, force_range_N: float) -> Array:
+    def _compliance_sd(self, prior: Prior, degree: int) -> Array:
         """Prior sd of every kept compliance; what it has absorbed of dropped sets is added in quadrature, unless overridden."""
-        own = prior.compliance_sd(self.compliances, degree, force_range_N)
-        suffix = f"_{degree}" if degree else ""
+        own = prior.compliance_sd(self.compliances, degree, self.setting.force_range_N)
         for k, (name, absorbed) in enumerate(zip(self.compliances, self._kept.absorbed, strict=True)):
             heads = [other for other in absorbed if other.label in self._kept.dependent]
-            if heads and name.label + suffix not in prior.overrides:
-                sd = prior.compliance_sd(heads, degree, force_range_N)
+            if heads and name.label + (f"_{degree}" if degree else "") not in prior.overrides:
+                sd = prior.compliance_sd(heads, degree, self.setting.force_range_N)
                 own[k] = np.hypot(own[k], np.linalg.norm([absorbed[other] for other in heads] * sd))
         return own
 
-    def _check_room(self, bounded: Sequence[int], at: Sequence[Array], reference_force_N: float) -> None:
-        """Refuse a compliance fixed at zero at F0 whose free slope would make it negative on one side of F0."""
+    def _estimate_of(self, pilot: Campaign) -> Array:
+        """The pilot's Ĉ; what its circles do not show, as for a plan."""
+        bound = BoundModel(self.model, pilot)
+        seen = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
+        return np.array([seen.get(name, planned) for name, planned in zip(self.compliances, self._planned(), strict=True)])
+
+    def _planned(self) -> Array:
+        """Ĉ without readings: the prior mean where the prior has one, else a usual machine's."""
+        usual = {name.label: _PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances}
+        return np.array([self.model.prior.means.get(name, value) for name, value in usual.items()])
+
+    def _estimate(self, reduced: Sequence[Reduced]) -> Array:
+        """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, nearest to the prior mean in units of the prior sd."""
+        setting, prior = self.setting, Prior.default() if self.model.prior.flat else self.model.prior
+        columns = np.concatenate([setting.force_N[:, None, None] * setting.wrench, setting.geometric], axis=2)
+        scale = np.concatenate([self._compliance_sd(prior, 0), prior.geometric_sd(self.geometric_errors)])
+        labels = [*(name.label for name in self.compliances), *(name.label for name in self.geometric_errors)]
+        mean = np.array([prior.means.get(label, 0.0) for label in labels])
+        estimate = self._fit(columns, mean, scale, reduced)[: len(self.compliances)]
+        seen = (np.abs(setting.wrench).max(axis=(0, 1)) > 0.0) & (reduced[0].projection is not None)
+        return np.where(seen, estimate, self._planned())
+
+    def _fit(self, columns: Array, near: Array, scale: Array, reduced: Sequence[Reduced]) -> Array:
+        """Least squares; where not unique, what is closest to ``near`` in units of ``scale``. Of a plan, ``near`` itself."""
+        if reduced[0].projection is None:
+            return near
+        rows = np.concatenate([test.factor @ columns[r] for r, test in enumerate(reduced)])
+        values = [test.projection - test.factor @ own for test, own in zip(reduced, self.known_offset, strict=True)]
+        return near + least_squares(rows, np.concatenate(values) - rows @ near, scale)
+
+    def _physical_rows(self) -> Array:
+        """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind.
+
+        A compliance fixed at zero at F0 whose free slope would make it negative on one side of F0 is refused.
+        """
+        forces, degree = distinct_forces(self.campaign.forces_N), self.model.degree
+        forces = forces if degree == 2 else forces[[0, -1][: degree + 1]]
+        bounded = np.flatnonzero(self._kept.not_negative)
+        at = [self.compliance_at(force) for force in forces]
         for j in bounded:
             label = self.compliances[j].label
             slopes = [p for p in self.parameters if p.compliance == label and p.degree]
             signs = {float(np.sign(rows[j] @ [p in slopes for p in self.parameters])) for rows in at}
             if label in self.model.fixed and [p.degree for p in slopes] == [1] and {-1.0, 1.0} <= signs:
                 raise InputError(
-                    f"{label} must not be fixed at zero while {slopes[0].name} is free: about F0 = {reference_force_N:g} N C(F) "
-                    f"would be negative on one side. Fix {slopes[0].name} too, or give a reference_force_N outside "
-                    "the tested forces."
+                    f"{label} must not be fixed at zero while {slopes[0].name} is free: about "
+                    f"F0 = {self.setting.reference_force_N:g} N C(F) would be negative on one side. Fix {slopes[0].name} too, or "
+                    "give a reference_force_N outside the tested forces."
                 )
-
-    def _physical_rows(self, campaign: Campaign, reference_force_N: float) -> Array:
-        """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind."""
-        forces = distinct_forces(campaign.forces_N)
-        if self.model.degree == 0:
-            forces = forces[:1]
-        elif self.model.degree == 1:
-            forces = forces[[0, -1]]
-        bounded = np.flatnonzero(self._kept.not_negative).tolist()
-        at = [self.compliance_at(force, reference_force_N=reference_force_N) for force in forces]
-        self._check_room(bounded, at, reference_force_N)
-        rows = [tuple(rows[j]) for j in bounded for rows in at]
-        return np.array([row for row in dict.fromkeys(rows) if any(row)]).reshape(-1, len(self.parameters))
+        rows = dict.fromkeys(tuple(rows[j]) for j in bounded for rows in at)
+        return np.array([row for row in rows if any(row)]).reshape(-1, len(self.parameters))
 
 
-def _check(model: HybridModel, campaign: Campaign) -> None:
-    levels = campaign.force_levels
-    if levels == 1 and model.degree >= 1:
+def information_of(bound: BoundModel, phi: Array) -> Information:
+    """What readings tell of a bound model's coefficients at φ, shape (h,) [mm]. Set-up shift, discrepancy and random force errors
+    are noise of their test."""
+    return next(informations_of(bound, phi[None]))
+
+
+def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
+    """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is worked out once."""
+    names, owners = list(bound.names), [OWN] * len(bound.names)
+    columns = [bound.interest]
+    scale: list[tuple[Hyper | None, Array]] = [(None, bound.scale)]
+    noise: list[list[tuple[str, Hyper | None, Array]]] = [[(NOISE, "sigma", np.eye(len(test.factor)))] for test in bound.reduced]
+    for kind, parts in bound.columns_of.items():
+        for part in parts:
+            if isinstance(part, Columns) and not part.private:
+                names += part.names
+                owners += [kind.__name__] * len(part.names)
+                columns.append(part.values)
+                scale.append((part.hyper, part.sd))
+                continue
+            for r, test in enumerate(bound.reduced):
+                spread = test.factor * part.sd if isinstance(part, BasisNoise) else test.factor @ (part.values[r] * part.sd)
+                noise[r].append((kind.__name__, part.hyper, spread @ spread.T))
+    every = np.concatenate(columns, axis=2)
+    design = tuple(test.factor @ every[r] for r, test in enumerate(bound.reduced))
+    for values in phi:
+        value: dict[Hyper | None, float] = dict(zip(bound.hyper_prior.names, values, strict=True)) | {None: 1.0}
+        scales = np.concatenate([sd * value[hyper] for hyper, sd in scale])
+        blocks: list[dict[str, Array]] = []
+        for sources in noise:
+            blocks.append({})
+            for label, hyper, covariance in sources:
+                blocks[-1][label] = blocks[-1].get(label, 0.0) + covariance * value[hyper] ** 2
+        yield Information(tuple(names), tuple(owners), scales, bound.model.prior.flat, design, tuple(blocks))
+
+
+def _check_levels(model: HybridModel, campaign: Campaign) -> None:
+    levels, degree = campaign.force_levels, model.degree
+    if levels == 1 and degree >= 1:
         raise InputError(
             f"degree ≥ 1 must have at least two force levels, got one ({campaign.forces_N[0]:g} N). "
             "Use degree 0 (--degree 0), or add tests at another force."
         )
-    if levels == 1 and model.prior.flat:
+    if model.prior.flat and levels < degree + 2:
         raise InputError(
-            f"flat priors must have at least two force levels, got one ({campaign.forces_N[0]:g} N): constant compliance and "
-            "geometry cannot be separated. Use the default preset or add tests at another force."
-        )
-    if model.prior.flat and levels < model.degree + 2:
-        raise InputError(
-            f"flat priors at degree {model.degree} must have at least {model.degree + 2} force levels, got {levels}: "
+            f"flat priors must have at least {('two', 'three', 'four')[degree]} force levels at degree {degree}, got {levels}: "
             "compliance and geometry cannot be separated. Use the default preset, a lower degree, or add tests at another force."
         )
-
-
-def _rows(campaign: Campaign, keep: Sequence[str] | None) -> list[int]:
-    if keep is None:
-        return list(range(len(campaign.tests)))
-    chosen = campaign.select(keep)
-    names = {test.name for test in chosen.tests}
-    return [i for i, test in enumerate(campaign.tests) if test.name in names]
 
 
 def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
@@ -649,10 +626,3 @@ def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
             reduce_readings(test.angles_rad(), None if plan else test.readings_mm()) for test in campaign.tests
         )
     return _KEPT[campaign]
-
-
-def _mount_mean(setting: Setting) -> Array:
-    mean = np.zeros((setting.tests, SIZE))
-    if not setting.compensated:
-        mean[:, 0] = setting.pressure_bar * setting.deflection_um_per_bar * 1e-3
-    return mean

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import erfc, erfcinv
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.machine.names import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import Hyper, Scale
@@ -139,10 +139,6 @@ class Prior:
         """Flat and untruncated: least squares."""
         return cls(truncated=False, flat=True)
 
-    def untruncated(self) -> Prior:
-        """The same without truncation."""
-        return replace(self, truncated=False)
-
     def compliance_sd(self, names: Sequence[ComplianceName], degree: int, force_range_N: float) -> Array:
         """Prior sd of every compliance of one degree, shape (compliances,)."""
         by_kind = {
@@ -168,11 +164,6 @@ class Prior:
             "offset": self.offset_mm,
         }
         return self._overridden([name.label for name in names], [by_kind[name.kind] for name in names])
-
-    def check_names(self, parameters: Sequence[str]) -> None:
-        """Refuse overrides and means of parameters the model does not have."""
-        check_known("prior override", self.overrides, parameters)
-        check_known("prior mean", self.means, parameters)
 
     def _overridden(self, names: Sequence[str], default: Any) -> Array:
         return np.array([self.overrides.get(name, value) for name, value in zip(names, default, strict=True)], dtype=float)

@@ -7,6 +7,7 @@ shared by all tests or stand for each test apart. A term of your own is one more
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -15,8 +16,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.chain import LINEAR
-from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE
-from ldbb_bayes.model.setting import Setting
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, Setting
 
 __all__ = [
     "BallForm",
@@ -83,8 +83,8 @@ class Columns:
         The hyper-parameter that scales ``sd``.
     private : bool
         True when every test has its own copy of each coefficient.
-    mean : ndarray, shape (p,)
-        Prior mean.
+    mean : ndarray, shape (p,), optional
+        Prior mean of shared coefficients.
 
     Raises
     ------
@@ -107,6 +107,13 @@ class Columns:
                 f"got {self.values.shape} and {self.sd.shape}. Give one of each for every name."
             )
 
+    def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
+        """What one draw from the prior at φ adds to the readings' coefficients, shape (tests, 25) [mm]."""
+        sd = self.sd * (phi[self.hyper] if self.hyper else 1.0)
+        drawn = sd * rng.standard_normal((tests if self.private else 1, len(sd)))
+        drawn = drawn if self.mean is None else drawn + self.mean
+        return np.einsum("tkq,tq->tk", self.values, np.broadcast_to(drawn, (tests, len(sd))))
+
 
 @dataclass(frozen=True, eq=False)
 class BasisNoise:
@@ -114,6 +121,10 @@ class BasisNoise:
 
     hyper: Hyper
     sd: Array
+
+    def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
+        """One draw of them, shape (tests, 25) [mm]."""
+        return phi[self.hyper] * self.sd * rng.standard_normal((tests, SIZE))
 
 
 class Term:
@@ -337,10 +348,9 @@ class Mount(Term):
     on_demand: ClassVar[bool] = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """One shared column [bar]; mean nominal when the readings are not compensated, 0 when they are."""
-        nominal = setting.deflection_um_per_bar * 1e-3
-        mean = np.array([0.0 if setting.compensated else nominal])
-        return (Columns(("mount",), setting.constant(setting.pressure_bar), np.array([self.relative_sd * nominal]), mean=mean),)
+        """One shared column [bar]: the deviation from the nominal deflection."""
+        sd = np.array([self.relative_sd * (setting.deflection_um_per_bar * 1e-3)])
+        return (Columns(("mount",), setting.constant(setting.pressure_bar), sd),)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:

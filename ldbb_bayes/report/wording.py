@@ -26,7 +26,7 @@ from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit
 from ldbb_bayes.inference.predictive import Check, CheckKind
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.information import NOISE, OWN
+from ldbb_bayes.model.likelihood import NOISE, OWN
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.units import (
     display_name,

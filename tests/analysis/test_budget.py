@@ -11,7 +11,8 @@ from campaigns import HYPER_UM, plan
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budget import Budget, _shares, budgets
 from ldbb_bayes.model.fourier import basis
-from ldbb_bayes.model.information import NOISE, OWN, information_of
+from ldbb_bayes.model.hybrid import information_of
+from ldbb_bayes.model.likelihood import NOISE, OWN
 from ldbb_bayes.model.terms import BasisNoise, Columns
 from ldbb_bayes.report.wording import remedy_words
 

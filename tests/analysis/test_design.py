@@ -21,7 +21,7 @@ from ldbb_bayes.analysis.design.forecast import States, discrimination_of, forec
 from ldbb_bayes.analysis.design.planning import DesignSpace
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.information import information_of
+from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import SetupShift
 from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
 from ldbb_bayes.table import json_text

@@ -14,7 +14,8 @@ from scipy import integrate, stats
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.identifiability import Confounding, overlap
 from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.model.information import NOISE, OWN, Information, information_of
+from ldbb_bayes.model.hybrid import information_of
+from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 from ldbb_bayes.report.wording import statement, verdict_words, with_words
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])

@@ -11,7 +11,7 @@ from campaigns import HYPER_UM, plan
 import ldbb_bayes as lb
 from ldbb_bayes.inference.posterior import draws_of
 from ldbb_bayes.model.fourier import basis
-from ldbb_bayes.model.information import information_of
+from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import Columns
 
 MODEL = lb.HybridModel.default(0).without("truncation").including(lb.Drift("time"))

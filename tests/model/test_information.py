@@ -10,7 +10,8 @@ from campaigns import oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.information import NOISE, OWN, Information, information_of, informations_of
+from ldbb_bayes.model.hybrid import information_of, informations_of
+from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
 PLANS = {

@@ -21,8 +21,7 @@ from ldbb_bayes.analysis.design.criteria import Case, Criterion, Determinant, Lo
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.model.information import informations_of
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, informations_of
 from ldbb_bayes.model.prior import Prior
 
 __all__ = [

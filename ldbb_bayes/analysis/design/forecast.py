@@ -1,7 +1,7 @@
 """What to expect of tests before they are run: posterior sd of every parameter, information gained, constant or linear.
 
 Of the linear Gaussian model at given hyper-parameters, averaged over these; sd inside the truncation, evidence without it. It
-takes the general route through `ldbb_bayes.model.information` and none of the design search's.
+takes the general route through `ldbb_bayes.model.likelihood.Information` and none of the design search's.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from ldbb_bayes.analysis.design.candidates import bind_tests
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
 from ldbb_bayes.model.gaussian import singular_root
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.model.information import informations_of
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, informations_of
 from ldbb_bayes.result import Finite, Result
 
 __all__ = [

@@ -31,8 +31,8 @@ from ldbb_bayes.analysis.design.solvers import Found, Optimum, Search
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.machine.chain import PLANES
+from ldbb_bayes.model.fourier import TRAVEL
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.model.setting import TRAVEL
 from ldbb_bayes.result import Result
 
 __all__ = ["DesignSpace", "Goal", "Outcome", "Remedy", "RemedyKind", "default_assumptions", "fewest", "robustness", "trade_off"]

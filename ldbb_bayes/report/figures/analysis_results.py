@@ -17,7 +17,7 @@ from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design.design import Design
 from ldbb_bayes.analysis.identifiability import Identifiability
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS
-from ldbb_bayes.model.information import NOISE, OWN
+from ldbb_bayes.model.likelihood import NOISE, OWN
 from ldbb_bayes.report.figures.style import (
     ACCENT,
     GREY,
