@@ -6,7 +6,8 @@ the others. Models are compared on the same readings, with the same priors where
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import itertools
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
@@ -20,26 +21,33 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.local_fits import local_fits
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS, Dropped, dropped, outliers
-from ldbb_bayes.analysis.slopes import Curve, SlopeSubset, VaryingSlope, count_subsets, model_curves, slope_subsets
+from ldbb_bayes.analysis.slopes import (
+    Curve,
+    SlopeSubset,
+    SlopeSubsets,
+    VaryingSlope,
+    averaged_curves,
+    count_subsets,
+    slope_subsets,
+)
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import (
     Evidences,
-    Weighed,
     check_comparable,
+    leave_one_out,
     log_bayes_factor,
-    moments,
     probabilities,
     savage_dickey,
 )
 from ldbb_bayes.inference.least_squares import least_squares
-from ldbb_bayes.inference.leave_one_out import LeftOut, leave_one_out, pareto_smoothed
-from ldbb_bayes.inference.nodes import draw_parameters_given
-from ldbb_bayes.inference.posterior import campaign_of, check_probability, model_of
+from ldbb_bayes.inference.nodes import CHUNK, Nodes
+from ldbb_bayes.inference.posterior import campaign_of, check_probability, model_of, psis_loo
 from ldbb_bayes.inference.predictive import fit_quality
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.terms import Covariate, Discrepancy, Drift, Hysteresis, SetupShift, Term
+from ldbb_bayes.model.fourier import Setting
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.terms import Discrepancy, Drift, Hysteresis, SetupShift, Term
 from ldbb_bayes.result import Number, Records, Result, read_result
 from ldbb_bayes.units import ranked
 
@@ -50,8 +58,10 @@ __all__ = [
     "ComparedModel",
     "ComparedTest",
     "Comparison",
+    "SavageDickey",
     "Sign",
     "compare",
+    "pareto_smoothed",
     "read_comparison",
 ]
 
@@ -61,7 +71,7 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 WHITE_NOISE = "white noise only, no truncation"
 _AS_GIVEN = "as in the model"
 _REJECTED = 5.0
-_QUALITY_DRAWS = 1000
+_QUALITY_DRAWS, _SMOOTHED_DRAWS = 1000, 4000
 _FINEST, _COARSEST = 1e-4, 1.0
 _DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
     ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
@@ -124,10 +134,6 @@ class ComparedModel:
         Eq. 34-35 of the posterior mean prediction, machine and shared nuisances.
     least_squares : Squares
         At the same degree.
-    degree : int
-    terms : tuple of str
-    parameters : dict of name to Estimate
-    compliance_against_force : dict of compliance to Curve
     """
 
     log_evidence: float
@@ -159,7 +165,6 @@ class ComparedTest:
 
     Attributes
     ----------
-    force_N : float
     lofo_log_density, lofo_log_density_error : dict of model to float
         ln p(y_r | y_−r), exact, and the quadrature's error [nat].
     lofo_p_value, lofo_family_wise_p_value, lofo_worst_order, lofo_p_value_by_order, flag : as in `Outlier`
@@ -233,7 +238,6 @@ class Comparison(Result):
 
     Attributes
     ----------
-    campaign : Readings
     models : dict of name to ComparedModel
     log_bayes_factor, log_bayes_factor_error : dict of "model/first model" to float
         [nat].
@@ -250,8 +254,7 @@ class Comparison(Result):
     slopes : dict of compliance to VaryingSlope
         Empty where no model has slopes, or evidence alone was asked for.
     slope_subsets : tuple of SlopeSubset
-        The most probable first.
-    slope_subsets_possible : int, or None
+        The most probable first; ``slope_subsets_possible`` may be more.
     compliance_against_force : dict of compliance to Curve
         Averaged over the subsets.
     tests : dict of name to ComparedTest
@@ -343,81 +346,6 @@ def read_comparison(path: Path) -> Comparison:
     return read_result(path, "comparison", "compare", Comparison.from_dict)
 
 
-def _discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """How circles may differ from one another: what the models say, then one idea after the other changed."""
-    ideas = [(label, kind, term) for label, kind, term in _DISCREPANCIES if any(_term(model, kind) != term for model in models)]
-    return {_AS_GIVEN: _unchanged, **{label: partial(_with_term, kind=kind, term=term) for label, kind, term in ideas}}
-
-
-def _nuisance_assumptions(models: Collection[HybridModel], campaign: Campaign) -> dict[str, Change]:
-    """Every nuisance that can act on the campaign switched over, the truncation switched over, and nothing but white noise."""
-    found: dict[str, Change] = {_AS_GIVEN: _unchanged}
-    for kind in Term.kinds.values():
-        words = kind.words
-        if kind is Hysteresis and not _both_ways(campaign):
-            continue
-        if any(_term(model, kind) is not None for model in models):
-            found[f"without {words}"] = partial(_with_term, kind=kind, term=None)
-        elif kind is Drift:
-            for over in _recorded(campaign):
-                found[f"with {words} over {over}"] = partial(_with_term, kind=kind, term=Drift(over))
-        elif not kind.on_demand:
-            found[f"with {words}"] = partial(_with_term, kind=kind, term=kind())
-    truncated = any(model.prior.truncated for model in models)
-    found["without truncation" if truncated else "with truncation"] = partial(_with_truncation, truncated=not truncated)
-    return found | {WHITE_NOISE: lambda model: replace(model.without("truncation"), nuisances=())}
-
-
-def _unchanged(model: HybridModel) -> HybridModel:
-    return model
-
-
-def _term(model: HybridModel, kind: type[Term]) -> Term | None:
-    return next((term for term in model.nuisances if isinstance(term, kind)), None)
-
-
-def _with_term(model: HybridModel, kind: type[Term], term: Term | None) -> HybridModel:
-    """The model with this term in the place of its own of that kind, in the order of all."""
-    rest = replace(model, nuisances=tuple(own for own in model.nuisances if not isinstance(own, kind)))
-    return rest if term is None else rest.including(term)
-
-
-def _with_truncation(model: HybridModel, truncated: bool) -> HybridModel:
-    return replace(model, prior=replace(model.prior, truncated=truncated))
-
-
-def _both_ways(campaign: Campaign) -> bool:
-    return any({"CW", "CCW"} <= {t.direction for t in campaign.tests if t.plane == plane} for plane in campaign.machine().planes)
-
-
-def _recorded(campaign: Campaign) -> list[Covariate]:
-    """What every test records and could drive a drift."""
-    values: dict[Covariate, list[float | None]] = {
-        "time": [test.time_s for test in campaign.tests],
-        "temperature": [test.temperature_C for test in campaign.tests],
-    }
-    return [over for over, own in values.items() if None not in own and len(set(own)) > 1]
-
-
-def _under(pair: Mapping[str, HybridModel], changes: Mapping[str, Change], evidences: Evidences) -> tuple[Assumed, ...]:
-    """The two models compared under every assumption that leaves a difference between them."""
-    found = []
-    for label, change in changes.items():
-        first, second = (change(model) for model in pair.values())
-        if first != second:
-            one, two = evidences.of(first).evidence, evidences.of(second).evidence
-            values = dict(zip(pair, (one.log_value, two.log_value), strict=True))
-            found.append(Assumed(label, *log_bayes_factor(two, one), values))
-    return tuple(found)
-
-
-def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
-    """Scales at which the log Bayes factor changes sign, interpolated in the logarithm of the scale."""
-    x, y = np.log(scale), log_bayes_factor
-    i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
-    return tuple(np.exp(x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])).tolist())
-
-
 @one_blas_thread
 def compare(
     models: Mapping[str, HybridModel | xr.DataTree],
@@ -463,39 +391,45 @@ def compare(
     check_probability(ci_prob)
     chosen, campaign = _checked(models, campaign, leave_out, tolerance)
     first, second, *_ = chosen
-    pair = {first: chosen[first], second: chosen[second]}
+    pair, ratio = {name: chosen[name] for name in (first, second)}, f"{second}/{first}"
     largest = max(chosen.values(), key=lambda model: (model.degree, -len(model.fixed)))
     selected = largest.with_degree(2 if quadratic else min(largest.degree, 1))
-    steps = _Steps(progress)
-    evidences = Evidences(campaign, tolerance=tolerance, progress=steps)
+    evidences = Evidences(campaign, tolerance=tolerance)
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
     by_scale = {f"slope scale {s:g}": partial(HybridModel.with_slope_scale, scale=s) for s in scales}
-    discrepancies, nuisances = _discrepancy_assumptions(pair.values()), _nuisance_assumptions(pair.values(), campaign)
-    several = len(campaign.tests) > 1 and not evidence_only
-    subsets = bool(selected.degree) and not evidence_only
+    discrepancies = _discrepancy_assumptions(pair.values())
+    nuisances = _nuisance_assumptions(pair.values(), chosen[first].bind(campaign).setting)
+    several, subsets = (not evidence_only and wanted for wanted in (len(campaign.tests) > 1, selected.degree > 0))
     windows = campaign.force_levels > 1 and not evidence_only
-    steps.total = len(chosen) * (1 + several * len(campaign.tests)) + 2 * len([*by_scale, *discrepancies, *nuisances])
-    steps.total += count_subsets(selected, evidences, quadratic=quadratic) if subsets else 0
+    if progress is not None:
+        total = len(chosen) * (1 + several * len(campaign.tests)) + 2 * len([*by_scale, *discrepancies, *nuisances])
+        total += count_subsets(selected, evidences, quadratic=quadratic) if subsets else 0
+        steps = itertools.count(1)
+        evidences.progress = lambda: progress(next(steps), total)
 
     weighed = {name: evidences.of(model) for name, model in chosen.items()}
     left = {
-        name: leave_one_out(one.posterior, one.evidence, tolerance=tolerance, progress=steps) if several else {}
-        for name, one in weighed.items()
+        name: leave_one_out(nodes, tolerance=tolerance, progress=evidences.progress) if several else {}
+        for name, nodes in weighed.items()
     }
     factors = {f"{n}/{first}": log_bayes_factor(o.evidence, weighed[first].evidence) for n, o in weighed.items() if n != first}
-    ratio = f"{second}/{first}"
-    scaled = _under(pair, by_scale, evidences)
-    under = _under(pair, discrepancies, evidences)
-    switched = _under(pair, nuisances, evidences)
+    scaled, under, switched = (_under(pair, changes, evidences) for changes in (by_scale, discrepancies, nuisances))
     overstated = [a.log_bayes_factor - factors[ratio][0] for a in switched if a.assumption == WHITE_NOISE]
-    found = slope_subsets(selected, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob) if subsets else None
+    slopes = SlopeSubsets()
+    if subsets:
+        slopes = slope_subsets(selected, evidences, quadratic=quadratic, seed=seed, ci_prob=ci_prob)
+    densities = {name: _left_out_densities(nodes, left[name]) for name, nodes in weighed.items()}
     return Comparison(
         campaign=Readings(campaign.name, campaign.sha256),
-        models=_models(weighed, left, seed, ci_prob),
+        models=_models(weighed, densities, seed, ci_prob),
         log_bayes_factor={name: value for name, (value, _) in factors.items()},
         log_bayes_factor_error={name: error for name, (_, error) in factors.items()},
         savage_dickey=_nested(weighed, first),
-        elpd_difference={f"{name}/{first}": _difference(left[name], left[first]) for name in chosen if several and name != first},
+        elpd_difference={
+            f"{n}/{first}": Difference(*_sum_over_tests(densities[n] - densities[first]))
+            for n in chosen
+            if several and n != first
+        },
         sensitivity_of=ratio,
         prior_sensitivity=tuple(
             ScaledSlopes(s, a.log_bayes_factor, a.log_bayes_factor_error) for s, a in zip(scales, scaled, strict=True)
@@ -504,28 +438,16 @@ def compare(
         discrepancy_sensitivity=under,
         nuisances=switched,
         white_noise_overstates_by_nats=overstated[0] if overstated else np.nan,
-        slopes={} if found is None else found.slopes,
-        slope_subsets=() if found is None else found.subsets,
-        slope_subsets_possible=None if found is None else found.possible,
-        compliance_against_force={} if found is None else found.curves,
-        tests=_tests(weighed, left, seed, tolerance) if several else {},
+        slopes=slopes.slopes,
+        slope_subsets=slopes.subsets,
+        slope_subsets_possible=slopes.possible,
+        compliance_against_force=slopes.curves,
+        tests=_tests(weighed, left, densities, seed, tolerance) if several else {},
         local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if windows else pd.DataFrame(),
         tolerance=tolerance,
-        largest_error=max([evidences.largest_error, *(one.evidence.error for tests in left.values() for one in tests.values())]),
-        differing_priors=_differing_priors(weighed),
+        largest_error=max([evidences.largest_error, *(n.evidence.error for others in left.values() for n in others.values())]),
+        differing_priors=_differing_priors([nodes.bound for nodes in weighed.values()]),
     )
-
-
-class _Steps:
-    """Counts what is done."""
-
-    def __init__(self, progress: Callable[[int, int], None] | None) -> None:
-        self.total, self._done, self._progress = 0, 0, progress
-
-    def __call__(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self.total)
 
 
 def _checked(
@@ -563,90 +485,155 @@ def _checked(
             f"models must be of the same readings to be compared, got {other!r} of other ones (SHA-256 "
             f"{brought[other].sha256[:12]}… instead of {campaign.sha256[:12]}…). Fit both to one campaign."
         )
-    for name, model in chosen.items():
-        alike = next((other for other, own in chosen.items() if other != name and own == model), None)
-        if alike is not None:
-            raise InputError(
-                f"models must differ, got {name!r} and {alike!r} alike. Leave one out, or change its degree or terms."
-            )
+    alike = next(((a, b) for a, b in itertools.combinations(chosen, 2) if chosen[a] == chosen[b]), None)
+    if alike is not None:
+        raise InputError(
+            f"models must differ, got {alike[0]!r} and {alike[1]!r} alike. Leave one out, or change its degree or terms."
+        )
+    for model in chosen.values():
         check_comparable(model, campaign)
     return chosen, campaign
 
 
-def _models(
-    weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int, ci_prob: float
-) -> dict[str, ComparedModel]:
-    share = probabilities(np.array([one.evidence.log_value for one in weighed.values()]))
-    found = {}
-    for (name, one), probability in zip(weighed.items(), share, strict=True):
-        bound = one.posterior.bound
-        rng = np.random.default_rng(seed)
-        free = one.lattice.pick(_QUALITY_DRAWS, rng)
-        quality = fit_quality(bound, bound.hyper_prior.phi(free), draw_parameters_given(one.posterior, free, rng))
-        mean, sd = moments(one.posterior, one.lattice)
-        densities = np.array([test.log_density for test in left[name].values()])
-        found[name] = ComparedModel(
-            log_evidence=one.evidence.log_value,
-            log_evidence_error=one.evidence.error,
+def _discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
+    """How circles may differ from one another: what the models say, then one idea after the other changed."""
+    ideas = [(label, kind, term) for label, kind, term in _DISCREPANCIES if any(_term(model, kind) != term for model in models)]
+    return {_AS_GIVEN: replace, **{label: partial(_with_term, kind=kind, term=term) for label, kind, term in ideas}}
+
+
+def _nuisance_assumptions(models: Collection[HybridModel], setting: Setting) -> dict[str, Change]:
+    """Every nuisance that can act on the campaign switched over, the truncation switched over, and nothing but white noise."""
+    changes: dict[str, Change] = {_AS_GIVEN: replace}
+    for kind in Term.kinds.values():
+        if kind is Hysteresis and not setting.both_ways:
+            continue
+        if any(_term(model, kind) is not None for model in models):
+            changes[f"without {kind.words}"] = partial(_with_term, kind=kind, term=None)
+        elif kind is Drift:
+            if np.ptp(setting.time_h) > 0.0:
+                changes[f"with {kind.words} over time"] = partial(_with_term, kind=kind, term=Drift("time"))
+            if np.ptp(setting.temperature_K) > 0.0:
+                changes[f"with {kind.words} over temperature"] = partial(_with_term, kind=kind, term=Drift("temperature"))
+        elif not kind.on_demand:
+            changes[f"with {kind.words}"] = partial(_with_term, kind=kind, term=kind())
+    truncated = any(model.prior.truncated for model in models)
+    switched = partial(_with_truncation, truncated=not truncated)
+    return changes | {"without truncation" if truncated else "with truncation": switched, WHITE_NOISE: _with_white_noise}
+
+
+def _term(model: HybridModel, kind: type[Term]) -> Term | None:
+    return next((term for term in model.nuisances if isinstance(term, kind)), None)
+
+
+def _with_term(model: HybridModel, kind: type[Term], term: Term | None) -> HybridModel:
+    """The model with this term in the place of its own of that kind, in the order of all."""
+    rest = replace(model, nuisances=tuple(own for own in model.nuisances if not isinstance(own, kind)))
+    return rest if term is None else rest.including(term)
+
+
+def _with_truncation(model: HybridModel, truncated: bool) -> HybridModel:
+    return replace(model, prior=replace(model.prior, truncated=truncated))
+
+
+def _with_white_noise(model: HybridModel) -> HybridModel:
+    return replace(model.without("truncation"), nuisances=())
+
+
+def _under(pair: Mapping[str, HybridModel], changes: Mapping[str, Change], evidences: Evidences) -> tuple[Assumed, ...]:
+    """The two models compared under every assumption that leaves a difference between them."""
+    assumed = []
+    for label, change in changes.items():
+        first, second = (change(model) for model in pair.values())
+        if first != second:
+            one, two = evidences.of(first).evidence, evidences.of(second).evidence
+            values = dict(zip(pair, (one.log_value, two.log_value), strict=True))
+            assumed.append(Assumed(label, *log_bayes_factor(two, one), values))
+    return tuple(assumed)
+
+
+def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
+    """Scales at which the log Bayes factor changes sign, interpolated in the logarithm of the scale."""
+    x, y = np.log(scale), log_bayes_factor
+    i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
+    return tuple(np.exp(x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])).tolist())
+
+
+def _left_out_densities(nodes: Nodes, left: Mapping[str, Nodes]) -> Array:
+    """ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,)."""
+    return np.array([nodes.evidence.log_value - others.evidence.log_value for others in left.values()])
+
+
+def _sum_over_tests(densities: Array) -> tuple[float, float]:
+    """Sum, and its standard error from the scatter over the tests; not a number where there is none."""
+    n = len(densities)
+    return float(densities.sum()) if n else np.nan, float(np.sqrt(n * densities.var(ddof=1))) if n > 1 else np.nan
+
+
+def _models(weighed: Mapping[str, Nodes], densities: Mapping[str, Array], seed: int, ci_prob: float) -> dict[str, ComparedModel]:
+    share = probabilities(np.array([nodes.evidence.log_value for nodes in weighed.values()]))
+    compared = {}
+    for (name, nodes), probability in zip(weighed.items(), share, strict=True):
+        bound = nodes.bound
+        beta, phi = nodes.draw(_QUALITY_DRAWS, np.random.default_rng(seed))
+        quality = fit_quality(bound, phi, beta)
+        elpd, elpd_se = _sum_over_tests(densities[name])
+        moments = zip(bound.parameters, *nodes.moments(), strict=True)
+        compared[name] = ComparedModel(
+            log_evidence=nodes.evidence.log_value,
+            log_evidence_error=nodes.evidence.error,
             posterior_probability=float(probability),
-            elpd_lofo=float(densities.sum()) if densities.size else np.nan,
-            elpd_lofo_se=_standard_error(densities),
+            elpd_lofo=elpd,
+            elpd_lofo_se=elpd_se,
             rmse_um=quality.rmse_um,
             fitness_percent=quality.fitness_percent,
             least_squares=_least_squares(bound.model, bound.campaign),
             degree=bound.model.degree,
             terms=bound.terms,
-            parameters={p.name: Estimate(p.unit, float(m), float(s)) for p, m, s in zip(bound.parameters, mean, sd, strict=True)},
-            compliance_against_force=model_curves(one, seed, ci_prob),
+            parameters={p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments},
+            compliance_against_force=averaged_curves([nodes], np.ones(1), seed, ci_prob),
         )
-    return found
+    return compared
 
 
 def _least_squares(model: HybridModel, campaign: Campaign) -> Squares:
     if campaign.force_levels < model.degree + 2:
         return Squares(np.nan, {})
-    found = least_squares(campaign, model.degree, reference_force_N=model.reference_force_N, fixed=model.fixed).quality
-    return Squares(found.rmse_um, found.fitness_percent)
+    quality = least_squares(campaign, model.degree, reference_force_N=model.reference_force_N, fixed=model.fixed).quality
+    return Squares(quality.rmse_um, quality.fitness_percent)
 
 
-def _standard_error(densities: Array) -> float:
-    """Of the sum, from its scatter over the tests."""
-    return float(np.sqrt(len(densities) * densities.var(ddof=1))) if len(densities) > 1 else np.nan
-
-
-def _difference(left: Mapping[str, LeftOut], other: Mapping[str, LeftOut]) -> Difference:
-    differences = np.array([left[name].log_density - other[name].log_density for name in left])
-    return Difference(float(differences.sum()), _standard_error(differences))
-
-
-def _nested(weighed: Mapping[str, Weighed], first: str) -> dict[str, SavageDickey]:
+def _nested(weighed: Mapping[str, Nodes], first: str) -> dict[str, SavageDickey]:
     """Over the first model, where one of the two is the other with parameters fixed at zero."""
-    found = {}
-    for name, one in weighed.items():
-        smaller, larger = sorted((weighed[first], one), key=lambda own: len(own.posterior.bound.names))
-        inner, outer = smaller.posterior.bound, larger.posterior.bound
+    ratios = {}
+    for name, nodes in weighed.items():
+        smaller, larger = sorted((weighed[first], nodes), key=lambda own: len(own.bound.names))
+        inner, outer = smaller.bound, larger.bound
         extra = [parameter for parameter in outer.names if parameter not in inner.names]
         alike = replace(inner.model, degree=outer.model.degree, fixed=outer.model.fixed, preset=outer.model.preset) == outer.model
         if name != first and extra and alike and set(inner.names) < set(outer.names):
-            value, error = savage_dickey(larger.posterior, larger.evidence, extra)
-            found[f"{name}/{first}"] = SavageDickey(-value if larger is one else value, error)
-    return found
+            value, error = savage_dickey(larger, extra)
+            ratios[f"{name}/{first}"] = SavageDickey(-value if larger is nodes else value, error)
+    return ratios
 
 
 def _tests(
-    weighed: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], seed: int, tolerance: float
+    weighed: Mapping[str, Nodes],
+    left: Mapping[str, Mapping[str, Nodes]],
+    densities: Mapping[str, Array],
+    seed: int,
+    tolerance: float,
 ) -> dict[str, ComparedTest]:
     """Every test against the others."""
     odd = outliers(weighed, left, seed=seed, tolerance=tolerance)
-    without = {model: dropped(one, left[model]) for model, one in weighed.items()}
-    smoothed = {model: pareto_smoothed(one.posterior, one.lattice, seed=seed) for model, one in weighed.items()}
+    without = {model: dropped(nodes, left[model]) for model, nodes in weighed.items()}
+    smoothed = {model: pareto_smoothed(nodes, seed) for model, nodes in weighed.items()}
     good_k = min(own[2] for own in smoothed.values())
-    forces = next(iter(weighed.values())).posterior.bound.setting.force_N
+    forces = next(iter(weighed.values())).bound.setting.force_N
     return {
         name: ComparedTest(
             force_N=float(forces[r]),
-            lofo_log_density={model: tests[name].log_density for model, tests in left.items()},
-            lofo_log_density_error={model: tests[name].error for model, tests in left.items()},
+            lofo_log_density={model: float(densities[model][r]) for model in weighed},
+            lofo_log_density_error={m: weighed[m].evidence.error + left[m][name].evidence.error for m in weighed},
             lofo_p_value=own.p_value,
             lofo_family_wise_p_value=own.family_wise_p_value,
             lofo_worst_order=own.worst_order,
@@ -663,15 +650,21 @@ def _tests(
     }
 
 
-def _differing_priors(weighed: Mapping[str, Weighed]) -> tuple[str, ...]:
+def pareto_smoothed(nodes: Nodes, seed: int) -> tuple[Array, Array, float]:
+    """Left-out log densities by importance sampling from the posterior of all tests: see `psis_loo`."""
+    beta, phi = nodes.draw(_SMOOTHED_DRAWS, np.random.default_rng(seed))
+    parts = [slice(i, i + CHUNK) for i in range(0, len(phi), CHUNK)]
+    return psis_loo(np.concatenate([nodes.bound.log_likelihood_per_test(phi[part], beta[part]) for part in parts]))
+
+
+def _differing_priors(bounds: Sequence[BoundModel]) -> tuple[str, ...]:
     """What the models share and give different priors."""
     seen: dict[str, tuple[float, float]] = {}
     differing: dict[str, None] = {}
-    for one in weighed.values():
-        bound = one.posterior.bound
+    for bound in bounds:
         hyper = zip(bound.hyper_prior.names, bound.hyper_prior.scale_mm, strict=True)
-        own = [(p.name, p.prior_mean, p.prior_sd) for p in bound.parameters]
-        for name, mean, sd in [*own, *((str(n), 0.0, float(s)) for n, s in hyper)]:
+        priors = [(p.name, p.prior_mean, p.prior_sd) for p in bound.parameters] + [(str(n), 0.0, float(s)) for n, s in hyper]
+        for name, mean, sd in priors:
             if not np.allclose(seen.setdefault(name, (mean, sd)), (mean, sd), rtol=1e-9, atol=0.0):
                 differing[name] = None
     return tuple(differing)

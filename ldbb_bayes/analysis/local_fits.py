@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.evidence import check_comparable, moments, quantiles
+from ldbb_bayes.inference.evidence import check_comparable
 from ldbb_bayes.inference.least_squares import least_squares
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import check_probability
@@ -63,35 +63,33 @@ def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_pro
     constant = model.with_degree(0)
     whole = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
-    rows: list[dict[str, Any]] = []
+    tables = []
     near = None
     for names in windows(campaign, width):
         bound = whole.keeping(names)
         posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=near)
-        near, lattice = posterior.mode, posterior.lattice(_TOLERANCE)
-        mean, sd = moments(posterior, lattice, spare=_SPARE)
-        low, high = quantiles(posterior, lattice, levels, seed, components=_COMPONENTS)
+        near, nodes = posterior.mode, posterior.nodes(_TOLERANCE)
+        mean, sd = nodes.moments(spare=_SPARE)
+        low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
         window = replace(campaign.select(names), foreseen=campaign.scope)
         squares = least_squares(window, fixed=constant.fixed).table
         forces = bound.setting.force_N
-        for j, parameter in enumerate(bound.parameters):
-            rows.append(
-                {
-                    "force_low_N": float(forces.min()),
-                    "force_high_N": float(forces.max()),
-                    "force_N": float(forces.mean()),
-                    "tests": len(names),
-                    "parameter": parameter.name,
-                    "unit": parameter.unit,
-                    "least_squares": squares["estimate"].iloc[j],
-                    "least_squares_u": squares["u"].iloc[j],
-                    "mean": mean[j],
-                    "sd": sd[j],
-                    "ci_low": low[j],
-                    "ci_high": high[j],
-                }
-            )
-    return pd.DataFrame(rows)
+        columns = {
+            "force_low_N": float(forces.min()),
+            "force_high_N": float(forces.max()),
+            "force_N": float(forces.mean()),
+            "tests": len(names),
+            "parameter": bound.names,
+            "unit": [parameter.unit for parameter in bound.parameters],
+            "least_squares": squares["estimate"].to_numpy(),
+            "least_squares_u": squares["u"].to_numpy(),
+            "mean": mean,
+            "sd": sd,
+            "ci_low": low,
+            "ci_high": high,
+        }
+        tables.append(pd.DataFrame(columns))
+    return pd.concat(tables, ignore_index=True)
 
 
 def windows(campaign: Campaign, width: int) -> list[tuple[str, ...]]:

@@ -9,7 +9,7 @@ step: a flagged test is taken out before the rest is looked at again, or it woul
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,9 @@ from scipy import special
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.evidence import Evidences, Weighed, moments, probabilities
-from ldbb_bayes.inference.leave_one_out import LeftOut, leave_one_out, replicate_left_out
-from ldbb_bayes.inference.predictive import harmonics_of
+from ldbb_bayes.inference.evidence import Evidences, leave_one_out, probabilities
+from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.inference.predictive import harmonics_of, replicate_left_out
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
 from ldbb_bayes.model.gaussian import holm
@@ -54,6 +54,8 @@ class Outlier:
     flag : bool
         The family-wise p-value is below 2 %, and more than half of the tests agree without it. Two tests that disagree with one
         another have a small p-value both, and no flag: nothing says which of them is wrong.
+    distance : float
+        In the worst order [−ln of a χ² tail]; it breaks ties of p.
     """
 
     p_value: float
@@ -61,6 +63,7 @@ class Outlier:
     order_p_values: tuple[float, ...]
     worst_order: int
     flag: bool
+    distance: float
 
 
 @dataclass(frozen=True)
@@ -114,15 +117,13 @@ def belonging(
         raise InputError("a campaign must have at least two tests to compare them, got one. Add tests.")
     evidences = Evidences(campaign, tolerance=tolerance)
     weighed = {name: evidences.of(model) for name, model in models.items()}
-    left = {name: leave_one_out(one.posterior, one.evidence, tolerance=tolerance) for name, one in weighed.items()}
-    found = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=replicates)
+    left = {name: leave_one_out(nodes, tolerance=tolerance) for name, nodes in weighed.items()}
+    judged = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=replicates)
     rows = {
         test.name: {
             "force_N": test.force_N,
-            "p_value": found[test.name].p_value,
-            "family_wise_p_value": found[test.name].family_wise_p_value,
-            "flag": found[test.name].flag,
-            **{f"order_{n}": p for n, p in enumerate(found[test.name].order_p_values)},
+            **{column: getattr(judged[test.name], column) for column in ("p_value", "family_wise_p_value", "flag")},
+            **{f"order_{n}": p for n, p in enumerate(judged[test.name].order_p_values)},
         }
         for test in campaign.tests
     }
@@ -130,22 +131,16 @@ def belonging(
 
 
 def outliers(
-    models: Mapping[str, Weighed],
-    left: Mapping[str, Mapping[str, LeftOut]],
+    models: Mapping[str, Nodes],
+    left: Mapping[str, Mapping[str, Nodes]],
     *,
     seed: int,
     tolerance: float,
     replicates: int | None = None,
 ) -> dict[str, Outlier]:
-    """Return every test against the others, from evidences at hand.
-
-    Parameters
-    ----------
-    models : mapping of model to Weighed
-    left : mapping of model to mapping of test to LeftOut
-    """
+    """Return every test against the others, from the nodes of all tests by model, and of all but one by model and test."""
     rng = np.random.default_rng(seed)
-    names = list(next(iter(left.values())))
+    names = next(iter(models.values())).bound.test_names
     size = replicates or max(_REPLICATES, _EACH * len(names))
     if (_MORE * size + 1) * FALSE_ALARMS <= len(names):
         least = int(len(names) / (FALSE_ALARMS * _MORE)) + 1
@@ -153,67 +148,49 @@ def outliers(
             f"replicates must be at least {least} to judge {len(names)} tests, got {size}. Leave them out for the default."
         )
     flagged: dict[str, Outlier] = {}
+    reached = 0.0
     while True:
-        seen = {name: _against_the_others(models, left, name, size, rng) for name in names if name not in flagged}
-        worst = min(seen, key=lambda name: (seen[name].p_value, -seen[name].distance))
-        reached = max((own.family_wise_p_value for own in flagged.values()), default=0.0)
-        family = max(reached, min(1.0, len(seen) * seen[worst].p_value))
+        rest = {name: _against_the_others(models, left, name, size, rng) for name in names if name not in flagged}
+        worst = min(rest, key=lambda name: (rest[name].p_value, -rest[name].distance))
+        family = max(reached, min(1.0, len(rest) * rest[worst].p_value))
         if family >= FALSE_ALARMS or 2 * (len(flagged) + 1) >= len(names):
             break
-        flagged[worst] = seen[worst].judged(family, flag=True)
-        models = {model: Weighed(own.posterior, own.lattice, own.evidence) for model, own in _without(worst, left).items()}
-        left = {model: leave_one_out(one.posterior, one.evidence, tolerance=tolerance) for model, one in models.items()}
-    adjusted = np.maximum(holm(np.array([own.p_value for own in seen.values()])), reached)
-    rest = {name: own.judged(float(p), flag=False) for (name, own), p in zip(seen.items(), adjusted, strict=True)}
+        flagged[worst], reached = replace(rest[worst], family_wise_p_value=family, flag=True), family
+        models = {model: by_test[worst] for model, by_test in left.items()}
+        left = {model: leave_one_out(nodes, tolerance=tolerance) for model, nodes in models.items()}
+    adjusted = np.maximum(holm(np.array([own.p_value for own in rest.values()])), reached)
+    rest = {name: replace(own, family_wise_p_value=float(p)) for (name, own), p in zip(rest.items(), adjusted, strict=True)}
     return {name: (flagged | rest)[name] for name in names}
 
 
-def dropped(weighed: Weighed, left: Mapping[str, LeftOut]) -> dict[str, dict[str, Dropped]]:
+def dropped(nodes: Nodes, left: Mapping[str, Nodes]) -> dict[str, dict[str, Dropped]]:
     """Return what every parameter becomes when a test is left out."""
-    mean, sd = moments(weighed.posterior, weighed.lattice, spare=_SPARE)
-    found = {}
-    for name, without in left.items():
-        other_mean, other_sd = moments(without.posterior, without.lattice, spare=_SPARE)
-        rows = zip(weighed.posterior.bound.names, other_mean, other_sd, (other_mean - mean) / sd, strict=True)
-        found[name] = {parameter: Dropped(float(m), float(s), float(shift)) for parameter, m, s, shift in rows}
-    return found
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """p of a test as a whole and of every order, and its distance in the worst [−ln of a χ² tail]: it breaks ties of p."""
-
-    p_value: float
-    order_p_values: tuple[float, ...]
-    worst_order: int
-    distance: float
-
-    def judged(self, family_wise_p_value: float, *, flag: bool) -> Outlier:
-        return Outlier(self.p_value, family_wise_p_value, self.order_p_values, self.worst_order, flag)
-
-
-def _without(name: str, left: Mapping[str, Mapping[str, LeftOut]]) -> dict[str, LeftOut]:
-    return {model: by_test[name] for model, by_test in left.items()}
+    mean, sd = nodes.moments(spare=_SPARE)
+    changes = {}
+    for name, others in left.items():
+        other_mean, other_sd = others.moments(spare=_SPARE)
+        rows = zip(nodes.bound.names, other_mean, other_sd, (other_mean - mean) / sd, strict=True)
+        changes[name] = {parameter: Dropped(float(m), float(s), float(shift)) for parameter, m, s, shift in rows}
+    return changes
 
 
 def _against_the_others(
-    models: Mapping[str, Weighed], left: Mapping[str, Mapping[str, LeftOut]], name: str, size: int, rng: np.random.Generator
-) -> _Seen:
+    models: Mapping[str, Nodes], left: Mapping[str, Mapping[str, Nodes]], name: str, size: int, rng: np.random.Generator
+) -> Outlier:
     """One test against circles that the others expect in its place; a closer look where few lie as far out.
 
     Circles of one posterior draw lie out together, so that small p-values need many draws.
     """
-    bound = next(iter(models.values())).posterior.bound
+    bound = next(iter(models.values())).bound
     r = bound.test_names.index(name)
     observed = harmonics_of(bound, r) @ np.asarray(bound.reduced[r].projection)
-    without = _without(name, left)
-    share = probabilities(np.array([own.evidence.log_value for own in without.values()]))
+    share = probabilities(np.array([by_test[name].evidence.log_value for by_test in left.values()]))
 
-    def seen(size: int, each: int) -> _Seen:
+    def seen(size: int, each: int) -> Outlier:
         counts = np.round(share * size).astype(int)
         circles = [
-            replicate_left_out(models[model].posterior.bound, own, int(count), rng, each=each)
-            for (model, own), count in zip(without.items(), counts, strict=True)
+            replicate_left_out(nodes.bound, left[model][name], name, int(count), rng, each=each)
+            for (model, nodes), count in zip(models.items(), counts, strict=True)
             if count
         ]
         return _compared(observed, np.concatenate(circles))
@@ -222,8 +199,8 @@ def _against_the_others(
     return first if first.p_value > _CLOSER else seen(_MORE * size, 1)
 
 
-def _compared(observed: Array, replicates: Array) -> _Seen:
-    """Harmonics of a test, (25,), against those of replicates, (n, 25)."""
+def _compared(observed: Array, replicates: Array) -> Outlier:
+    """Harmonics of a test, (25,), against those of replicates, (n, 25), other tests not yet allowed for."""
     n = len(replicates)
     centred, own = replicates - replicates.mean(axis=0), observed - replicates.mean(axis=0)
     p_own, p_replicates, distances = [], [], []
@@ -236,9 +213,8 @@ def _compared(observed: Array, replicates: Array) -> _Seen:
         p_replicates.append((n - np.searchsorted(ordered, theirs)) / n)
         distances.append(0.5 * float(mine) if part.shape[1] == 2 else -float(special.log_ndtr(-np.sqrt(mine)) + np.log(2.0)))
     smallest = np.min(p_replicates, axis=0)
-    return _Seen(
-        float((1.0 + np.sum(smallest <= min(p_own))) / (n + 1.0)), tuple(p_own), int(np.argmax(distances)), max(distances)
-    )
+    p_value = float((1.0 + np.sum(smallest <= min(p_own))) / (n + 1.0))
+    return Outlier(p_value, 1.0, tuple(p_own), int(np.argmax(distances)), False, max(distances))
 
 
 def _distance(harmonics: Array, root: Array) -> Array:

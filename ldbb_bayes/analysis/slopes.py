@@ -8,21 +8,21 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_serializer, model_validator
 
-from ldbb_bayes.inference.evidence import Evidences, Weighed, probabilities
-from ldbb_bayes.inference.nodes import draw_parameters_given
+from ldbb_bayes.inference.evidence import Evidences, probabilities
+from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.result import Numbers
 from ldbb_bayes.units import ranked
 
-__all__ = ["Curve", "SlopeSubset", "SlopeSubsets", "VaryingSlope", "count_subsets", "model_curves", "slope_subsets"]
+__all__ = ["Curve", "SlopeSubset", "SlopeSubsets", "VaryingSlope", "averaged_curves", "count_subsets", "slope_subsets"]
 
 Array = NDArray[Any]
 _DRAWS = 8000
@@ -81,22 +81,13 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class SlopeSubsets:
-    """All subsets, the most probable first, and what follows from them.
+    """All subsets, the most probable first, what follows from them, and how many there are: more than ``subsets`` where only the
+    best were searched for."""
 
-    Attributes
-    ----------
-    slopes : dict of compliance to VaryingSlope
-    subsets : tuple of SlopeSubset
-    curves : dict of compliance to Curve
-        Averaged over the subsets.
-    possible : int
-        How many subsets there are; more than ``subsets`` where only the best were searched for.
-    """
-
-    slopes: dict[str, VaryingSlope]
-    subsets: tuple[SlopeSubset, ...]
-    curves: dict[str, Curve]
-    possible: int
+    slopes: dict[str, VaryingSlope] = field(default_factory=dict)
+    subsets: tuple[SlopeSubset, ...] = ()
+    curves: dict[str, Curve] = field(default_factory=dict)
+    possible: int | None = None
 
 
 def count_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool) -> int:
@@ -119,33 +110,27 @@ def slope_subsets(model: HybridModel, evidences: Evidences, *, quadratic: bool, 
     options = _options(bound, quadratic=quadratic)
     slopes = [p for p in bound.parameters if p.group == "slope"]
 
-    def of(powers: tuple[int, ...]) -> Weighed:
+    def of(powers: tuple[int, ...]) -> Nodes:
         highest = dict(zip(options, powers, strict=True))
         return evidences.of(model.fixing(*(p.name for p in slopes if p.degree > highest[p.compliance])))
 
     every = list(options.values())
     few = _possible(options) <= _EVERY
-    found = {powers: of(powers) for powers in itertools.product(*every)} if few else _best_first(every, of)
-    log_evidence = np.array([one.evidence.log_value for one in found.values()])
-    share = probabilities(log_evidence)
-    powers = np.array(list(found))
+    weighed = {powers: of(powers) for powers in itertools.product(*every)} if few else _best_first(every, of)
+    log_evidence = np.array([nodes.evidence.log_value for nodes in weighed.values()])
+    share, powers = probabilities(log_evidence), np.array(list(weighed))
     subsets = [
         SlopeSubset(dict(zip(options, own, strict=True)), *values)
-        for own, *values in zip(found, log_evidence.tolist(), share.tolist(), strict=True)
+        for own, *values in zip(weighed, log_evidence.tolist(), share.tolist(), strict=True)
     ]
     quadratics = (share @ (powers > 1)).tolist() if quadratic else [None] * len(options)
     inclusion = zip((share @ (powers > 0)).tolist(), quadratics, strict=True)
     return SlopeSubsets(
         {name: VaryingSlope(*both) for name, both in zip(options, inclusion, strict=True)},
         tuple(ranked(subsets, lambda subset: subset.probability)),
-        _averaged_curves(list(found.values()), share, seed, ci_prob),
+        averaged_curves(list(weighed.values()), share, seed, ci_prob),
         _possible(options),
     )
-
-
-def model_curves(weighed: Weighed, seed: int, ci_prob: float = 0.95) -> dict[str, Curve]:
-    """Return C(F) of one model."""
-    return _averaged_curves([weighed], np.ones(1), seed, ci_prob)
 
 
 def _options(bound: BoundModel, *, quadratic: bool) -> dict[str, tuple[int, ...]]:
@@ -161,39 +146,37 @@ def _possible(options: Mapping[str, Sequence[int]]) -> int:
     return int(np.prod([len(own) for own in options.values()]))
 
 
-def _best_first(options: Sequence[Sequence[int]], of: Callable[[tuple[int, ...]], Weighed]) -> dict[tuple[int, ...], Weighed]:
+def _best_first(options: Sequence[Sequence[int]], of: Callable[[tuple[int, ...]], Nodes]) -> dict[tuple[int, ...], Nodes]:
     """From no slope and from all: the neighbours (one compliance changed) of the best subset not yet expanded, until there are
     ``_SEARCHED``."""
-    found = {powers: of(powers) for powers in (tuple(own[0] for own in options), tuple(own[-1] for own in options))}
+    seen = {powers: of(powers) for powers in (tuple(own[0] for own in options), tuple(own[-1] for own in options))}
     expanded: set[tuple[int, ...]] = set()
-    while len(found) < _SEARCHED and len(expanded) < len(found):
-        best = max((powers for powers in found if powers not in expanded), key=lambda powers: found[powers].evidence.log_value)
+    while len(seen) < _SEARCHED and len(expanded) < len(seen):
+        best = max((powers for powers in seen if powers not in expanded), key=lambda powers: seen[powers].evidence.log_value)
         expanded.add(best)
         near = ((*best[:i], power, *best[i + 1 :]) for i, own in enumerate(options) for power in own)
         for powers in near:
-            if powers not in found and len(found) < _SEARCHED:
-                found[powers] = of(powers)
-    return found
+            if powers not in seen and len(seen) < _SEARCHED:
+                seen[powers] = of(powers)
+    return seen
 
 
-def _averaged_curves(weighed: Sequence[Weighed], share: Array, seed: int, ci_prob: float) -> dict[str, Curve]:
+def averaged_curves(weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: float) -> dict[str, Curve]:
     """C(F) over the tested forces, averaged over models with these probabilities."""
     rng = np.random.default_rng(seed)
-    bound = weighed[0].posterior.bound
+    bound = weighed[0].bound
     forces = bound.campaign.forces_N
     force = np.linspace(forces.min(), forces.max(), _POINTS) if np.ptp(forces) > 0 else forces[:1]
     counts = np.floor(share * _DRAWS + rng.random()).astype(int)
-    values = np.concatenate([_draws(one, int(count), force, rng) for one, count in zip(weighed, counts, strict=True) if count])
-    low, median, high = np.quantile(values, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob], axis=0)
-    mean = values.mean(axis=0)
+    values = []
+    for nodes, count in zip(weighed, counts, strict=True):
+        if count:
+            rows = np.stack([nodes.bound.compliance_at(own) for own in force])
+            values.append(np.einsum("fcp,wp->wfc", rows, nodes.draw(int(count), rng)[0]))
+    every = np.concatenate(values)
+    low, median, high = np.quantile(every, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob], axis=0)
+    mean = every.mean(axis=0)
     return {
         name.label: Curve(compliance_unit(name), force, mean[:, j], median[:, j], low[:, j], high[:, j], ci_prob)
         for j, name in enumerate(bound.compliances)
     }
-
-
-def _draws(weighed: Weighed, size: int, force_N: Array, rng: np.random.Generator) -> Array:
-    """Of C(F), shape (size, forces, compliances)."""
-    beta = draw_parameters_given(weighed.posterior, weighed.lattice.pick(size, rng), rng)
-    rows = np.stack([weighed.posterior.bound.compliance_at(force) for force in force_N])
-    return np.einsum("fcp,wp->wfc", rows, beta)

@@ -22,7 +22,7 @@ from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.fleet.statistics import sufficient_statistics
-from ldbb_bayes.inference.evidence import evidence_of, log_bayes_factor, log_evidence
+from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import numbers_of, record_of, saved_bytes
@@ -175,9 +175,7 @@ def _fitted(settings: Settings, campaign: Campaign) -> tuple[dict[str, Any], byt
 def _parameters(posterior: xr.DataTree, ci_prob: float) -> dict[str, dict[str, Any]]:
     found = {}
     for name, variable in posterior["posterior"].data_vars.items():
-        numbers = numbers_of(variable.to_numpy(), ci_prob)
-        low, high = numbers.pop("interval")
-        found[str(name)] = {"unit": variable.attrs.get("unit", ""), **numbers, "ci_low": low, "ci_high": high}
+        found[str(name)] = {"unit": variable.attrs.get("unit", ""), **numbers_of(variable.to_numpy(), ci_prob)}
     return found
 
 
@@ -201,7 +199,7 @@ def _beside(settings: Settings, campaign: Campaign, densities: Mapping[bool, Hyp
 
 def _bayes_factor(model: HybridModel, campaign: Campaign, density: HyperPosterior) -> dict[str, float]:
     if model.degree == 1 and density.truncated == density.bound.truncation.active:
-        linear = evidence_of(density, tolerance=_EVIDENCE_TOLERANCE)
+        linear = density.nodes(_EVIDENCE_TOLERANCE).evidence
     else:
         linear = log_evidence(model.with_degree(1), campaign, tolerance=_EVIDENCE_TOLERANCE)
     constant = log_evidence(model.with_degree(0), campaign, tolerance=_EVIDENCE_TOLERANCE)

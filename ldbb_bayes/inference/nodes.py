@@ -1,4 +1,4 @@
-"""p(φ | y), everything linear integrated out: its mode, weighted nodes, and exact draws of φ and of β given φ.
+"""p(φ | y), everything linear integrated out: its mode, weighted nodes, exact draws, and what is averaged over the nodes.
 
 Nodes are those of the trapezoidal rule in several dimensions, on a grid that grows from the mode until nothing is left to find.
 For a smooth function that dies away on every side the rule converges geometrically in its step (Trefethen and Weideman,
@@ -8,10 +8,11 @@ errors along single axes cancel in their mean, and what is left is of the order 
 
 from __future__ import annotations
 
+import hashlib
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -19,33 +20,28 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.gaussian import central_differences, newton
+from ldbb_bayes.model.gaussian import central_differences, mixture_quantiles, newton
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
+from ldbb_bayes.model.truncation import Orthant
 
-__all__ = ["CHUNK", "HyperPosterior", "Lattice", "conditional_draws", "draw_hyper", "draw_parameters_given", "grow_lattice"]
+__all__ = [
+    "CHUNK",
+    "Evidence",
+    "HyperPosterior",
+    "Lattice",
+    "Nodes",
+    "conditional_draws",
+    "draw_hyper",
+    "draw_parameters_given",
+    "grow_lattice",
+]
 
 Array = NDArray[Any]
+LogDensity = Callable[[Array], Array]
 CHUNK = 256
 _REACH = 1 << 13
-_BEYOND = 3.0
-_MEAN_OF_TWO = 0.25
-
-
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """Points centre + step · root (index + offset), sorted by key; their log densities."""
-
-    offset: float
-    key: NDArray[np.int64]
-    index: NDArray[np.int64]
-    log_density: Array
-
-    def at(self, place: Array) -> Array:
-        """Log density of the cell that holds each place (in steps), −inf outside the grid."""
-        key = _key(np.rint(place - self.offset).astype(np.int64))
-        found = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
-        return np.where(self.key[found] == key, self.log_density[found], -np.inf)
+_BEYOND, _MEAN_OF_TWO = 3.0, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +54,13 @@ class Lattice:
     root : ndarray, shape (h, h)
         One step along axis i is ``step · root[:, i]``.
     step : float
-    grids : the two grids
+    place : ndarray, shape (n, h)
+        Of the nodes, in steps from the centre: the first grid's, which are whole, then the second's, moved by a half; each grid
+        in the order of `_key`.
+    first : int
+        How many are the first grid's.
+    log_density : ndarray, shape (n,)
+        ln f at the nodes.
     left_out : float
         Share of the integral beyond the edge, estimated by what lies on it.
     """
@@ -66,22 +68,15 @@ class Lattice:
     centre: Array
     root: Array
     step: float
-    grids: tuple[_Grid, _Grid]
+    place: Array
+    first: int
+    log_density: Array
     left_out: float
-
-    @cached_property
-    def _places(self) -> Array:
-        return np.concatenate([grid.index + grid.offset for grid in self.grids])
 
     @cached_property
     def free(self) -> Array:
         """Nodes, shape (n, h)."""
-        return _points(self.centre, self.root, self.step, self._places)
-
-    @cached_property
-    def log_density(self) -> Array:
-        """ln f at the nodes, shape (n,)."""
-        return np.concatenate([grid.log_density for grid in self.grids])
+        return _points(self.centre, self.root, self.step, self.place)
 
     @cached_property
     def weight(self) -> Array:
@@ -89,10 +84,11 @@ class Lattice:
         weight = np.exp(self.log_density - self.log_density.max())
         return weight / weight.sum()
 
-    @cached_property
+    @property
     def _halves(self) -> tuple[float, float]:
+        """ln ∫ f by each of the two grids."""
         cell = len(self.centre) * np.log(self.step) + np.linalg.slogdet(self.root)[1]
-        first, second = (float(np.logaddexp.reduce(grid.log_density) + cell) for grid in self.grids)
+        first, second = (float(np.logaddexp.reduce(half) + cell) for half in np.split(self.log_density, [self.first]))
         return first, second
 
     @property
@@ -104,8 +100,8 @@ class Lattice:
     def error(self) -> float:
         """Of the logarithm: a quarter of the two grids' difference (seen to bound the error of their mean), and what lies beyond
         the edge."""
-        apart = abs(self._halves[0] - self._halves[1])
-        return float(max(apart**2, _MEAN_OF_TWO * apart) + self.left_out)
+        first, second = self._halves
+        return float(max((first - second) ** 2, _MEAN_OF_TWO * abs(first - second)) + self.left_out)
 
     def heaviest(self, spare: float) -> tuple[Array, Array]:
         """Nodes and normalised weights, but for a share ``spare`` of the integral."""
@@ -116,48 +112,42 @@ class Lattice:
         order = np.argsort(self.weight)
         return np.sort(order[np.cumsum(self.weight[order]) >= spare])
 
-    def draw(self, size: int, rng: np.random.Generator | np.random.RandomState, *, temperature: float = 1.0) -> Array:
-        """Independent draws from the density as the lattice sees it, constant in every cell, shape (size, h).
-
-        Parameters
-        ----------
-        temperature : float
-            More than 1 draws from the density's power 1/temperature, which is wider.
-        """
-        cumulated = np.cumsum(self.weight if temperature == 1.0 else self.weight ** (1.0 / temperature))
-        picked = np.searchsorted(cumulated, cumulated[-1] * rng.uniform(size=size), side="right")
-        place = self._places[np.minimum(picked, len(cumulated) - 1)] + rng.uniform(-0.5, 0.5, (size, len(self.centre)))
-        return _points(self.centre, self.root, self.step, place)
-
     def pick(self, size: int, rng: np.random.Generator) -> Array:
         """Nodes picked by their weights, systematically and in random order, shape (size, h)."""
         order = np.lexsort(self.free.T)
-        places = (rng.random() + np.arange(size)) / size
-        found = np.minimum(np.searchsorted(np.cumsum(self.weight[order]), places), len(order) - 1)
-        return rng.permutation(self.free[order][found])
+        reached = np.searchsorted(np.cumsum(self.weight[order]), (rng.random() + np.arange(size)) / size)
+        return rng.permutation(self.free[order][np.minimum(reached, len(order) - 1)])
+
+    def draw(self, size: int, rng: np.random.Generator | np.random.RandomState, *, temperature: float = 1.0) -> Array:
+        """Independent draws from f to the power 1/temperature as the lattice sees it, constant in every cell, shape (size, h)."""
+        cumulated = np.cumsum(self.weight if temperature == 1.0 else self.weight ** (1.0 / temperature))
+        picked = np.searchsorted(cumulated, cumulated[-1] * rng.uniform(size=size), side="right")
+        place = self.place[np.minimum(picked, len(cumulated) - 1)]
+        return _points(self.centre, self.root, self.step, place + rng.uniform(-0.5, 0.5, (size, len(self.centre))))
 
     def log_proposal(self, free: Array) -> Array:
         """Log density with which `draw` gives points (n, h), on the scale of f, shape (n,); −inf where it never does."""
         place = np.linalg.solve(self.root, (free - self.centre).T).T / self.step
-        return np.logaddexp(*[grid.at(place) for grid in self.grids]) - np.log(2.0)
+        values = []
+        for offset, keys, value in zip((0.0, 0.5), self._keys, np.split(self.log_density, [self.first]), strict=True):
+            key = _key(np.rint(place - offset))
+            nearest = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+            values.append(np.where(keys[nearest] == key, value[nearest], -np.inf))
+        return np.logaddexp(*values) - np.log(2.0)
 
-    def corrected(self, log_density: Callable[[Array], Array], *, spare: float) -> Lattice:
+    @cached_property
+    def _keys(self) -> list[NDArray[np.int64]]:
+        return np.split(_key(np.floor(self.place)), [self.first])
+
+    def corrected(self, log_density: LogDensity, *, spare: float) -> Lattice:
         """The lattice of a nearby density: evaluated where the nodes count, but for a share ``spare`` of the integral."""
         heavy, values = self._heavy(spare), self.log_density.copy()
         values[heavy] = _in_chunks(log_density, self.free[heavy])
-        parts = np.split(values, [len(self.grids[0].key)])
-        first, second = (replace(grid, log_density=part) for grid, part in zip(self.grids, parts, strict=True))
-        return replace(self, grids=(first, second))
+        return replace(self, log_density=values)
 
 
 def grow_lattice(
-    log_density: Callable[[Array], Array],
-    centre: Array,
-    root: Array,
-    *,
-    tolerance: float = 1e-3,
-    step: float = 1.0,
-    most: int = 200_000,
+    log_density: LogDensity, centre: Array, root: Array, *, tolerance: float = 1e-3, step: float = 1.0, most: int = 200_000
 ) -> Lattice:
     """A lattice whose error of ln ∫ f is below the tolerance: grown out to what no longer counts, its step shortened as needed.
 
@@ -166,11 +156,13 @@ def grow_lattice(
     """
     depth = 8.0 - np.log(tolerance)
     while True:
-        first, second = (_grow(log_density, centre, root, step, offset, depth, most) for offset in (0.0, 0.5))
-        total = np.logaddexp.reduce(np.concatenate([first[0].log_density, second[0].log_density]))
-        left_out = _BEYOND * float(np.exp(np.logaddexp(first[1], second[1]) - total))
-        lattice = Lattice(centre, root, step, (first[0], second[0]), left_out)
-        if lattice.error <= tolerance or len(lattice.weight) * 0.75 ** -len(centre) > most:
+        points = partial(_points, centre, root, step)
+        grids = [_grow(log_density, points, len(centre), offset, depth, most) for offset in (0.0, 0.5)]
+        place, value, edge = (np.concatenate(parts) for parts in zip(*grids, strict=True))
+        beyond = np.logaddexp.reduce(value[edge]) if edge.any() else -np.inf
+        left_out = _BEYOND * float(np.exp(beyond - np.logaddexp.reduce(value)))
+        lattice = Lattice(centre, root, step, place, len(grids[0][0]), value, left_out)
+        if lattice.error <= tolerance or len(value) * 0.75 ** -len(centre) > most:
             return lattice
         if left_out > tolerance / 2.0:
             depth += 3.0
@@ -179,36 +171,28 @@ def grow_lattice(
 
 
 def _grow(
-    log_density: Callable[[Array], Array], centre: Array, root: Array, step: float, offset: float, depth: float, most: int
-) -> tuple[_Grid, float]:
-    """One grid, and the log sum over its outermost points."""
-    h = len(centre)
-    neighbours = np.vstack([np.eye(h, dtype=np.int64), -np.eye(h, dtype=np.int64)])
-    front = np.array(list(itertools.product((0, -1) if offset else (0,), repeat=h)), dtype=np.int64)
-    seen = np.zeros(0, dtype=np.int64)
-    indices, values, top, count = [], [], -np.inf, 0
-    while len(front):
-        value = _in_chunks(log_density, _points(centre, root, step, front + offset))
-        seen = np.union1d(seen, _key(front))
-        indices.append(front)
-        values.append(value)
-        top, count = max(top, float(value.max())), count + len(front)
-        if count > most:
-            break
+    log_density: LogDensity, points: Callable[[Array], Array], h: int, offset: float, depth: float, most: int
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Places of one grid, their log densities, and which of them are its edge: from the centre on, neighbours of what counts."""
+    neighbours = np.vstack([np.eye(h), -np.eye(h)])
+    front = np.array(list(itertools.product((0.0, -1.0) if offset else (0.0,), repeat=h)))
+    keys = np.zeros(0, dtype=np.int64)
+    index, values, top = np.zeros((0, h)), np.zeros(0), -np.inf
+    while len(front) and len(index) <= most:
+        value = _in_chunks(log_density, points(front + offset))
+        index, values, keys = np.concatenate([index, front]), np.concatenate([values, value]), np.union1d(keys, _key(front))
+        top, last = max(top, float(value.max())), len(front)
         candidates = (front[value > top - depth][:, None] + neighbours).reshape(-1, h)
-        key, first = np.unique(_key(candidates), return_index=True)
-        front = candidates[first[~np.isin(key, seen)]]
-    index, value = np.concatenate(indices), np.concatenate(values)
-    edge = value <= top - depth
-    if count > most:
-        edge[-len(front) :] = True
-    log_edge = float(np.logaddexp.reduce(value[edge])) if edge.any() else -np.inf
-    key = _key(index)
-    order = np.argsort(key)
-    return _Grid(offset, key[order], index[order], value[order]), log_edge
+        key, fresh = np.unique(_key(candidates), return_index=True)
+        front = candidates[fresh[~np.isin(key, keys)]]
+    edge = values <= top - depth
+    if len(index) > most:
+        edge[-last:] = True
+    order = np.argsort(_key(index))
+    return index[order] + offset, values[order], edge[order]
 
 
-def _in_chunks(log_density: Callable[[Array], Array], points: Array) -> Array:
+def _in_chunks(log_density: LogDensity, points: Array) -> Array:
     return np.concatenate([log_density(part) for part in np.array_split(points, max(1, -(-len(points) // CHUNK)))])
 
 
@@ -216,9 +200,9 @@ def _points(centre: Array, root: Array, step: float, place: Array) -> Array:
     return np.asarray(centre + step * place @ root.T)
 
 
-def _key(index: NDArray[np.int64]) -> NDArray[np.int64]:
+def _key(index: Array) -> NDArray[np.int64]:
     """One integer for each grid point."""
-    limited = np.clip(index, -_REACH, _REACH - 1)
+    limited = np.clip(index, -_REACH, _REACH - 1).astype(np.int64)
     key: NDArray[np.int64] = (limited + _REACH) @ ((2 * _REACH) ** np.arange(index.shape[1], dtype=np.int64))
     return key
 
@@ -260,34 +244,27 @@ class HyperPosterior:
         """ln p(y | φ), shape (w,), and p(β | y, φ) at free coordinates (w, h)."""
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
-    def log_density(self, free: Array) -> Array:
-        """ln p(y, free coordinates), shape (w,), with ln P(T | y, φ) where truncated."""
-        return self._log_density(free, lambda given: given.orthant.log_value(seed=self._seed))
-
-    def log_smooth_density(self, free: Array) -> Array:
-        """The same with the upper bound of P(T | y, φ), which is cheaper and smooth."""
-        return self._log_density(free, lambda given: given.orthant.log_bound)
-
-    def _log_density(self, free: Array, log_truncation: Callable[[ParameterConditional], Array]) -> Array:
+    def log_density(self, free: Array, *, smooth: bool = False) -> Array:
+        """ln p(y, free coordinates), shape (w,), where truncated with ln P(T | y, φ) or its upper bound, cheaper and smooth."""
         total = self.bound.hyper_prior.log_density_of_free(free)
         inside = np.isfinite(total)
         if inside.any() and self.truncated:
             log_evidence, given = self.given(free[inside])
-            total[inside] += log_evidence + log_truncation(given)
+            total[inside] += log_evidence + (given.orthant.log_bound if smooth else given.orthant.log_value(seed=self._seed))
         elif inside.any():
             total[inside] += self.bound.log_evidence(self.bound.hyper_prior.phi(free[inside]))
         return np.asarray(total)
 
-    def lattice(self, tolerance: float = 1e-3) -> Lattice:
+    def nodes(self, tolerance: float = 1e-3) -> Nodes:
         """Weighted nodes of p(y, free coordinates) whose integral has this tolerance [nat]."""
         step = _STEP_BY_DEFAULT if tolerance < _LOOSE else _LONG_STEP
-        lattice = grow_lattice(self.log_smooth_density, self.mode, self.spread, tolerance=tolerance, step=step)
-        return self._exact(lattice, tolerance)
+        lattice = grow_lattice(self._smooth, self.mode, self.spread, tolerance=tolerance, step=step)
+        return Nodes(self, self._exact(lattice, tolerance))
 
     @cached_property
     def coarse(self) -> Lattice:
         """A lattice good enough to propose from; P(T | y, φ) by its bound."""
-        return grow_lattice(self.log_smooth_density, self.mode, self.spread, tolerance=_COARSE, step=_COARSE_STEP)
+        return grow_lattice(self._smooth, self.mode, self.spread, tolerance=_COARSE, step=_COARSE_STEP)
 
     @cached_property
     def brief(self) -> Lattice:
@@ -302,35 +279,134 @@ class HyperPosterior:
         prior = self.bound.hyper_prior
         points = scipy.stats.qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
         starts = np.log(2.0 * prior.scale_mm) - points * np.where(prior.lower_mm > 0, 12.0, 6.0)
-        starts = starts[np.argsort(-self.log_smooth_density(starts))]
+        starts = starts[np.argsort(-self._smooth(starts))]
         basins: list[Array] = []
         for start in starts[: _STARTS // 4]:
             if len(basins) < _BASINS and all(np.linalg.norm(start - other) > _APART for other in basins):
                 basins.append(start)
         modes = np.array([self._climb(start) for start in basins])
-        return np.asarray(modes[int(np.argmax(self.log_smooth_density(modes)))])
+        return np.asarray(modes[int(np.argmax(self._smooth(modes)))])
 
     def _climb(self, start: Array) -> Array:
-        return newton(self.log_smooth_density, self._derivatives, start, least_curvature=_FLATTEST)
+        return newton(self._smooth, self._derivatives, start, least_curvature=_FLATTEST)
+
+    def _smooth(self, free: Array) -> Array:
+        return self.log_density(free, smooth=True)
 
     def _derivatives(self, point: Array) -> tuple[Array, Array]:
-        return central_differences(self.log_smooth_density, point, _STEP)
+        return central_differences(self._smooth, point, _STEP)
 
 
-_ROUNDS_INSIDE = 20
-_ROUNDS_OF_PROPOSALS = 50
+@dataclass(frozen=True)
+class Evidence:
+    """ln Z of a model and a campaign.
+
+    Attributes
+    ----------
+    log_value : float
+        ln of the density of the readings in mm; only differences between models of the same readings mean anything.
+    error : float
+        Of ``log_value`` [nat].
+    nodes : int
+        Of the quadrature.
+    sha256 : str
+        Digest of the readings it is of.
+    """
+
+    log_value: float
+    error: float
+    nodes: int
+    sha256: str
+
+
+_CHECKED = 64
+_SPARE, _COMPONENTS = 1e-7, 8192
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """p(φ | y) as weighted nodes, and what is averaged over them.
+
+    Attributes
+    ----------
+    posterior : HyperPosterior
+    lattice : Lattice
+    """
+
+    posterior: HyperPosterior
+    lattice: Lattice
+
+    @property
+    def bound(self) -> BoundModel:
+        """The model and its campaign."""
+        return self.posterior.bound
+
+    @cached_property
+    def error(self) -> float:
+        """Of the log integral [nat]: the lattice's, and that of P(T | y, φ) over the heaviest nodes, which all share."""
+        if not self.posterior.truncated:
+            return self.lattice.error
+        heaviest = np.argsort(-self.lattice.weight)[:_CHECKED]
+        _, error = self.posterior.given(self.lattice.free[heaviest])[1].orthant.log_probability()
+        return self.lattice.error + float(np.average(error, weights=self.lattice.weight[heaviest]))
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """ln Z = ln ∫ p(y | φ) p(φ) dφ; truncated: ln Z + ln P(T | y) − ln P(T | prior)."""
+        campaign, names = self.bound.campaign, self.bound.test_names
+        sha256 = campaign.sha256
+        if len(names) < len(campaign.tests):
+            sha256 = hashlib.sha256("\n".join([sha256, *names]).encode()).hexdigest()
+        prior = self.bound.log_prob_truncation_prior if self.posterior.truncated else 0.0
+        return Evidence(self.lattice.log_integral - prior, self.error, len(self.lattice.weight), sha256)
+
+    def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """β given nodes picked by their weights, shape (size, p), and their φ, shape (size, h) [mm]."""
+        free = self.lattice.pick(size, rng)
+        return draw_parameters_given(self.posterior, free, rng), self.bound.hyper_prior.phi(free)
+
+    def moments(self, *, spare: float = _SPARE) -> tuple[Array, Array]:
+        """Mean and sd of β, each (p,): those given φ, averaged over the nodes but for a share ``spare`` of the integral."""
+        free, weight = self.lattice.heaviest(spare)
+        every, variance = self._given(free, lambda orthant: orthant.moments()[:2])
+        mean = weight @ every
+        return mean, np.sqrt(weight @ (variance + (every - mean) ** 2))
+
+    def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
+        """Quantiles of β, shape (levels, p): of Gaussians given φ and, inside the truncation, the constrained directions."""
+        rng = np.random.default_rng(seed)
+
+        def drawn(orthant: Orthant) -> tuple[Array, Array]:
+            x, _ = orthant.draw(rng)
+            return x, np.zeros((*x.shape, x.shape[1]))
+
+        mean, variance = self._given(self.lattice.pick(components, rng), drawn)
+        sd = np.maximum(np.sqrt(np.maximum(variance, 0.0)), 1e-6 * mean.std(axis=0))
+        return mixture_quantiles(np.full(len(mean), 1.0 / len(mean)), mean, sd, levels)
+
+    def _given(self, free: Array, inside: Callable[[Orthant], tuple[Array, Array]]) -> Iterator[Array]:
+        """Means and variances of β given φ, (w, p) each; ``inside``: mean and covariance along the axes truncation acts on."""
+        parts = []
+        for start in range(0, len(free), CHUNK):
+            _, given = self.posterior.given(free[start : start + CHUNK])
+            spread = given.spread()
+            mean, variance = given.mean, (spread**2).sum(axis=2)
+            if self.posterior.truncated:
+                shift, covariance = inside(given.orthant)
+                along = spread @ np.swapaxes(given.orthant.axes, 1, 2)
+                mean = mean + np.einsum("wpd,wd->wp", along, shift)
+                variance = variance + np.einsum("wpd,wde,wpe->wp", along, covariance - np.eye(shift.shape[1]), along)
+            parts.append((mean, variance))
+        return (np.concatenate(own) for own in zip(*parts, strict=True))
+
+
+_ROUNDS_INSIDE, _ROUNDS_OF_PROPOSALS = 20, 50
 _ENVELOPE = 2.0
 
 
 def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-    """One draw of β for each free coordinates from its exact conditional Gaussian inside the truncation.
-
-    Returns
-    -------
-    beta : ndarray, shape (w, p)
-    exact : ndarray of bool, shape (w,)
-        False where the rejection sampler gave up, or rounding left β outside.
-    """
+    """One draw of β (w, p) for each free coordinates from its exact conditional Gaussian inside the truncation; and whether it is
+    exact: not where the rejection sampler gave up, or rounding left β outside."""
     beta, exact = np.zeros((len(free), len(bound.names))), np.ones(len(free), dtype=bool)
     for start in range(0, len(free), CHUNK):
         part = slice(start, start + CHUNK)
@@ -350,18 +426,16 @@ def draw_parameters_given(start: HyperPosterior, free: Array, rng: np.random.Gen
     InputError
         When rounds of exact rejection leave some undrawn: the readings leave no room inside the truncation.
     """
-    beta, accepted = conditional_draws(start.bound, free, rng)
-    for _ in range(_ROUNDS_INSIDE):
-        if accepted.all():
-            break
-        missing = np.flatnonzero(~accepted)
-        beta[missing], accepted[missing] = conditional_draws(start.bound, free[missing], rng)
-    if not accepted.all():
-        raise InputError(
-            "the posterior must leave room inside the truncation, got draws that never fall into it. The readings contradict "
-            "non-negative compliance: check signs, mount compensation and forces, or fit --without truncation."
-        )
-    return beta
+    beta, missing = np.zeros((len(free), len(start.bound.names))), np.arange(len(free))
+    for _ in range(1 + _ROUNDS_INSIDE):
+        beta[missing], exact = conditional_draws(start.bound, free[missing], rng)
+        missing = missing[~exact]
+        if not missing.size:
+            return beta
+    raise InputError(
+        "the posterior must leave room inside the truncation, got draws that never fall into it. The readings contradict "
+        "non-negative compliance: check signs, mount compensation and forces, or fit --without truncation."
+    )
 
 
 def draw_hyper(start: HyperPosterior, size: int, rng: np.random.Generator) -> tuple[Array, float]:

@@ -10,14 +10,12 @@ import sys
 import warnings
 from collections.abc import Mapping
 from contextlib import nullcontext, suppress
-from dataclasses import asdict, dataclass
-from dataclasses import fields as dataclass_fields
+from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import arviz_base
-import arviz_stats
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -29,12 +27,10 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, ForceLaw, Mount
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.mcmc import Assessment
-from ldbb_bayes.inference.predictive import Check, TestChecks, every_check, failing, shared_columns
+from ldbb_bayes.inference.predictive import Check, TestChecks, draw_shared, every_check, failing, shared_columns, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.gaussian import solve_lower
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
-from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Result
 from ldbb_bayes.units import ranked
 
@@ -71,11 +67,14 @@ __all__ = [
 
 Array = NDArray[Any]
 _TAILS = (0.05, 0.95)
-_POWERS = (0.99, 1.01)
+_POWERS, _SENSITIVE = (0.99, 1.01), 0.05
 _COUNT = 10.0
-_SENSITIVE = 0.05
 _MOST_PER_BYTE, _REASON = 20, 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
+_OF_TESTS = ("per_test", "force_N", "pressure_bar", "work_ball_deg", "tool_ball_deg", "radius_mm")
+_OF_READINGS = ("angle_rad", "angle_as_read_deg", "reading_as_read_um", "test_index", "reading_mm")
+_DIMS = {name: ["test"] for name in _OF_TESTS} | {name: ["reading"] for name in _OF_READINGS} | {"reference_force_N": []}
+_UNITS = {"force_N": "N", "pressure_bar": "bar", "reading_mm": "mm", "angle_rad": "rad", "radius_mm": "mm"}
 _ARRAYS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # What the record keeps so that the campaign and the model can be made again.
@@ -200,15 +199,15 @@ def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -
 
     Of draws and of the log densities of parts, each (chains, draws). Above 0.05 counts as sensitive; 0 where a part is constant.
     """
-    found: dict[str, dict[str, float]] = {name: dict.fromkeys(scaled, 0.0) for name in draws}
+    changes: dict[str, dict[str, float]] = {name: dict.fromkeys(scaled, 0.0) for name in draws}
     for part, log_density in scaled.items():
         if np.ptp(log_density) > 0.0:
             weights = [np.exp(array_stats.power_scale_lw(log_density, alpha=alpha, axis=(0, 1))) for alpha in _POWERS]
             lower, upper = (weight / weight.sum() for weight in weights)
             for name, values in draws.items():
                 sense = array_stats.power_scale_sense(values, lower, upper, *_POWERS, chain_axis=0, draw_axis=1)
-                found[name][part] = float(sense)
-    return found
+                changes[name][part] = float(sense)
+    return changes
 
 
 def psis_loo(log_likelihood: Array) -> tuple[Array, Array, float]:
@@ -216,21 +215,17 @@ def psis_loo(log_likelihood: Array) -> tuple[Array, Array, float]:
 
     Parameters
     ----------
-    log_likelihood : ndarray, shape (chains, draws, n)
+    log_likelihood : ndarray, shape (draws, n)
         ln p(y_r | the others, draw) of independent draws.
 
     Returns
     -------
-    log_density : ndarray, shape (n,)
-    pareto_k : ndarray, shape (n,)
+    log_density, pareto_k : ndarray, shape (n,)
     good_k : float
         Above this the estimate cannot be trusted.
     """
-    tree = arviz_base.from_dict({"posterior": {"draw_": log_likelihood[..., 0]}, "log_likelihood": {"per_test": log_likelihood}})
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Estimated shape parameter of Pareto", UserWarning)
-        found = arviz_stats.loo(tree, var_name="per_test", pointwise=True, reff=1.0)
-    return found.elpd_i.to_numpy(), found.pareto_k.to_numpy(), float(found.good_k)
+    log_density, pareto_k, _ = array_stats.loo(log_likelihood[None], chain_axis=0, draw_axis=1)
+    return log_density, pareto_k, _good_k(len(log_likelihood))
 
 
 def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
@@ -250,7 +245,7 @@ def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
     good_k : float
         Above this the weights cannot be trusted.
     """
-    good_k = min(0.7, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
+    good_k = _good_k(len(log_ratio))
     if np.ptp(log_ratio) < np.sqrt(np.finfo(float).eps):
         return np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k
     log_weight, k = log_ratio, np.inf
@@ -264,16 +259,15 @@ def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
     return weight, k if counted and np.isfinite(k) else np.inf, good_k
 
 
-def build_tree(
-    groups: Mapping[str, Mapping[str, Array]],
-    *,
-    dims: Mapping[str, list[str]],
-    coords: Mapping[str, Any],
-    units: Mapping[str, str],
-    record: Mapping[str, Any],
-) -> xr.DataTree:
+def _good_k(draws: int) -> float:
+    return min(0.7, 1.0 - 1.0 / float(np.log10(draws)))
+
+
+def build_tree(groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]) -> xr.DataTree:
     """A DataTree of groups of arrays, those sampled (chain, draw, …), and ``record`` as JSON in the group ``provenance``."""
-    tree = arviz_base.from_dict({name: dict(group) for name, group in groups.items()}, dims=dict(dims), coords=dict(coords))
+    units = _UNITS | {p.name: p.unit for p in bound.parameters} | {str(name): "mm" for name in bound.hyper_prior.names}
+    plain = {name: dict(group) for name, group in groups.items()}
+    tree = arviz_base.from_dict(plain, dims=_DIMS, coords={"test": list(bound.test_names)})
     for node in tree.children.values():
         for name, variable in node.data_vars.items():
             if str(name) in units:
@@ -312,8 +306,6 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     if not source.is_file():
         raise InputError(f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out folder of a fit.")
     opened = _opened(source)
-    if isinstance(opened, str):
-        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({opened}). Fit again.")
     missing = [group for group in _GROUPS if group not in opened.children]
     if missing or "json" not in opened["provenance"].attrs:
         raise InputError(
@@ -325,18 +317,19 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     return opened
 
 
-def _opened(source: Path) -> xr.DataTree | str:
-    """The tree in a file; or why not, whatever a damaged file makes of the libraries."""
+def _opened(source: Path) -> xr.DataTree:
+    """The tree in a file; an `InputError` whatever a damaged file makes of the libraries."""
     loud = sys.unraisablehook
     sys.unraisablehook = lambda _: None  # a file half opened complains once more when it is dropped
     try:
         with warnings.catch_warnings(action="ignore"), xr.open_datatree(source, engine="h5netcdf") as opened:
             size, promised = source.stat().st_size, sum(node.nbytes for node in opened.subtree)
             if promised > _MOST_PER_BYTE * size + 2**20:
-                return f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB"
+                raise ValueError(f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB")
             return opened.load()
     except Exception as error:  # noqa: BLE001
-        return " ".join(str(error).split())[:_REASON]
+        why = " ".join(str(error).split())[:_REASON]
+        raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit again.") from None
     finally:
         gc.collect()
         sys.unraisablehook = loud
@@ -344,32 +337,34 @@ def _opened(source: Path) -> xr.DataTree | str:
 
 def _digest(tree: xr.DataTree) -> str:
     """SHA-256 of every number, name, unit and record in a tree."""
-    found = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
+    digest = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
     for node in sorted(tree.subtree, key=lambda own: own.path):
         for name in sorted(map(str, node.variables)):
             values = np.asarray(node[name].to_numpy())
-            found.update(f"{node.path}/{name} {values.shape} {node[name].attrs.get('unit', '')}".encode())
-            found.update(np.ascontiguousarray(values).tobytes() if values.dtype.kind in "fiub" else str(values.tolist()).encode())
-    return found.hexdigest()
+            digest.update(f"{node.path}/{name} {values.shape} {node[name].attrs.get('unit', '')}".encode())
+            digest.update(
+                np.ascontiguousarray(values).tobytes() if values.dtype.kind in "fiub" else str(values.tolist()).encode()
+            )
+    return digest.hexdigest()
 
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
     """What the record keeps of a campaign; readings and angles stand in the group constant_data, as read."""
-    fields = _fields(campaign, "name", "tests", "foreseen")
+    mount, law = asdict(campaign.mount), asdict(campaign.force_law)
     return {
         "name": campaign.name,
         "sha256": campaign.sha256,
         "tests": len(campaign.tests),
         "readings": campaign.readings,
         "forces_N": campaign.forces_N.tolist(),
-        "fields": fields | {"mount": asdict(campaign.mount), "force_law": asdict(campaign.force_law)},
+        "fields": _fields(campaign, "name", "tests", "foreseen") | {"mount": mount, "force_law": law},
         "test_fields": [_fields(test, *_ARRAYS) for test in campaign.tests],
         "foreseen": [_fields(test, *_ARRAYS) for test in campaign.foreseen],
     }
 
 
 def _fields(thing: Campaign | CircularTest, *without: str) -> dict[str, Any]:
-    return {own.name: getattr(thing, own.name) for own in dataclass_fields(thing) if own.name not in without}
+    return {own.name: getattr(thing, own.name) for own in fields(thing) if own.name not in without}
 
 
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
@@ -400,16 +395,13 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
     record, kept = record_of(posterior)["campaign"], posterior["constant_data"]
     owner, angle, reading = (kept[name].to_numpy() for name in ("test_index", "angle_as_read_deg", "reading_as_read_um"))
     tests = tuple(
-        CircularTest(angle_deg=angle[owner == i], reading_um=reading[owner == i], **fields)
-        for i, fields in enumerate(record["test_fields"])
+        CircularTest(angle_deg=angle[owner == i], reading_um=reading[owner == i], **own)
+        for i, own in enumerate(record["test_fields"])
     )
-    fields = record["fields"]
-    return Campaign(
-        tests,
-        name=record["name"],
-        foreseen=tuple(CircularTest(angle_deg=_ANY_CIRCLE_DEG, **own) for own in record["foreseen"]),
-        **fields | {"mount": MountCompensation(**fields["mount"]), "force_law": ForceLaw(**fields["force_law"])},
-    )
+    foreseen = tuple(CircularTest(angle_deg=_ANY_CIRCLE_DEG, **own) for own in record["foreseen"])
+    rest = record["fields"]
+    rest |= {"mount": MountCompensation(**rest["mount"]), "force_law": ForceLaw(**rest["force_law"])}
+    return Campaign(tests, name=record["name"], foreseen=foreseen, **rest)
 
 
 def model_of(posterior: xr.DataTree) -> HybridModel:
@@ -423,21 +415,13 @@ def bound_of(posterior: xr.DataTree) -> BoundModel:
 
 
 def draws_of(posterior: xr.DataTree, bound: BoundModel, size: int | None = None) -> tuple[Array, Array]:
-    """Posterior draws as arrays, evenly picked.
-
-    Returns
-    -------
-    beta : ndarray, shape (size, p)
-    phi : ndarray, shape (size, h) [mm]
-    """
+    """Posterior draws of β (size, p) and φ (size, h) [mm], evenly picked; default: all."""
     group = posterior["posterior"]
     beta, phi = (
         np.stack([group[str(name)].to_numpy().ravel() for name in names], axis=1)
         for names in (bound.names, bound.hyper_prior.names)
     )
-    if size is None or size >= len(beta):
-        return beta, phi
-    pick = np.linspace(0, len(beta) - 1, size).astype(int)
+    pick = np.linspace(0, len(beta) - 1, min(size or len(beta), len(beta))).astype(int)
     return beta[pick], phi[pick]
 
 
@@ -465,13 +449,11 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     check_probability(ci_prob)
     prior_sd, prior_mean = priors_of(posterior)
     rows = {}
-    for name, variable in posterior["posterior"].data_vars.items():
-        draws = variable.transpose("chain", "draw").to_numpy()
-        numbers = numbers_of(draws, ci_prob)
-        low, high = numbers.pop("interval")
-        known = {"ci_low": low, "ci_high": high, "prior_mean": prior_mean.get(str(name), np.nan), "prior_sd": prior_sd[str(name)]}
+    for key, variable in posterior["posterior"].data_vars.items():
+        name, draws = str(key), variable.transpose("chain", "draw").to_numpy()
+        prior = {"prior_mean": prior_mean.get(name, np.nan), "prior_sd": prior_sd[name]}
         quality = dict(zip(("ess_bulk", "ess_tail", "rhat"), diagnose(draws), strict=True))
-        rows[str(name)] = {"unit": variable.attrs.get("unit", "")} | numbers | known | quality
+        rows[name] = {"unit": variable.attrs.get("unit", "")} | numbers_of(draws, ci_prob) | prior | quality
     table = pd.DataFrame.from_dict(rows, orient="index")
     table.attrs["fit"] = fit_of(posterior)
     return table
@@ -482,31 +464,23 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
     check_probability(ci_prob)
     record = record_of(posterior)
     prior_sd, prior_mean = priors_of(posterior)
-    parameters, hyper = {}, {}
-    for variable_name, variable in posterior["posterior"].data_vars.items():
-        name = str(variable_name)
-        is_hyper = name not in record["model"]["groups"]
-        factor = 1e3 if is_hyper else 1.0
+    shown: dict[str, Any] = {"schema": record["schema"]}
+    for part in ("campaign", "model"):
+        shown[part] = {key: value for key, value in record[part].items() if key not in _REBUILDS}
+    shown |= {"parameters": {}, "hyper": {}}
+    for key, variable in posterior["posterior"].data_vars.items():
+        name, unit, factor = str(key), variable.attrs.get("unit", ""), 1.0
+        if is_hyper := name not in record["model"]["groups"]:
+            unit, factor = "um", 1e3
         numbers = numbers_of(variable.to_numpy() * factor, ci_prob)
+        interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
         sd = prior_sd[name]
-        entry = {
-            "unit": "um" if is_hyper else variable.attrs.get("unit", ""),
-            **{key: numbers[key] for key in ("mean", "sd", "median")},
-            f"ci{100 * ci_prob:g}": numbers["interval"],
-            "prior_sd": None if sd is None else sd * factor,
-        }
+        entry = {"unit": unit, **numbers, f"ci{100 * ci_prob:g}": interval, "prior_sd": None if sd is None else sd * factor}
         if is_hyper:
-            hyper[f"{name}_um"] = entry
+            shown["hyper"][f"{name}_um"] = entry
         else:
-            parameters[name] = entry | {"prior_mean": prior_mean.get(name)}
-    shown = {
-        "schema": record["schema"],
-        "campaign": {key: value for key, value in record["campaign"].items() if key not in _REBUILDS},
-        "model": {key: value for key, value in record["model"].items() if key not in _REBUILDS},
-        "parameters": parameters,
-        "hyper": hyper,
-    }
-    return shown | {key: record[key] for key in ("sampler", "fit", "provenance")}
+            shown["parameters"][name] = entry | {"prior_mean": prior_mean.get(name)}
+    return shown | {part: record[part] for part in ("sampler", "fit", "provenance")}
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
@@ -515,11 +489,11 @@ def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str
     return model["prior_sd"], model["prior_mean"]
 
 
-def numbers_of(draws: Array, ci_prob: float) -> dict[str, Any]:
-    """Mean, sd, median and the equal-tailed interval of draws."""
+def numbers_of(draws: Array, ci_prob: float) -> dict[str, float]:
+    """Mean, sd, median, and ci_low and ci_high of the equal-tailed interval, of draws."""
     tail = 50.0 * (1.0 - ci_prob)
     low, median, high = map(float, np.percentile(draws, [tail, 50.0, 100.0 - tail]))
-    return {"mean": float(draws.mean()), "sd": float(draws.std(ddof=1)), "median": median, "interval": [low, high]}
+    return {"mean": float(draws.mean()), "sd": float(draws.std(ddof=1)), "median": median, "ci_low": low, "ci_high": high}
 
 
 def check_probability(ci_prob: float) -> None:
@@ -540,20 +514,22 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
-    names, owners, prior_sd = _shared(bound, phi)
-    if not names:
-        return pd.DataFrame(columns=["term", "unit", "mean", "sd", "prior_sd"])
-    _, given = bound.given_interest.conditional(phi, beta - bound.centre)
-    inverse = solve_lower(given.root, np.broadcast_to(np.eye(len(names)), given.root.shape))
-    within = ((inverse**2).sum(axis=1) * given.scale**2).mean(axis=0)
-    columns = {
-        "term": owners,
-        "unit": [Term.owner(name).unit_of(name).inside for name in names],
-        "mean": given.mean.mean(axis=0),
-        "sd": np.sqrt(within + given.mean.var(axis=0)),
-        "prior_sd": prior_sd,
+    given = bound.given_interest.conditional(phi, beta - bound.centre)[1]
+    scale = dict(zip(bound.hyper_prior.names, phi.mean(axis=0), strict=True))
+    rows = {
+        name: {
+            "term": kind.__name__,
+            "unit": kind.unit_of(name).inside,
+            "prior_sd": sd * (scale[part.hyper] if part.hyper else 1),
+        }
+        for kind, columns in bound.columns_of.items()
+        for part in shared_terms(columns)
+        for name, sd in zip(part.names, part.sd, strict=True)
     }
-    return pd.DataFrame(columns, index=names)
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=["term", "unit", "prior_sd"])
+    table.insert(2, "mean", given.mean.mean(axis=0))
+    table.insert(3, "sd", np.sqrt((given.sd**2).mean(axis=0) + given.mean.var(axis=0)))
+    return table
 
 
 class DrawnNuisances(NamedTuple):
@@ -566,23 +542,5 @@ class DrawnNuisances(NamedTuple):
 
 def draw_nuisances(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> DrawnNuisances:
     """One draw of the shared nuisances for every draw of φ (draws, h) and β (draws, p)."""
-    names, _, _ = _shared(bound, phi)
-    draws = np.zeros((len(beta), 0))
-    if names:
-        draws = bound.given_interest.conditional(phi, beta - bound.centre)[1].draw(rng)
-    return DrawnNuisances(names, shared_columns(bound), draws)
-
-
-def _shared(bound: BoundModel, phi: Array) -> tuple[list[str], list[str], Array]:
-    """Names, terms and prior sd of the shared columns, in the order of the model's terms."""
-    scale = dict(zip(bound.hyper_prior.names, phi.mean(axis=0), strict=True))
-    names: list[str] = []
-    owners: list[str] = []
-    sd = [np.zeros(0)]
-    for term in bound.model.nuisances:
-        for part in term.columns(bound.setting):
-            if isinstance(part, Columns) and not part.private:
-                names += part.names
-                owners += [type(term).__name__] * len(part.names)
-                sd.append(part.sd * (scale[part.hyper] if part.hyper else 1.0))
-    return names, owners, np.concatenate(sd)
+    names = [name for term in shared_terms(bound.nuisance_columns) for name in term.names]
+    return DrawnNuisances(names, shared_columns(bound), draw_shared(bound, phi, beta, rng))

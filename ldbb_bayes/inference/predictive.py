@@ -7,7 +7,7 @@ Three predictions are never mixed up. Machine: H β. Shared: plus ball form, bar
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.inference.nodes import CHUNK, Nodes
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import BasisNoise, Columns
@@ -30,20 +31,21 @@ __all__ = [
     "TestChecks",
     "autocorrelation",
     "band_um",
+    "draw_shared",
     "every_check",
     "failing",
     "fit_quality",
     "harmonics_of",
     "machine_coefficients",
     "new_circle_coefficients",
-    "own_nuisances",
     "predictive_checks",
     "prior_circle_coefficients",
+    "replicate_left_out",
     "residual_coefficients",
     "residuals_mm",
     "shared_coefficients",
     "shared_columns",
-    "shared_draws",
+    "shared_terms",
 ]
 
 Array = NDArray[Any]
@@ -54,99 +56,112 @@ _FAILS = 0.01
 _SMALLEST = 1e-300
 
 
-@dataclass(frozen=True)
-class FitQuality:
-    """Root mean square error over all readings and by test [µm], and fitness by test [%] (Eq. 34-35)."""
-
-    rmse_um: float
-    rmse_by_test_um: dict[str, float]
-    fitness_percent: dict[str, float]
-
-
-def shared_columns(bound: BoundModel) -> Array:
-    """Return the columns of the nuisances that tests share, shape (tests, 25, q) [mm]."""
-    values = [term.values for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
-    return np.concatenate([np.zeros((len(bound.test_names), SIZE, 0)), *values], axis=2)
-
-
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     """Basis coefficients of H β plus the nominal mount deflection, shape (draws, tests, 25) [mm]."""
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
 
+def shared_terms(columns: Iterable[Columns | BasisNoise], *, private: bool = False) -> list[Columns]:
+    """Those of the nuisances' columns whose coefficients tests share; or that every test has for itself."""
+    return [term for term in columns if isinstance(term, Columns) and term.private == private]
+
+
+def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
+    """The same side by side, shape (tests, 25, q) [mm]."""
+    values = [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
+    return np.concatenate([np.zeros((len(bound.test_names), SIZE, 0)), *values], axis=2)
+
+
+def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
+    """One draw of the shared nuisance coefficients given each β, φ and y, shape (draws, q)."""
+    return np.concatenate(
+        [
+            bound.given_interest.conditional(phi[i : i + CHUNK], beta[i : i + CHUNK] - bound.centre)[1].draw(rng)
+            for i in range(0, len(phi), CHUNK)
+        ]
+    )
+
+
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     """Machine plus the expected ball form, bar length, mount and force error given β, φ and y; (draws, tests, 25) [mm]."""
     shifted = beta - bound.centre
-    _, conditional = bound.given_interest.conditional(phi, shifted)
-    total = machine_coefficients(bound, beta)
-    shared = shared_columns(bound)
-    if shared.size:
-        total = total + np.einsum("tkq,wq->wtk", shared, conditional.mean)
-    private = [term.values for term in bound.nuisance_columns if isinstance(term, Columns) and term.private]
-    if private:
-        values = np.concatenate(private, axis=2)
-        own = bound.given_interest.private_mean(phi, shifted, conditional.mean)[:, :, : values.shape[2]]
-        total = total + np.einsum("tkv,wtv->wtk", values, own)
-    return total
-
-
-def shared_draws(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
-    """Machine plus one posterior draw of the nuisances that tests share, shape (draws, tests, 25) [mm]."""
-    total, shared = machine_coefficients(bound, beta), shared_columns(bound)
-    if not shared.size:
-        return total
-    _, conditional = bound.given_interest.conditional(phi, beta - bound.centre)
-    return np.asarray(total + np.einsum("tkq,wq->wtk", shared, conditional.draw(rng)))
+    mean = bound.given_interest.conditional(phi, shifted)[1].mean
+    total = machine_coefficients(bound, beta) + np.einsum("tkq,wq->wtk", shared_columns(bound), mean)
+    private = shared_columns(bound, private=True)
+    if not private.size:
+        return np.asarray(total)
+    own = bound.given_interest.private_mean(phi, shifted, mean)[:, :, : private.shape[2]]
+    return np.asarray(total + np.einsum("tkv,wtv->wtk", private, own))
 
 
 def new_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """A new circle in the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
     set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
-    return shared_draws(bound, phi, beta, rng) + _every_own(bound, phi, rng)
+    return _shared_drawn(bound, phi, beta, rng) + _every_own(bound, phi, rng)
+
+
+def _shared_drawn(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
+    drawn = draw_shared(bound, phi, beta, rng)
+    return np.asarray(machine_coefficients(bound, beta) + np.einsum("tkq,wq->wtk", shared_columns(bound), drawn))
 
 
 def prior_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """The same from prior draws of β and φ: every nuisance drawn from its prior; (draws, tests, 25) [mm]."""
     total = machine_coefficients(bound, beta) + _every_own(bound, phi, rng)
-    for term in bound.nuisance_columns:
-        if isinstance(term, Columns) and not term.private:
-            sd = term.sd * _hyper(bound, phi, term.hyper)
-            total = total + np.einsum("tkq,wq->wtk", term.values, sd * rng.standard_normal((len(phi), len(term.sd))))
+    for term in shared_terms(bound.nuisance_columns):
+        sd = term.sd * _hyper(bound, phi, term.hyper)
+        total = total + np.einsum("tkq,wq->wtk", term.values, sd * rng.standard_normal(sd.shape))
     return total
 
 
 def _every_own(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
-    return np.stack([own_nuisances(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
+    return np.stack([_draw_own(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
 
 
-def own_nuisances(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
+def _draw_own(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
     """Fresh draws of what circle r has for itself: random force error, set-up shift, discrepancy; (draws, 25) [mm]."""
     total = np.zeros((len(phi), SIZE))
-    for term in bound.nuisance_columns:
-        scale = _hyper(bound, phi, term.hyper)
-        if isinstance(term, BasisNoise):
-            total = total + scale * term.sd * rng.standard_normal((len(phi), SIZE))
-        elif term.private:
-            total = total + (scale * term.sd * rng.standard_normal((len(phi), len(term.sd)))) @ term.values[r].T
+    for columns, sd in _own(bound, phi, r):
+        total = total + (sd * rng.standard_normal(sd.shape)) @ columns.T
     return total
 
 
-def _own_covariance(bound: BoundModel, phi: Array, r: int) -> Array:
-    """Covariance of what test r has for itself, shape (draws, 25, 25) [mm²]."""
-    total = np.zeros((len(phi), SIZE, SIZE))
+def _own(bound: BoundModel, phi: Array, r: int) -> Iterator[tuple[Array, Array]]:
+    """Columns (25, v) of what circle r has for itself, and the sd of their coefficients (draws, v)."""
     for term in bound.nuisance_columns:
-        square = _hyper(bound, phi, term.hyper)[:, :, None] ** 2
-        if isinstance(term, BasisNoise):
-            total = total + square * np.diag(term.sd**2)
-        elif term.private:
-            scaled = term.values[r] * term.sd
-            total = total + square * (scaled @ scaled.T)
-    return total
+        if isinstance(term, BasisNoise) or term.private:
+            columns = np.eye(SIZE) if isinstance(term, BasisNoise) else term.values[r]
+            yield columns, _hyper(bound, phi, term.hyper) * term.sd
 
 
 def _hyper(bound: BoundModel, phi: Array, name: str | None) -> Array:
     """Values of one hyper-parameter, shape (draws, 1); ones for none."""
     return np.ones((len(phi), 1)) if name is None else phi[:, [bound.hyper_prior.names.index(name)]]
+
+
+def replicate_left_out(
+    bound: BoundModel, others: Nodes, name: str, size: int, rng: np.random.Generator, *, each: int = 1
+) -> Array:
+    """Least-squares harmonics of circles that the other tests expect in the place of the one left out, shape (size, 25) [mm].
+
+    Parameters
+    ----------
+    bound : BoundModel
+        Of all tests.
+    others : Nodes
+        Of the other tests.
+    each : int
+        Circles per posterior draw.
+    """
+    r = bound.test_names.index(name)
+    beta, phi = others.draw(-(-size // each), rng)
+    machine = beta @ bound.interest[r].T + bound.known_offset[r]
+    machine = machine + draw_shared(others.bound, phi, beta, rng) @ shared_columns(bound)[r].T
+    machine, phi = np.repeat(machine, each, axis=0)[:size], np.repeat(phi, each, axis=0)[:size]
+    factor = bound.reduced[r].factor
+    noise = _hyper(bound, phi, "sigma") * rng.standard_normal((size, len(factor)))
+    circle = (machine + _draw_own(bound, phi, r, rng)) @ factor.T + noise
+    return np.asarray(circle @ harmonics_of(bound, r).T)
 
 
 def band_um(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator, *, prob: float = 0.95) -> Array:
@@ -163,8 +178,12 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
 
 def residual_coefficients(bound: BoundModel, predicted: Array) -> Array:
     """Least-squares harmonics of the residuals, shape (tests, 25) [mm]; minimum norm where a test has too few readings."""
-    misfits = [np.asarray(test.projection) - test.factor @ own for test, own in zip(bound.reduced, predicted, strict=True)]
-    return np.array([harmonics_of(bound, r) @ misfit for r, misfit in enumerate(misfits)])
+    return np.array([harmonics_of(bound, r) @ misfit for r, misfit in enumerate(_misfits(bound, predicted))])
+
+
+def _misfits(bound: BoundModel, predicted: Array) -> list[Array]:
+    """Reduced readings minus prediction, each of shape (m,) [mm]."""
+    return [np.asarray(test.projection) - test.factor @ own for test, own in zip(bound.reduced, predicted, strict=True)]
 
 
 def harmonics_of(bound: BoundModel, r: int) -> Array:
@@ -178,16 +197,18 @@ def _tests(bound: BoundModel) -> list[CircularTest]:
     return [by_name[name] for name in bound.test_names]
 
 
-def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
-    """RMSE and fitness of the posterior mean prediction (machine plus shared nuisances).
+@dataclass(frozen=True)
+class FitQuality:
+    """Root mean square error over all readings and by test [µm], and fitness by test [%] (Eq. 34-35)."""
 
-    Parameters
-    ----------
-    phi : ndarray, shape (draws, h) [mm]
-    beta : ndarray, shape (draws, p)
-    """
-    predicted = shared_coefficients(bound, phi, beta).mean(axis=0)
-    misfits = [np.asarray(test.projection) - test.factor @ own for test, own in zip(bound.reduced, predicted, strict=True)]
+    rmse_um: float
+    rmse_by_test_um: dict[str, float]
+    fitness_percent: dict[str, float]
+
+
+def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
+    """RMSE and fitness of the posterior mean prediction, machine plus shared nuisances, from φ (draws, h) [mm], β (draws, p)."""
+    misfits = _misfits(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
     squares = np.array([m @ m + test.residual_ss for m, test in zip(misfits, bound.reduced, strict=True)])
     n = np.array([test.readings for test in bound.reduced])
     rmse = np.sqrt(squares / n) * 1e3
@@ -257,23 +278,20 @@ def failing(checks: Iterable[Check]) -> tuple[Check, ...]:
 
 
 def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> dict[str, TestChecks]:
-    """Compare every test with new circles under the posterior.
-
-    Parameters
-    ----------
-    phi : ndarray, shape (draws, h) [mm]
-    beta : ndarray, shape (draws, p)
-    """
+    """Compare every test with new circles under the posterior, φ (draws, h) [mm] and β (draws, p)."""
     pick = np.linspace(0, len(phi) - 1, min(_DRAWS, len(phi))).astype(int)
     phi, beta = phi[pick], beta[pick]
-    shared = shared_draws(bound, phi, beta, rng)
-    sigma = phi[:, bound.hyper_prior.names.index("sigma")]
+    shared = _shared_drawn(bound, phi, beta, rng)
+    sigma = _hyper(bound, phi, "sigma")[:, 0]
     checks = {}
     for r, (test, reduced) in enumerate(zip(_tests(bound), bound.reduced, strict=True)):
         inverse = harmonics_of(bound, r)
         residual = (np.asarray(reduced.projection) - shared[:, r] @ reduced.factor.T) @ inverse.T
         seen = inverse @ reduced.factor
-        covariance = seen @ _own_covariance(bound, phi, r) @ seen.T + sigma[:, None, None] ** 2 * (inverse @ inverse.T)
+        covariance = sigma[:, None, None] ** 2 * (inverse @ inverse.T)
+        for columns, sd in _own(bound, phi, r):
+            spread = (seen @ columns) * sd[:, None, :]
+            covariance = covariance + spread @ np.swapaxes(spread, 1, 2)
         orders = {n: _tail(residual[:, n == ORDERS], covariance[:, n == ORDERS][:, :, n == ORDERS]) for n in range(MAX_ORDER + 1)}
         outside = reduced.readings - SIZE
         noise_p = correlation = correlation_p = None

@@ -20,15 +20,7 @@ from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.mcmc import EnsembleRun, JointDensity, Progress, StoppingRule, sample_joint
 from ldbb_bayes.inference.nodes import CHUNK, HyperPosterior, draw_hyper, draw_parameters_given
-from ldbb_bayes.inference.posterior import (
-    Concern,
-    ConcernKind,
-    Fit,
-    assess,
-    build_tree,
-    campaign_record,
-    power_sensitivity,
-)
+from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, assess, build_tree, campaign_record, power_sensitivity
 from ldbb_bayes.inference.predictive import fit_quality, predictive_checks
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -108,10 +100,10 @@ def draw(sampler: str, start: HyperPosterior, size: int, *, seed: np.random.Seed
     return _picked(beta, phi, size)
 
 
-def _picked(beta: Array, phi: Array, most: int) -> tuple[Array, Array]:
-    """Draws of all chains in one row, evenly picked."""
+def _picked(beta: Array, phi: Array, most: int | None = None) -> tuple[Array, Array]:
+    """Draws of all chains in one row, all or evenly picked."""
     flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
-    pick = np.linspace(0, len(flat_beta) - 1, min(most, len(flat_beta))).astype(int)
+    pick = np.linspace(0, len(flat_beta) - 1, min(most or len(flat_beta), len(flat_beta))).astype(int)
     return flat_beta[pick], flat_phi[pick]
 
 
@@ -179,18 +171,16 @@ def sample_with_densities(
     rule = rule or StoppingRule()
     started, clock = datetime.now(UTC), time.perf_counter()
     bound = model.bind(campaign)
-    seeds = np.random.SeedSequence(seed).spawn(3)
+    sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
     run, beta, phi = run_sampler(
-        sampler, start, ensembles=ensembles, walkers=walkers, rule=rule, seed=seeds[0], progress=progress
+        sampler, start, ensembles=ensembles, walkers=walkers, rule=rule, seed=sampling, progress=progress
     )
-    densities = {
-        own: start if own is start.truncated else HyperPosterior(bound, truncated=own, seed=seed) for own in (True, False)
-    }
+    other = HyperPosterior(bound, truncated=not start.truncated, seed=seed)
+    densities = {start.truncated: start, other.truncated: other}
+    groups = _groups(bound, beta, phi, np.random.default_rng(checking[0]))
     truncation = log_prob_truncation(densities[False], densities[True])
-    groups = _groups(bound, beta, phi, np.random.default_rng(seeds[1]))
-    missed = () if run.converged else (Concern(ConcernKind.NOT_CONVERGED, run.steps, rule.ess),)
-    fit = _fit(bound, groups, beta, phi, truncation, missed, np.random.default_rng(seeds[2]))
+    missed = [] if run.converged else [Concern(ConcernKind.NOT_CONVERGED, run.steps, rule.ess)]
     record: dict[str, Any] = {
         "schema": 1,
         "campaign": campaign_record(campaign),
@@ -207,7 +197,7 @@ def sample_with_densities(
             "target_ess": rule.ess,
             "target_rhat": rule.rhat,
         },
-        "fit": fit.as_dict(),
+        "fit": _fit(bound, groups, beta, phi, truncation, missed, np.random.default_rng(checking[1])).as_dict(),
         "provenance": {
             "versions": versions(),
             "seed": seed,
@@ -215,18 +205,13 @@ def sample_with_densities(
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         },
     }
-    return build_tree(groups, dims=_DIMS, coords={"test": list(bound.test_names)}, units=_units(bound), record=record), densities
+    return build_tree(groups, bound, record), densities
 
 
 @cache
 def versions() -> dict[str, str]:
     """Versions of the packages that numbers come from."""
     return {name: version(name) for name in _PACKAGES}
-
-
-_OF_TESTS = ("per_test", "force_N", "pressure_bar", "work_ball_deg", "tool_ball_deg", "radius_mm")
-_OF_READINGS = ("angle_rad", "angle_as_read_deg", "reading_as_read_um", "test_index", "reading_mm")
-_DIMS = {name: ["test"] for name in _OF_TESTS} | {name: ["reading"] for name in _OF_READINGS} | {"reference_force_N": []}
 
 
 def _fit(
@@ -239,7 +224,7 @@ def _fit(
     rng: np.random.Generator,
 ) -> Fit:
     """How well the model fits, posterior predictive checks, and what scaling prior or likelihood would change."""
-    flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
+    flat_beta, flat_phi = _picked(beta, phi)
     few_beta, few_phi = _picked(beta, phi, _QUALITY_DRAWS)
     quality = fit_quality(bound, few_phi, few_beta)
     prior, hyper_prior = groups["log_prior"]["parameters"], groups["log_prior"]["hyper"]
@@ -271,18 +256,22 @@ def _concerns(bound: BoundModel, phi: Array, log_prob_truncation: float) -> Iter
 
 
 def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator) -> dict[str, dict[str, Array]]:
-    flat_beta, flat_phi = beta.reshape(-1, beta.shape[2]), phi.reshape(-1, phi.shape[2])
+    """The arrays of the posterior, by group; the prior's are draws inside the truncation, a flat one's of φ only."""
+    flat_beta, flat_phi = _picked(beta, phi)
     density = JointDensity(bound)
     points = density.join(flat_beta, bound.hyper_prior.free(flat_phi))
     chunks = [slice(i, i + CHUNK) for i in range(0, len(points), CHUNK)]
-    per_test = [bound.log_likelihood_per_test(flat_phi[part], flat_beta[part]) for part in chunks]
+    log_density = np.concatenate([density(points[part]) for part in chunks])
+    per_test = np.concatenate([bound.log_likelihood_per_test(flat_phi[part], flat_beta[part]) for part in chunks])
+    prior_phi = bound.hyper_prior.draw(_PRIOR_DRAWS, rng)[None]
+    prior_beta = np.zeros((1, 0, 0)) if bound.model.prior.flat else bound.draw_parameters(_PRIOR_DRAWS, rng)[None]
     tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
     return {
         "posterior": _named(bound, beta, phi),
-        "prior": _prior_draws(bound, rng),
-        "sample_stats": {"lp": np.concatenate([density(points[part]) for part in chunks]).reshape(beta.shape[:2])},
+        "prior": _named(bound, prior_beta, prior_phi),
+        "sample_stats": {"lp": log_density.reshape(beta.shape[:2])},
         "log_prior": {"parameters": bound.log_prior(beta), "hyper": bound.hyper_prior.log_density(phi)},
-        "log_likelihood": {"per_test": np.concatenate(per_test).reshape(*beta.shape[:2], -1)},
+        "log_likelihood": {"per_test": per_test.reshape(*beta.shape[:2], -1)},
         "observed_data": {"reading_mm": np.concatenate([test.readings_mm() for test in tests])},
         "constant_data": {
             "angle_rad": np.concatenate([test.angles_rad() for test in tests]),
@@ -293,29 +282,15 @@ def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator
             "pressure_bar": bound.setting.pressure_bar,
             "work_ball_deg": np.array([test.work_ball_deg for test in tests]),
             "tool_ball_deg": np.array([test.tool_ball_deg for test in tests]),
-            "radius_mm": np.array([test.radius_mm for test in tests], dtype=float),
+            "radius_mm": bound.setting.radius_mm,
             "reference_force_N": np.array(bound.setting.reference_force_N),
         },
     }
 
 
 def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
-    named = {name: beta[..., j] for j, name in enumerate(bound.names)}
+    named = {name: beta[..., j] for j, name in enumerate(bound.names[: beta.shape[2]])}
     return named | {str(name): phi[..., j] for j, name in enumerate(bound.hyper_prior.names)}
-
-
-def _prior_draws(bound: BoundModel, rng: np.random.Generator) -> dict[str, Array]:
-    """Draws of the prior inside the truncation, one chain; a flat prior leaves the hyper-parameters only."""
-    phi = bound.hyper_prior.draw(_PRIOR_DRAWS, rng)[None]
-    if bound.model.prior.flat:
-        return {str(name): phi[..., j] for j, name in enumerate(bound.hyper_prior.names)}
-    return _named(bound, bound.draw_parameters(_PRIOR_DRAWS, rng)[None], phi)
-
-
-def _units(bound: BoundModel) -> dict[str, str]:
-    units = {parameter.name: parameter.unit for parameter in bound.parameters}
-    units |= {str(name): "mm" for name in bound.hyper_prior.names}
-    return units | {"force_N": "N", "pressure_bar": "bar", "reading_mm": "mm", "angle_rad": "rad", "radius_mm": "mm"}
 
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:

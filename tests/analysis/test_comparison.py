@@ -203,7 +203,7 @@ def test_sentences_follow_the_numbers(found: Comparison) -> None:
 
 def test_assumptions_change_one_thing() -> None:
     bare = {name: model.without("ball-form", "setup-shift") for name, model in PAIR.items()}
-    labels = list(_nuisance_assumptions(bare.values(), SMALL))
+    labels = list(_nuisance_assumptions(bare.values(), LINEAR.bind(SMALL).setting))
     assert "with ball form" in labels
     assert "with set-up shift" in labels
     assert "without mount" in labels

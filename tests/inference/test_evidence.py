@@ -13,9 +13,9 @@ from scipy import integrate, stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.evidence import Evidence, evidence_of, evidence_on, log_prob_truncation, savage_dickey
+from ldbb_bayes.inference.evidence import log_prob_truncation, savage_dickey
 from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
 from ldbb_bayes.model.truncation import Orthant
 
 FOUR = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e-10), "E_YY1": (-5e-5, 4e-5)}
@@ -70,7 +70,7 @@ def test_the_stated_error_holds() -> None:
     for degree, planned in enumerate((plan(), plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0))):
         bound = lb.HybridModel.default(degree).bind(simulated(planned, seed=degree))
         plain = HyperPosterior(bound, truncated=False)
-        loose, tight = evidence_of(plain, tolerance=3e-2), evidence_of(plain, tolerance=1e-3)
+        loose, tight = (plain.nodes(tolerance).evidence for tolerance in (3e-2, 1e-3))
         assert loose.error <= 3e-2
         assert abs(loose.log_value - tight.log_value) <= loose.error
         assert tight.nodes > loose.nodes
@@ -180,11 +180,10 @@ def test_nested_bayes_factor_is_the_difference_of_evidences(name: str, fixed: tu
         means, sds = ({key: value[k] for key, value in PRIORS.items()} for k in (0, 1))
         linear = replace(linear, prior=replace(linear.prior, means=means, overrides=sds))
     model = linear if truncated else linear.without("truncation")
-    posterior = HyperPosterior(model.bind(campaign), truncated=truncated)
-    evidence = evidence_of(posterior, tolerance=1e-2)
-    value, error = savage_dickey(posterior, evidence, fixed)
+    nodes = HyperPosterior(model.bind(campaign), truncated=truncated).nodes(1e-2)
+    value, error = savage_dickey(nodes, fixed)
     smaller = lb.log_evidence(model.fixing(*fixed), campaign, tolerance=1e-2)
-    direct, direct_error = lb.log_bayes_factor(smaller, evidence)
+    direct, direct_error = lb.log_bayes_factor(smaller, nodes.evidence)
     assert value == pytest.approx(direct, abs=0.05)
     assert abs(value - direct) < 3.0 * (error + direct_error) + 1e-4
 
@@ -194,8 +193,8 @@ def test_where_the_slopes_are_beyond_doubt() -> None:
     """The two models put the hyper-parameters in different places; the ratio is integrated where it is large."""
     truth = TRUTH | {"C_YYY_1": 4e-8, "C_XXX_1": -3e-8}
     campaign = lb.HybridModel.default(1).simulate(plan(), seed=3, parameters=truth, hyper_um=HYPER_UM).campaign
-    posterior = HyperPosterior(lb.HybridModel.default(1).bind(campaign), truncated=True)
-    value, error = savage_dickey(posterior, evidence_of(posterior, tolerance=1e-2), SLOPES)
+    nodes = HyperPosterior(lb.HybridModel.default(1).bind(campaign), truncated=True).nodes(1e-2)
+    value, error = savage_dickey(nodes, SLOPES)
     constant, linear = (lb.log_evidence(lb.HybridModel.default(degree), campaign, tolerance=1e-2) for degree in (0, 1))
     direct, _ = lb.log_bayes_factor(constant, linear)
     assert direct < -20.0
@@ -213,13 +212,13 @@ def test_fixing_all_slopes_is_the_constant_model() -> None:
 def test_unknown_names_are_refused() -> None:
     posterior = HyperPosterior(lb.HybridModel.default(0).bind(CAMPAIGNS["uniform"]), truncated=False)
     with pytest.raises(InputError, match=r"parameter must be one of C_XXX, .* got 'C_XXX_1'"):
-        savage_dickey(posterior, evidence_of(posterior, tolerance=1e-2), ["C_XXX_1"])
+        savage_dickey(posterior.nodes(1e-2), ["C_XXX_1"])
 
 
 def test_different_readings_are_refused() -> None:
     bound = lb.HybridModel.default(0).bind(CAMPAIGNS["uniform"]).keeping(["f036", "f300", "f520"])
     posterior = HyperPosterior(bound, truncated=False)
-    some = evidence_on(posterior, posterior.coarse)
+    some = Nodes(posterior, posterior.coarse).evidence
     with pytest.raises(InputError, match="must be between models of the same readings, got two campaigns"):
         lb.log_bayes_factor(Evidence(0.0, 0.0, 1, CAMPAIGNS["uniform"].sha256), some)
 

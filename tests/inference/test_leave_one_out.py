@@ -7,15 +7,10 @@ import pytest
 from campaigns import oracle_of, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.evidence import evidence_on
-from ldbb_bayes.inference.leave_one_out import leave_one_out, pareto_smoothed, replicate_left_out
+from ldbb_bayes.analysis.comparison import pareto_smoothed
+from ldbb_bayes.inference.evidence import leave_one_out
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.predictive import harmonics_of
-from ldbb_bayes.model.hybrid import BoundModel
-
-
-def posterior_of(bound: BoundModel, *, truncated: bool) -> HyperPosterior:
-    return HyperPosterior(bound, truncated=truncated)
+from ldbb_bayes.inference.predictive import harmonics_of, replicate_left_out
 
 
 def test_properties_of_the_campaign_stay_frozen() -> None:
@@ -36,14 +31,12 @@ def test_properties_of_the_campaign_stay_frozen() -> None:
 
 
 def test_importance_sampling_agrees_where_it_can(recovered: lb.Campaign) -> None:
-    bound = lb.HybridModel.default(0).bind(recovered)
-    posterior = posterior_of(bound, truncated=True)
-    lattice = posterior.lattice(1e-2)
-    left = leave_one_out(posterior, evidence_on(posterior, lattice))
-    log_density, pareto_k, good_k = pareto_smoothed(posterior, lattice)
+    nodes = HyperPosterior(lb.HybridModel.default(0).bind(recovered), truncated=True).nodes(1e-2)
+    left = leave_one_out(nodes)
+    log_density, pareto_k, good_k = pareto_smoothed(nodes, 0)
     trusted = pareto_k < good_k
     assert 0 < trusted.sum() < len(trusted)
-    exact = np.array([found.log_density for found in left.values()])
+    exact = np.array([nodes.evidence.log_value - others.evidence.log_value for others in left.values()])
     np.testing.assert_allclose(log_density[trusted], exact[trusted], atol=0.15)
 
 
@@ -53,15 +46,13 @@ def test_replicates_are_the_predictive_distribution() -> None:
     model = lb.HybridModel.default(1).without("truncation")
     bound = model.bind(campaign)
     name = bound.test_names[test]
-    posterior = posterior_of(bound, truncated=False)
-    evidence = evidence_on(posterior, posterior.lattice(1e-2))
-    left = leave_one_out(posterior, evidence)
+    left = leave_one_out(HyperPosterior(bound, truncated=False).nodes(1e-2))
     assert tuple(left) == bound.test_names
     found = left[name]
-    cold = posterior_of(found.posterior.bound, truncated=False)
-    assert found.log_density == pytest.approx(evidence.log_value - evidence_on(cold, cold.lattice(1e-2)).log_value, abs=5e-3)
+    cold = HyperPosterior(found.bound, truncated=False).nodes(1e-2)
+    assert found.evidence.log_value == pytest.approx(cold.evidence.log_value, abs=5e-3)
     rng = np.random.default_rng(1)
-    replicates = replicate_left_out(bound, found, 40_000, rng, each=4)
+    replicates = replicate_left_out(bound, found, name, 40_000, rng, each=4)
 
     oracle = oracle_of(campaign, 1)
     own = np.concatenate([np.full(t.angle.size, i == test) for i, t in enumerate(oracle.tests)])
@@ -70,7 +61,7 @@ def test_replicates_are_the_predictive_distribution() -> None:
     inverse = np.linalg.pinv(columns)
     means, covariances = [], []
     for free in found.lattice.pick(60, rng):
-        covariance = oracle.covariance(found.posterior.bound.hyper_prior.phi(free))
+        covariance = oracle.covariance(found.bound.hyper_prior.phi(free))
         covariance = covariance + (oracle.J * oracle.sd**2) @ oracle.J.T
         gain = covariance[np.ix_(own, ~own)] @ np.linalg.inv(covariance[np.ix_(~own, ~own)])
         means.append(inverse @ (gain @ oracle.y[~own]))

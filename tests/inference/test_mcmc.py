@@ -40,7 +40,7 @@ def test_the_weights_are_nearly_even_and_average_to_the_evidence() -> None:
     weight = density(points) - log_density
     level = np.exp(weight - weight.max())
     mean, error = level.mean(), level.std() / np.sqrt(len(level))
-    expected = redraw.start.lattice(1e-2).log_integral - density.bound.log_prob_truncation_prior
+    expected = redraw.start.nodes(1e-2).lattice.log_integral - density.bound.log_prob_truncation_prior
     # The proposal's own integral is left out of its density.
     own = redraw.start.coarse.log_integral
     assert np.log(mean) + weight.max() + own == pytest.approx(expected, abs=5.0 * error / mean + 1e-2)

@@ -146,7 +146,7 @@ def test_mode_is_a_maximum(bound: BoundModel) -> None:
 
 def test_draws_of_hyper_parameters_have_the_moments_of_the_nodes(bound: BoundModel) -> None:
     posterior = HyperPosterior(bound, truncated=True)
-    lattice = posterior.lattice(1e-2)
+    lattice = posterior.nodes(1e-2).lattice
     free, used = draw_hyper(posterior, 4000, np.random.default_rng(2))
     mean = lattice.weight @ lattice.free
     sd = np.sqrt(lattice.weight @ (lattice.free - mean) ** 2)
