@@ -46,6 +46,8 @@ from .fleet.charts import machine_chart as machine_chart
 from .fleet.dataset import read_batch as read_batch
 from .fleet.population import Population as Population
 from .fleet.population import population as population
+from .fleet.population_prior import PopulationPrior as PopulationPrior
+from .fleet.population_prior import prior_from as prior_from
 from .fleet.trend import Trend as Trend
 from .fleet.trend import trend as trend
 from .inference.evidence import log_bayes_factor as log_bayes_factor
@@ -65,8 +67,6 @@ from .machine.forward import exact_reading_mm as exact_reading_mm
 from .machine.identifiable import hybrid_jacobian as hybrid_jacobian
 from .machine.identifiable import patterns as patterns
 from .model.hybrid import HybridModel as HybridModel
-from .model.population_prior import PopulationPrior as PopulationPrior
-from .model.population_prior import prior_from as prior_from
 from .model.prior import Prior as Prior
 from .model.specification import read_model as read_model
 from .model.terms import BallForm as BallForm

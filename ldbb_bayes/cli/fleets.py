@@ -115,8 +115,8 @@ def batch(
     """
     from ldbb_bayes.fleet.batch import batch as run
     from ldbb_bayes.fleet.dataset import JOURNAL
+    from ldbb_bayes.fleet.population_prior import prior_from as read_prior
     from ldbb_bayes.jobs import check_executor, executor_named
-    from ldbb_bayes.model.population_prior import prior_from as read_prior
     from ldbb_bayes.report.wording import with_words
 
     check_executor(executor, workers, scheduler)

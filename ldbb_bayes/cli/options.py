@@ -226,7 +226,7 @@ def with_population(model: HybridModel, population: Path | None, campaign: Campa
     """
     if population is None:
         return model, None
-    from ldbb_bayes.model.population_prior import prior_from
+    from ldbb_bayes.fleet.population_prior import prior_from
 
     prior = prior_from(population)
     doubts = prior.doubts(campaign)

@@ -27,11 +27,10 @@ from ldbb_bayes.fleet.pooling import (
     draw_spreads,
     pooling,
 )
+from ldbb_bayes.fleet.population_prior import Meaning, digest_of
 from ldbb_bayes.fleet.statistics import Caveat, CaveatKind, FleetStatistics, choose, fleet_statistics, labels, narrow_forces
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import mixture_moments, mixture_quantiles, weighted_quantiles
-from ldbb_bayes.model.population_prior import digest_of
-from ldbb_bayes.model.prior import Meaning
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, population_doubts, population_sentences, with_words
 from ldbb_bayes.result import Result

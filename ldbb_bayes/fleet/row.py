@@ -21,6 +21,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason
 from ldbb_bayes.files import write_whole
+from ldbb_bayes.fleet.population_prior import PopulationPrior, stands_for
 from ldbb_bayes.fleet.statistics import sufficient_statistics
 from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
 from ldbb_bayes.inference.mcmc import StoppingRule
@@ -29,8 +30,6 @@ from ldbb_bayes.inference.posterior import numbers_of, record_of, saved_bytes
 from ldbb_bayes.inference.sample import sample_with_densities, versions
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.population_prior import PopulationPrior
-from ldbb_bayes.model.prior import stands_for
 from ldbb_bayes.model.specification import model_from_toml, model_sha256
 from ldbb_bayes.report.findings import fit_in_words
 

@@ -22,13 +22,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, check_known, nearest
+from ldbb_bayes.fleet.population_prior import Meaning, same_meaning
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import ConcernKind
 from ldbb_bayes.inference.predictive import CheckKind
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.machine.names import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.prior import Meaning, Prior, geometric_unit, same_meaning
+from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Columns
 from ldbb_bayes.result import Result
 

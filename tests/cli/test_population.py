@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import ldbb_bayes as lb
 from ldbb_bayes.cli.main import app
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.population_prior import digest_of
+from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.wording import population_doubts
 

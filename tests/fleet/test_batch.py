@@ -27,11 +27,11 @@ import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.fleet.batch import Batch, gather, listed
+from ldbb_bayes.fleet.population_prior import PopulationPrior
 from ldbb_bayes.fleet.row import Job, Settings, fit_row
 from ldbb_bayes.fleet.statistics import fleet_statistics, sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.jobs import WorkerDied, process_executor
-from ldbb_bayes.model.population_prior import PopulationPrior
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.findings import full_result
 

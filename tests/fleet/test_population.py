@@ -16,9 +16,9 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet import membership as module
 from ldbb_bayes.fleet.pooling import SpreadDensity, draw_spreads, pooling
 from ldbb_bayes.fleet.population import _NEEDED, Population, pool
+from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.fleet.statistics import FleetStatistics
 from ldbb_bayes.model.gaussian import mixture_quantiles, weighted_quantiles
-from ldbb_bayes.model.population_prior import digest_of
 from ldbb_bayes.report.wording import population_sentences, with_words
 
 

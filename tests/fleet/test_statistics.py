@@ -13,10 +13,10 @@ from batches import CONSTANT, write_campaigns
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.fleet.population_prior import stands_for
 from ldbb_bayes.fleet.row import Job, Settings, fit_row
 from ldbb_bayes.fleet.statistics import SufficientStatistics, fleet_statistics, reference_sd, sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.model.prior import stands_for
 from ldbb_bayes.model.specification import model_to_toml
 
 CAMPAIGN = lb.read_campaign(lb.embedded_campaign())

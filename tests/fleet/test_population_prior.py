@@ -14,8 +14,7 @@ from campaigns import plan
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.population_prior import digest_of
-from ldbb_bayes.model.prior import stands_for
+from ldbb_bayes.fleet.population_prior import digest_of, stands_for
 
 RESULT: dict[str, Any] = {
     "schema": 1,

@@ -1,6 +1,7 @@
 """The prior of one more machine from a population of machines: C ~ N(mean, sd²) at the population's reference force.
 
-Compliances alone: their slopes and the geometric errors keep the model's own priors.
+Compliances alone: their slopes and the geometric errors keep the model's own priors. A compliance of one campaign is that of
+another only where both stand for the same joints' compliances.
 """
 
 from __future__ import annotations
@@ -21,18 +22,42 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of
+from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.machine.names import ComplianceName
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.prior import Meaning, compliance_unit, same_meaning, stands_for
+from ldbb_bayes.model.prior import Prior, compliance_unit
 
-__all__ = ["FILE", "PopulationPrior", "digest_of", "prior_from"]
+__all__ = ["FILE", "Meaning", "PopulationPrior", "digest_of", "prior_from", "same_meaning", "stands_for"]
 
 FILE = "population.json"
+Meaning = Mapping[str, float]
 _LARGEST_BYTES = 128 * 2**20
 _FEW = 6
 _COMPLIANCE = re.compile(r"C_([XYZABC])([XYZABC])([A-Z])")
 _SAME_FORCE = 1e-9
 _NAMED = 5
+_DIGITS = 7
+# Of the default prior's sd: a quarter of the changes that are looked for.
+_NEGLIGIBLE = 0.05
+
+
+def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
+    """Of every kept compliance of a campaign (or plan) the joints' compliances it is the sum of, with their weights."""
+    kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
+    sums = {}
+    for name, members, weights, absorbed in zip(kept.names, kept.sets, kept.weights, kept.absorbed, strict=True):
+        parts = dict(zip(members, weights, strict=True)) | {other.label: weight for other, weight in absorbed.items()}
+        sums[name.label] = {other: float(f"{weight:.{_DIGITS}g}") for other, weight in parts.items()}
+    return sums
+
+
+def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
+    """Whether two sums of compliances differ by less than 5 % of the default prior sd of the kept compliance ``name``, the
+    joints' being as large as their priors: a work ball that stands a millimetre higher makes no other machine."""
+    labels = sorted(set(one) | set(other))
+    size, *sizes = Prior.default().compliance_sd([ComplianceName(*label[2:]) for label in (name, *labels)], 0, 1.0)
+    apart = [one.get(label, 0.0) - other.get(label, 0.0) for label in labels]
+    return bool(np.linalg.norm(np.array(apart) * sizes) <= _NEGLIGIBLE * size)
 
 
 @dataclass(frozen=True)
@@ -97,12 +122,13 @@ class PopulationPrior:
         InputError
             For flat priors, compliances that the model fixes or has other priors of, or another reference force.
         """
-        if model.prior.flat:
+        prior = model.prior
+        if prior.flat:
             raise InputError("the model must have proper priors to take a population's, got flat ones. Use the default preset.")
         for name in self.means:
             if name in model.fixed:
                 raise InputError(f"{name} must be free to have the population's prior, got one fixed at zero. Free it.")
-            if name in model.prior.overrides or name in model.prior.means:
+            if name in prior.overrides or name in prior.means:
                 raise InputError(f"{name} must have one prior, got the population's and the model's own. Remove one of them.")
         own = model.reference_force_N
         if own is not None and not np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE):
@@ -110,11 +136,7 @@ class PopulationPrior:
                 f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, "
                 f"got {own:g} N. Leave reference_force_N out of the model."
             )
-        prior = replace(
-            model.prior,
-            overrides={**model.prior.overrides, **self.sds},
-            means={**model.prior.means, **self.means},
-        )
+        prior = replace(prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means})
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
@@ -127,39 +149,34 @@ class PopulationPrior:
         """
         check_campaign(campaign)
         self._check_machine(campaign)
-        if campaign.sha256 in self.readings:
-            raise InputError(
-                "the campaign must not be in the population that gives its prior, got readings that it was made from: they would "
-                "count twice. Make the population without it (--exclude), or fit without --prior-from."
-            )
-        found = []
+        doubts = []
         if campaign.machine_id in self.machine_ids:
-            found.append(
+            doubts.append(
                 f"The population has campaigns of this machine ({campaign.machine_id}): its prior is that of a machine not seen "
                 "before, and wider than what is known of this one."
             )
         low, high = float(campaign.forces_N.min()), float(campaign.forces_N.max())
         if not low <= self.reference_force_N <= high:
-            found.append(
+            doubts.append(
                 f"The population's compliances are meant at {self.reference_force_N:g} N, outside this campaign's forces "
                 f"({low:g} to {high:g} N): only the model's slopes carry them there."
             )
         if self.machines < _FEW:
-            found.append(
+            doubts.append(
                 f"The population has {self.machines} machine{'s' * (self.machines > 1)}, fewer than {_FEW}: how much machines "
                 "differ is hardly known from them, and this prior rests on what was assumed of it."
             )
-        found += [f"The population says: {doubt}" for doubt in self.own_doubts]
+        doubts += [f"The population says: {doubt}" for doubt in self.own_doubts]
         if not self.trusted:
-            found.append("The population says that its spreads cannot be trusted: this prior may be too narrow, or too wide.")
+            doubts.append("The population says that its spreads cannot be trusted: this prior may be too narrow, or too wide.")
         if self.not_belonging:
             n = len(self.not_belonging)
             some = ", ".join(self.not_belonging[:_NAMED]) + (f" and {n - _NAMED} more" if n > _NAMED else "")
-            found.append(
+            doubts.append(
                 f"The population includes {n} machine{'s' * (n > 1)} that do{'es' * (n == 1)} not belong with the others "
                 f"({some}): this prior is wider for it. Pool the others alone."
             )
-        return tuple(found)
+        return tuple(doubts)
 
     def _check_machine(self, campaign: Campaign) -> None:
         if campaign.topology != self.topology:
@@ -167,19 +184,24 @@ class PopulationPrior:
                 f"topology must be the population's {self.topology!r} to use its prior, got {campaign.topology!r}. "
                 "Use a population of such machines, or no --prior-from."
             )
-        known = stands_for(campaign)
-        missing = [name for name in self.means if name not in known]
+        sums = stands_for(campaign)
+        missing = [name for name in self.means if name not in sums]
         if missing:
             raise InputError(
-                f"the campaign must have the population's compliances, got {', '.join(known)} without {', '.join(missing)}. "
+                f"the campaign must have the population's compliances, got {', '.join(sums)} without {', '.join(missing)}. "
                 "Use a population whose circles lie in the same planes."
             )
         for name in self.means:
-            if name in self.compliances and not same_meaning(name, self.compliances[name], known[name]):
+            if name in self.compliances and not same_meaning(name, self.compliances[name], sums[name]):
                 raise InputError(
                     f"the campaign must mean by {name} what the population does, got circles or joints' frames that stand "
                     "elsewhere, so that it is the sum of other compliances. Use a population measured in the same place."
                 )
+        if campaign.sha256 in self.readings:
+            raise InputError(
+                "the campaign must not be in the population that gives its prior, got readings that it was made from: they would "
+                "count twice. Make the population without it (--exclude), or fit without --prior-from."
+            )
 
 
 _Name = Annotated[str, Field(pattern=f"^{_COMPLIANCE.pattern}$")]
@@ -224,31 +246,26 @@ def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
     InputError
         For anything else, naming the file.
     """
-    file = Path(path)
-    file = file / FILE if file.is_dir() else file
-    read = _read(file)
-    for name, entry in read.next_.items():
-        match = _COMPLIANCE.fullmatch(name)
-        if match is None:
-            raise _refusal(file, f"{name!r} among the compliances")
-        unit = compliance_unit(ComplianceName(*match.groups()))
-        if entry.unit != unit:
-            raise _refusal(file, f"{name} in {entry.unit!r} instead of {unit!r}")
+    file = Path(path) / FILE if Path(path).is_dir() else Path(path)
+    raw = bytes_of(file, _LARGEST_BYTES, what="a population's result")
+    try:
+        read = _read(raw)
+    except ValueError as error:
+        raise InputError(
+            f"{file} must be a population's result, got {_got(error)}. Give the folder that held the result, or its {FILE}, "
+            "unchanged."
+        ) from None
+    plain = read.model_dump(include={"reference_force_N", "machines", "campaigns", "topology", "compliances", "trusted"})
     return PopulationPrior(
-        read.reference_force_N,
-        read.machines,
-        read.campaigns,
-        {name: entry.mean for name, entry in read.next_.items()},
-        {name: entry.sd for name, entry in read.next_.items()},
-        read.sha256,
-        read.topology,
-        tuple(read.forces_N),
-        read.compliances,
-        read.trusted,
-        tuple(read.not_belonging),
-        frozenset(read.machine),
-        frozenset(read.readings_sha256),
-        tuple(read.doubts),
+        means={name: entry.mean for name, entry in read.next_.items()},
+        sds={name: entry.sd for name, entry in read.next_.items()},
+        sha256=read.sha256,
+        forces_N=tuple(read.forces_N),
+        not_belonging=tuple(read.not_belonging),
+        machine_ids=frozenset(read.machine),
+        readings=frozenset(read.readings_sha256),
+        own_doubts=tuple(read.doubts),
+        **plain,
     )
 
 
@@ -258,24 +275,28 @@ def digest_of(record: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def _read(file: Path) -> _File:
-    raw = bytes_of(file, _LARGEST_BYTES, what="a population's result")
+def _read(raw: bytes) -> _File:
     try:
         record = json.loads(raw)
-        found = _File.model_validate(record)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        got = "nothing" if first["type"] == "missing" else repr(first["input"])[:80]
-        raise _refusal(file, f"{place or 'the whole'} = {got} ({first['msg']})") from None
     except (ValueError, RecursionError) as error:
-        raise _refusal(file, f"what is no JSON ({type(error).__name__})") from None
-    if found.sha256 != digest_of(record):
-        raise _refusal(file, "contents that its sha256 is not of: it was edited")
-    return found
+        raise ValueError(f"what is no JSON ({type(error).__name__})") from None
+    file = _File.model_validate(record)
+    if file.sha256 != digest_of(record):
+        raise ValueError("contents that its sha256 is not of: it was edited")
+    for name, entry in file.next_.items():
+        match = _COMPLIANCE.fullmatch(name)
+        if match is None:
+            raise ValueError(f"{name!r} among the compliances")
+        unit = compliance_unit(ComplianceName(*match.groups()))
+        if entry.unit != unit:
+            raise ValueError(f"{name} in {entry.unit!r} instead of {unit!r}")
+    return file
 
 
-def _refusal(file: Path, got: str) -> InputError:
-    return InputError(
-        f"{file} must be a population's result, got {got}. Give the folder that held the result, or its {FILE}, unchanged."
-    )
+def _got(error: ValueError) -> str:
+    if not isinstance(error, ValidationError):
+        return str(error)
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"])
+    got = "nothing" if first["type"] == "missing" else repr(first["input"])[:80]
+    return f"{place or 'the whole'} = {got} ({first['msg']})"

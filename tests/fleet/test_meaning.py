@@ -10,9 +10,9 @@ import pytest
 from campaigns import plan
 
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.fleet.population_prior import same_meaning, stands_for
 from ldbb_bayes.machine.jacobian import compliance_jacobian
 from ldbb_bayes.machine.names import ComplianceName
-from ldbb_bayes.model.prior import same_meaning, stands_for
 
 FRAMES = {"X": (10.0, 300.0, -200.0), "Y": (-50.0, 20.0, 400.0)}
 
