@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-__all__ = ["InputError", "check_known", "nearest", "plain_reason"]
+__all__ = ["InputError", "check_known", "nearest", "plain_reason", "require"]
 
 
 LONGEST_MESSAGE = 1200
@@ -22,6 +22,12 @@ class InputError(ValueError):
         if len(line) > LONGEST_MESSAGE:
             line = f"{line[: 2 * LONGEST_MESSAGE // 3]} … {line[-LONGEST_MESSAGE // 3 :]}"
         super().__init__(line)
+
+
+def require(holds: object, message: str) -> None:
+    """Refuse input with this message unless the condition holds."""
+    if not holds:
+        raise InputError(message)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -12,9 +12,9 @@ from scipy import integrate, stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import _differing_priors
+from ldbb_bayes.analysis.design.candidates import Space
 from ldbb_bayes.analysis.design.design import _model_of
 from ldbb_bayes.analysis.design.forecast import states_before
-from ldbb_bayes.analysis.design.planning import DesignSpace
 from ldbb_bayes.report.figures import forest, prior_and_posterior
 from ldbb_bayes.report.findings import full_result
 from ldbb_bayes.report.sections import assumptions
@@ -52,10 +52,10 @@ def test_plans_start_from_the_means() -> None:
     model = with_priors(lb.HybridModel.default(1))
     known = states_before(model, SMALL, 64, 1, augment=False)
     bound = model.bind(SMALL)
-    np.testing.assert_array_equal(known.mean, np.tile(bound.prior_mean, (len(known.phi), 1)))
+    np.testing.assert_array_equal(known.before.mean, np.tile(bound.prior_mean, (len(known.phi), 1)))
     far = np.abs((known.beta - bound.prior_mean) / bound.prior_sd)[:, [bound.names.index(name) for name in PRIORS]]
     assert far.max() < 5.0
-    alone = _model_of(DesignSpace(model, SMALL, (36.0, 400.0)), SMALL.tests[:2]).bind(replace(SMALL, tests=SMALL.tests[:2]))
+    alone = _model_of(Space(model, SMALL, (36.0, 400.0)), SMALL.tests[:2]).bind(replace(SMALL, tests=SMALL.tests[:2]))
     np.testing.assert_array_equal(alone.prior_mean, bound.prior_mean)
     np.testing.assert_allclose(alone.prior_sd, bound.prior_sd)
 

@@ -1,4 +1,4 @@
-"""The tests one could run: candidates of a design, what they cost, in which order to run them, and their information.
+"""The tests one could run, what they cost, in which order to run them; and the space of designs made of them.
 
 Model properties, F0, force range and Ĉ, are the pilot's. Ball forms count as two terms as soon as any clocking differs; where
 none does, two terms and one are the same model.
@@ -6,33 +6,37 @@ none does, two terms and one are the same model.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise, permutations, product
-from types import MappingProxyType
-from typing import Any, Literal
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations, islice, pairwise, permutations, product
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
-from ldbb_bayes.analysis.design.criteria import Case, Criterion, Determinant, LogBayesFactor, SmallestEigenvalue, Variance
+from ldbb_bayes.analysis.design.criteria import CriterionName, Objective, case_of, chosen_parameters, criterion_of, together
+from ldbb_bayes.analysis.design.forecast import (
+    DECISIVE,
+    Forecast,
+    States,
+    bind_tests,
+    forecast,
+    hyper_nodes,
+    states_before,
+)
+from ldbb_bayes.analysis.design.solvers import MOST_TESTS, Found, Search, better, optimal_shares
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel, informations_of
-from ldbb_bayes.model.prior import Prior
+from ldbb_bayes.model.fourier import TRAVEL
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 
 __all__ = [
-    "ALWAYS",
-    "CRITERIA",
+    "Clocking",
     "Costs",
-    "CriterionName",
-    "bind_tests",
-    "case_of",
-    "chosen_parameters",
-    "criterion_of",
+    "Space",
     "foreseen_by",
     "frame_of",
     "grid_of_tests",
@@ -42,18 +46,15 @@ __all__ = [
 ]
 
 Array = NDArray[Any]
-CriterionName = Literal["eig", "d", "a", "c", "i", "e", "discriminate"]
-CRITERIA: tuple[CriterionName, ...] = ("eig", "d", "a", "c", "i", "e", "discriminate")
-_PREDICTED_FORCES = 33
-_NEGLIGIBLE = 1e-12
-_ALL_ORDERS, _DRAWN = 5, 50
-ALWAYS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
+Clocking = tuple[float, float]
+_ALWAYS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _WHERE_DIFFERENT = ("plane", "direction", "setup", "centre_x_mm", "centre_y_mm", "centre_z_mm")
+_ALL_ORDERS, _DRAWN = 5, 50
 
 
 def place_columns(tests: Sequence[CircularTest]) -> tuple[str, ...]:
     """What to say of every test beside its force: clockings and radius, and the rest where it differs."""
-    return (*ALWAYS, *(name for name in _WHERE_DIFFERENT if len({getattr(test, name) for test in tests}) > 1))
+    return (*_ALWAYS, *(name for name in _WHERE_DIFFERENT if len({getattr(test, name) for test in tests}) > 1))
 
 
 def frame_of(tests: Sequence[CircularTest], columns: Sequence[str]) -> pd.DataFrame:
@@ -70,21 +71,20 @@ def templates(
     In a plane it is like the pilot's test there with the median number of readings. A plane or a centre that the pilot lacks is
     another set-up: the work ball is mounted anew.
     """
-    found = []
+    made = []
     new = max(test.setup or 1 for test in pilot.tests)
     for plane in planes or tuple(dict.fromkeys(str(test.plane) for test in pilot.tests)):
-        own = [test for test in pilot.tests if test.plane == plane]
-        ordered = sorted(own or pilot.tests, key=lambda test: len(test.angle_deg))
+        there = [test for test in pilot.tests if test.plane == plane]
+        ordered = sorted(there or pilot.tests, key=lambda test: len(test.angle_deg))
         plain = ordered[len(ordered) // 2].with_reading_um(None)
         plain = replace(plain, pressure_bar=None, name="", temperature_C=None, time_s=None, plane=plane)
-        ways: Sequence[Direction | None] = directions or tuple(dict.fromkeys(test.direction for test in (own or pilot.tests)))
+        ways: Sequence[Direction | None] = directions or tuple(dict.fromkeys(test.direction for test in (there or pilot.tests)))
         for x, y, z in centres_mm or (plain.circle.centre_mm,):
             like = replace(plain, centre_x_mm=x, centre_y_mm=y, centre_z_mm=z)
-            there = next((test for test in own if test.circle.centre_mm == like.circle.centre_mm), None)
-            new += there is None
-            like = replace(like, setup=new if there is None else there.setup)
-            found += [replace(like, direction=way) for way in ways]
-    return tuple(found)
+            mounted = next((test.setup for test in there if test.circle.centre_mm == like.circle.centre_mm), 0)
+            new += mounted == 0
+            made += [replace(like, setup=new if mounted == 0 else mounted, direction=way) for way in ways]
+    return tuple(made)
 
 
 def foreseen_by(pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()) -> Campaign:
@@ -112,7 +112,7 @@ def foreseen_by(pilot: Campaign, candidates: Sequence[CircularTest], judged: Seq
 def grid_of_tests(
     templates: Sequence[CircularTest],
     forces_N: Sequence[float],
-    clockings_deg: Sequence[tuple[float, float]],
+    clockings_deg: Sequence[Clocking],
     radii_mm: Sequence[float],
     readings: int | None,
 ) -> tuple[CircularTest, ...]:
@@ -154,35 +154,33 @@ class Costs:
         """Cost of tests run in blocks of one work-ball clocking, each in blocks of one tool-ball clocking."""
         return self.circle * len(tests) + self.setups({(test.work_ball_deg, test.tool_ball_deg) for test in tests})
 
-    def setups(self, clockings_deg: Collection[tuple[float, float]]) -> float:
+    def setups(self, clockings_deg: Collection[Clocking]) -> float:
         """Cost of changing over between clockings (work ball, tool ball), in the order that changes the tool ball least."""
         works = len({work for work, _ in clockings_deg})
         return self.work_ball * max(works - 1, 0) + self.tool_ball * _tool_changes(_best_sequence(clockings_deg))
 
 
-def _best_sequence(clockings_deg: Collection[tuple[float, float]]) -> list[tuple[float, float]]:
+def _best_sequence(clockings_deg: Collection[Clocking]) -> list[Clocking]:
     """Clockings in blocks of the work ball, with few changes of the tool ball."""
     works = sorted({work for work, _ in clockings_deg})
-    orders = permutations(works) if len(works) <= _ALL_ORDERS else [tuple(works)]
+    orders: Iterable[Sequence[float]] = permutations(works) if len(works) <= _ALL_ORDERS else [works]
     return min((_sequence(clockings_deg, order) for order in orders), key=_tool_changes)
 
 
-def _sequence(clockings_deg: Collection[tuple[float, float]], works: Sequence[float]) -> list[tuple[float, float]]:
+def _sequence(clockings_deg: Collection[Clocking], works: Sequence[float]) -> list[Clocking]:
     """Blocks in this order: each begins with the tool-ball clocking in place and ends with one that the next block needs."""
     tools = {work: sorted({tool for own, tool in clockings_deg if own == work}) for work in works}
-    found: list[tuple[float, float]] = []
-    for i, work in enumerate(works):
-        left = list(tools[work])
-        first = found[-1][1] if found and found[-1][1] in left else None
-        following = tools[works[i + 1]] if i + 1 < len(works) else []
-        last = next((tool for tool in left if tool in following and tool != first), None) if len(left) > 1 else None
-        middle = [tool for tool in left if tool not in (first, last)]
-        ordered = [*([] if first is None else [first]), *middle, *([] if last is None else [last])]
-        found += [(work, tool) for tool in ordered]
-    return found
+    made: list[Clocking] = []
+    for work, following in zip(works, (*works[1:], None), strict=True):
+        block = tools[work]
+        first = made[-1][1] if made else None
+        last = next((tool for tool in block if tool in tools.get(following, ()) and tool != first), None)  # type: ignore[arg-type]
+        rank = {first: -1, last: 1} if len(block) > 1 else {}
+        made += [(work, tool) for tool in sorted(block, key=lambda tool: rank.get(tool, 0))]
+    return made
 
 
-def _tool_changes(sequence: Sequence[tuple[float, float]]) -> int:
+def _tool_changes(sequence: Sequence[Clocking]) -> int:
     return sum(one[1] != other[1] for one, other in pairwise(sequence))
 
 
@@ -207,14 +205,13 @@ def _mounting(test: CircularTest) -> tuple[Any, ...]:
 
 def _shuffled(places: Collection[Any], rng: np.random.Generator) -> list[Any]:
     ordered = sorted(places)
-    return [ordered[i] for i in rng.permutation(len(ordered))] if len(ordered) > 1 else ordered
+    return [ordered[i] for i in rng.permutation(len(ordered))]
 
 
 def _order_of_block(tests: Sequence[CircularTest], rng: np.random.Generator) -> list[CircularTest]:
     clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
     best = _best_sequence(clockings)
-    works = sorted({work for work, _ in clockings})
-    drawn = (_sequence(clockings, rng.permutation(works).tolist()) for _ in range(_DRAWN))
+    drawn = (_sequence(clockings, _shuffled({work for work, _ in clockings}, rng)) for _ in range(_DRAWN))
     ordered: list[CircularTest] = []
     for clocking in next((own for own in drawn if _tool_changes(own) <= _tool_changes(best)), best):
         block = [test for test in tests if (test.work_ball_deg, test.tool_ball_deg) == clocking]
@@ -222,117 +219,229 @@ def _order_of_block(tests: Sequence[CircularTest], rng: np.random.Generator) -> 
     return ordered
 
 
-def bind_tests(model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool) -> BoundModel:
-    """The model bound to a plan of these tests, after the pilot's own where these are kept; F0, force range and Ĉ the pilot's."""
-    run = pilot.plan().tests if keep else ()
-    planned = tuple(replace(test, name="") for test in tests)
-    known = (*pilot.foreseen, *(replace(test, direction=None) for test in pilot.plan().tests))
-    return BoundModel(model, replace(pilot, tests=(*run, *planned), foreseen=known), pilot=pilot)
+Assumption = tuple[HybridModel, Mapping[str, float]]
+_ALONE, _AMONG_SEVERAL, _REPORTED = 12, 3, 128
+_MOST_CANDIDATES, _FEWEST_READINGS, _MOST_READINGS = 5000, 25, 100_000
+_GIVEN = "as in the model"
+_MOST_TRIALS, _FEW_STARTS, _AS_GOOD, _QUICK, _ROUGH = 120, 2, 0.998, 4, 1e-3
+_HYPERS = {
+    "kappa": "discrepancy",
+    "tau": "ball form",
+    "delta": "set-up shift",
+    "delta_0": "set-up shift of order 0",
+    "delta_1": "set-up shift of order 1",
+}
 
 
-def chosen_parameters(bound: BoundModel, criterion: CriterionName, names: Sequence[str]) -> tuple[str, ...]:
-    """The parameters of interest: those named, else all that the criterion is about."""
-    check_known("criterion", [criterion], CRITERIA)
-    check_known("parameter", names, bound.names)
-    if names:
-        chosen = tuple(name for name in bound.names if name in names)
-    elif criterion == "discriminate":
-        chosen = tuple(p.name for p in bound.parameters if p.group == "slope")
-    elif criterion == "i":
-        chosen = tuple(p.name for p in bound.parameters if p.group != "geometric")
-    else:
-        chosen = bound.names
-    if criterion == "c" and len(chosen) != 1:
-        raise InputError(f"criterion c must be given one parameter, got {len(chosen)}. Name it, for example E_C0YX.")
-    groups = {p.group for p in bound.parameters if p.name in chosen}
-    if criterion == "discriminate" and groups != {"slope"}:
-        raise InputError(
-            "criterion discriminate must be about slopes, got others or none. Name slopes such as C_XYX_1, or use a model of "
-            "degree 1 or 2."
+@dataclass(frozen=True, eq=False)
+class Space:
+    """What is to be designed: the arguments of `ldbb_bayes.design` but for its goal, and what follows from them.
+
+    ``judged`` are the tests of designs that are to be compared; ``robust`` averages over `assumptions`.
+    """
+
+    model: HybridModel
+    pilot: Campaign
+    forces_N: Sequence[float]
+    clockings_deg: Sequence[Clocking] = ((0.0, 0.0),)
+    radii_mm: Sequence[float] = ()
+    planes: Sequence[str] = ()
+    directions: Sequence[Direction] = ()
+    centres_mm: Sequence[tuple[float, float, float]] = ()
+    readings: int | None = None
+    criterion: CriterionName = "eig"
+    parameters: Sequence[str] = ()
+    augment: bool = False
+    costs: Costs = field(default_factory=Costs)
+    slope_size: float = 1.0
+    threshold: float = DECISIVE
+    targets: Mapping[str, float] = field(default_factory=dict)
+    robust: bool = False
+    judged: tuple[CircularTest, ...] = ()
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        radii = self.radii_mm or [float(test.radius_mm or self.pilot.radius_mm) for test in self.pilot.tests]
+        turned = {(work % 360.0, tool % 360.0): (work, tool) for work, tool in reversed(self.clockings_deg)}
+        options = {"forces_N": self.forces_N, "radii_mm": radii, "clockings_deg": reversed(turned.values())}
+        options |= {name: getattr(self, name) for name in ("planes", "directions")} | {"centres_mm": map(tuple, self.centres_mm)}
+        self.__dict__.update({name: tuple(dict.fromkeys(values)) for name, values in options.items()})
+        self._check()
+        self.__dict__["pilot"] = foreseen_by(self.pilot, self.tests, self.judged)
+        check_known("target", self.targets, self.bound.names)
+        _ = self.chosen
+
+    def _check(self) -> None:
+        for name, values, unit in (("forces", self.forces_N, "N"), ("radii", self.radii_mm, "mm")):
+            wrong = next((value for value in values if not (np.isfinite(value) and value > 0.0)), None)
+            require(wrong is None, f"{name} must be > 0 {unit}, got {wrong or 0:g}. Correct the range.")
+        require(
+            bool(self.forces_N and self.clockings_deg),
+            "a design must have forces and clockings to choose from, got none. Give at least one of each.",
         )
-    if criterion == "discriminate" and bound.model.prior.flat:
-        raise InputError("criterion discriminate must have proper priors, got flat ones. Use the default preset.")
-    if criterion == "i" and "geometric" in groups:
-        raise InputError("criterion i must be about compliances and their slopes, got a geometric error. Leave it out.")
-    return chosen
+        for name in ("slope_size", "threshold"):
+            value = getattr(self, name)
+            require(np.isfinite(value) and value > 0.0, f"{name} must be a positive number, got {value}. Correct it.")
+        check_known("plane", self.planes, PLANES)
+        check_known("direction", self.directions, TRAVEL)
+        count = len(self.forces_N) * len(self.clockings_deg) * len(self.radii_mm) * len(self.templates)
+        require(
+            count <= _MOST_CANDIDATES,
+            f"a design must choose among at most {_MOST_CANDIDATES} candidates, got {count}. Take longer steps of force or fewer "
+            "clockings.",
+        )
+        require(
+            self.readings is None or _FEWEST_READINGS <= self.readings <= _MOST_READINGS,
+            f"readings must be between {_FEWEST_READINGS} and {_MOST_READINGS} per circle, got {self.readings}. Correct it.",
+        )
+        require(
+            isinstance(self.costs, Costs),
+            f"costs must be Costs, got {type(self.costs).__name__}. Write lb.Costs(circle=10.0, work_ball=30.0).",
+        )
 
+    @cached_property
+    def bound(self) -> BoundModel:
+        """The model bound to the pilot alone."""
+        return self.model.bind(self.pilot)
 
-def criterion_of(
-    bound: BoundModel,
-    criterion: CriterionName,
-    chosen: Sequence[str],
-    *,
-    size: float = 1.0,
-    targets: Mapping[str, float] = MappingProxyType({}),
-) -> Criterion:
-    """The criterion, its parameters in units of their prior sd (their default prior sd when flat).
+    @cached_property
+    def chosen(self) -> tuple[str, ...]:
+        """The parameters of interest."""
+        return chosen_parameters(self.bound, self.criterion, self.parameters)
 
-    ``size`` is that of slopes for ``discriminate`` [prior sd]; ``targets`` are units for ``a`` and ``c`` instead of that.
-    """
-    if criterion in ("eig", "d"):
-        return Determinant(len(chosen))
-    if criterion in ("a", "c"):
-        scale = dict(zip(bound.names, bound.scale, strict=True))
-        unit = np.array([scale[name] / targets.get(name, scale[name]) for name in chosen])
-        return Variance(np.diag(unit**2) / len(chosen))
-    if criterion == "e":
-        return SmallestEigenvalue()
-    if criterion == "discriminate":
-        return LogBayesFactor(size)
-    return Variance(_prediction_weight(bound, chosen))
+    @cached_property
+    def templates(self) -> tuple[CircularTest, ...]:
+        """One test for every plane, direction and centre."""
+        return templates(self.pilot, self.planes, self.directions, self.centres_mm)
 
+    @cached_property
+    def tests(self) -> tuple[CircularTest, ...]:
+        """The candidates."""
+        return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm, self.readings)
 
-def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
-    """W with tr(W S⁻¹) the variance of C_j(F) / var prior of C_j, averaged over the pilot's forces and the compliances."""
-    forces = (bound.pilot or bound.campaign).forces_N
-    own = [bound.names.index(name) for name in chosen]
-    prior = Prior.default() if bound.model.prior.flat else bound.model.prior
-    unit = prior.compliance_sd(bound.compliances, 0, bound.setting.force_range_N)
-    concerned = {parameter.compliance for parameter in bound.parameters if parameter.name in chosen}
-    used = [k for k, compliance in enumerate(bound.compliances) if compliance.label in concerned]
-    rows = [
-        (bound.compliance_at(force)[:, own] * bound.scale[own] / unit[:, None])[used]
-        for force in np.linspace(forces.min(), forces.max(), _PREDICTED_FORCES)
-    ]
-    stacked = np.concatenate(rows)
-    return np.asarray(stacked.T @ stacked / len(stacked))
+    def tests_of(self, found: Found) -> tuple[CircularTest, ...]:
+        """The tests of a design, one as often as it is to be run."""
+        return tuple(self.tests[i] for i in np.repeat(np.arange(len(self.tests)), found.counts))
 
+    def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
+        """Equal steps of force, each at the nearest level there is, at the first clocking and radius; in turn over planes,
+        directions and centres."""
+        levels = np.array(sorted(self.forces_N))
+        steps = np.linspace(levels[0], levels[-1], number)
+        nearest = [float(levels[np.argmin(np.round(np.abs(levels - step), 9))]) for step in steps]
+        every, first = len(self.templates), (self.clockings_deg[:1], self.radii_mm[:1], self.readings)
+        return tuple(test for k, like in enumerate(self.templates) for test in grid_of_tests([like], nearest[k::every], *first))
 
-def case_of(bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion) -> Case:
-    """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch none of them are left out.
+    @cached_property
+    def assumptions(self) -> dict[str, Assumption]:
+        """Models with factors of their hyper-parameters: as given; where robust, discrepancy, ball form and set-up shift half and
+        twice as large, slopes expected a third and three times as large, and no slopes where parameters of interest are left."""
+        model = self.model
+        every: dict[str, Assumption] = {_GIVEN: (model, {})}
+        if not self.robust:
+            return every
+        for hyper, name in _HYPERS.items():
+            if hyper in model.hypers:
+                every |= {f"{name} {much}": (model, {hyper: factor}) for much, factor in (("a half", 0.5), ("twice", 2.0))}
+        if model.degree and not model.prior.flat:
+            for much, factor in (("a third", 1.0 / 3.0), ("three times", 3.0)):
+                every[f"slopes {much}"] = (model.with_slope_scale(factor * model.prior.slope_scale), {})
+        if model.degree:
+            every["constant compliance"] = (model.with_degree(0), {})
+        return {label: own for label, own in every.items() if set(self.chosen) & set(own[0].bind(self.pilot).names)}
 
-    The model is bound to the tests already run, ``run`` of them, followed by the candidates.
-    """
-    rows, prior = [], []
-    order, kept = np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    for k, information in enumerate(informations_of(bound, phi)):
-        blocks = _compact(information.blocks())
-        if not k:
-            own = [information.names.index(name) for name in chosen]
-            order = _connected(blocks, own)
-            kept = np.flatnonzero(np.abs(blocks[:, :, order]).max(axis=(0, 2)) > 0.0)
-            flat = np.array([information.flat and owner == "Parameters" for owner in information.owners])[order]
-        blocks = blocks[:, :, order][:, kept]
-        before = blocks[:run].reshape(-1, len(order))
-        prior.append(np.diag(np.where(flat, 0.0, 1.0)) + before.T @ before)
-        rows.append(blocks[run:])
-    return Case(np.array(rows), np.array(prior), np.full(len(phi), 1.0 / len(phi)), len(chosen), criterion)
+    def objectives(self, tests: Sequence[CircularTest]) -> dict[str, Objective]:
+        """The criterion of any tests under every assumption alone."""
+        bounds: list[tuple[BoundModel, Array]] = []
+        found = {}
+        for label, (model, factors) in self.assumptions.items():
+            if not any(bound.model == model for bound, _ in bounds):
+                nodes = hyper_nodes(model, self.pilot, _AMONG_SEVERAL if self.robust else _ALONE, self.seed)
+                bounds.append((bind_tests(model, self.pilot, tests, keep=self.augment), nodes))
+            bound, nodes = next(own for own in bounds if own[0].model == model)
+            phi = nodes * np.array([factors.get(name, 1.0) for name in bound.hyper_prior.names])
+            names = tuple(name for name in self.chosen if name in bound.names)
+            criterion = criterion_of(bound, self.criterion, names, size=self.slope_size, targets=self.targets)
+            found[label] = Objective((case_of(bound, len(self.pilot.tests) if self.augment else 0, phi, names, criterion),))
+        return found
 
+    @cached_property
+    def alone(self) -> dict[str, Search]:
+        """The candidates under every assumption alone."""
+        forces, levels = np.array([test.force_N for test in self.tests]), 1 if self.augment or not self.model.degree else 2
+        return {label: Search(own, forces, levels, self.seed) for label, own in self.objectives(self.tests).items()}
 
-def _compact(blocks: Sequence[Array]) -> Array:
-    """Blocks of at most 25 rows as one array, rounding errors set to zero."""
-    size = max(len(block) for block in blocks)
-    stacked = np.zeros((len(blocks), size, blocks[0].shape[1]))
-    for out, block in zip(stacked, blocks, strict=True):
-        out[: len(block)] = block
-    stacked[np.abs(stacked) < _NEGLIGIBLE * np.abs(stacked).max(axis=(0, 1))] = 0.0
-    return stacked
+    @cached_property
+    def search(self) -> Search:
+        """The candidates under the criterion, averaged over all assumptions."""
+        return replace(self.alone[_GIVEN], objective=together(search.objective for search in self.alone.values()))
 
+    def of_budget(self, budget: float) -> Found:
+        """The best design that costs no more: ever more clockings of the balls are tried while they are worth their set-ups."""
+        if budget / self.costs.circle > MOST_TESTS:
+            raise InputError(
+                f"budget must pay for at most {MOST_TESTS} circles, got {budget:g} with {self.costs.circle:g} each. Lower it."
+            )
+        best: Found | None = None
+        used: tuple[Clocking, ...] = ()
+        # Two more clockings at once where one alone is not worth its set-up.
+        more = 1
+        while more <= 2:
+            wider = self._wider(budget, used, more)
+            if wider is not None and (best is None or better(wider[0].value, best.value)):
+                (best, used), more = wider, 1
+            else:
+                more += 1
+        if best is None:
+            raise InputError(
+                f"budget must pay for at least {self.search.levels} circle{'s' * (self.search.levels > 1)}, got {budget:g} with "
+                f"{self.costs.circle:g} per circle. Raise it."
+            )
+        return best
 
-def _connected(blocks: Array, own: Sequence[int]) -> NDArray[np.int_]:
-    """Columns that share readings with those of interest, directly or through others; those of interest last."""
-    size = np.abs(blocks)
-    together = np.einsum("rij,rik->jk", size, size) > 0.0
-    label = connected_components(together, directed=False)[1]
-    rest = [j for j in range(len(label)) if label[j] in set(label[list(own)]) and j not in own]
-    return np.array([*rest, *own], dtype=int)
+    def _wider(self, budget: float, used: tuple[Clocking, ...], more: int) -> tuple[Found, tuple[Clocking, ...]] | None:
+        """The first design with so many more clockings that is as good as any, ranked with few values of the hyper-parameters."""
+        clocked = [(test.work_ball_deg, test.tool_ball_deg) for test in self.tests]
+        quick, trials = self.search.objective.at_few(_QUICK), []
+        for further in islice(combinations([own for own in dict.fromkeys(clocked) if own not in used], more), _MOST_TRIALS):
+            clockings = (*used, *further)
+            number = int(np.floor((budget - self.costs.setups(clockings)) / self.costs.circle * (1.0 + 1e-12)))
+            if number >= max(len(clockings), self.search.levels):
+                allowed = np.flatnonzero([own in clockings for own in clocked])
+                value = optimal_shares(quick.among(allowed), float(number), tolerance=_ROUGH).value
+                trials.append((value, clockings, number, allowed))
+        highest = max((trial[0] for trial in trials), default=0.0)
+        for value, clockings, number, allowed in trials:
+            if quick.efficiency(value, highest) >= _AS_GOOD:
+                best = self.search.among(allowed).of_number(number, starts=_FEW_STARTS)
+                counts = np.bincount(allowed, best.counts, len(clocked)).astype(int)
+                return replace(best, counts=counts, allowed=allowed), clockings
+        return None
+
+    def value(self, tests: Sequence[CircularTest]) -> float:
+        """The criterion of any tests, candidates or not."""
+        return together(self.objectives(tests).values()).value(np.ones(len(tests)))
+
+    def efficiency(self, tests: Sequence[CircularTest]) -> float:
+        """Of any tests, candidates or not, beside the best shares of as many candidates."""
+        return self.search.objective.efficiency(self.value(tests), self.search.shares(float(len(tests))).value)
+
+    @cached_property
+    def states(self) -> States:
+        """The machine as it may be before these tests."""
+        return states_before(self.model, self.pilot, _REPORTED, self.seed, augment=self.augment)
+
+    def forecast(self, tests: Sequence[CircularTest], *, decide: bool = True) -> Forecast:
+        """What to expect of tests, over more hyper-parameters than the search uses; with ``decide`` of slopes or none too."""
+        slopes = self.chosen if self.criterion == "discriminate" else ()
+        return forecast(
+            self.model,
+            self.pilot,
+            tests,
+            self.states,
+            augment=self.augment,
+            slopes=slopes if decide else None,
+            slope_size=self.slope_size,
+            threshold=self.threshold,
+            seed=self.seed,
+        )

@@ -8,19 +8,39 @@ it is `concave`, so that a local optimum over shares is the optimum; and the `ef
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, TypeAlias
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
-__all__ = ["Case", "Criterion", "Determinant", "LogBayesFactor", "Objective", "SmallestEigenvalue", "Variance"]
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.model.hybrid import BoundModel, informations_of
+from ldbb_bayes.model.likelihood import OWN
+from ldbb_bayes.model.prior import Prior
+
+__all__ = [
+    "Case",
+    "Criterion",
+    "CriterionName",
+    "Determinant",
+    "LogBayesFactor",
+    "Objective",
+    "SmallestEigenvalue",
+    "Variance",
+    "case_of",
+    "chosen_parameters",
+    "criterion_of",
+    "together",
+]
 
 Array = NDArray[Any]
-_NEGLIGIBLE = 1e-14
+_NEGLIGIBLE, _ROUNDING, _NOTHING = 1e-14, 1e-12, 1e-6
 _CHUNK = 1 << 22
-_NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -120,6 +140,68 @@ def _inverse_transposed(root: Array) -> Array:
     return np.linalg.solve(np.swapaxes(root, -1, -2), np.broadcast_to(np.eye(root.shape[-1]), root.shape))
 
 
+CriterionName = Literal["eig", "d", "a", "c", "i", "e", "discriminate"]
+_CRITERIA: tuple[CriterionName, ...] = ("eig", "d", "a", "c", "i", "e", "discriminate")
+_PREDICTED_FORCES = 33
+
+
+def chosen_parameters(bound: BoundModel, criterion: CriterionName, names: Sequence[str]) -> tuple[str, ...]:
+    """The parameters of interest: those named, else all that the criterion is about."""
+    check_known("criterion", [criterion], _CRITERIA)
+    check_known("parameter", names, bound.names)
+    wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(criterion, {"compliance", "slope", "geometric"})
+    chosen = tuple(p.name for p in bound.parameters if (p.name in names if names else p.group in wanted))
+    groups = {p.group for p in bound.parameters if p.name in chosen}
+    if criterion == "c" and len(chosen) != 1:
+        raise InputError(f"criterion c must be given one parameter, got {len(chosen)}. Name it, for example E_C0YX.")
+    if criterion == "discriminate" and groups != wanted:
+        raise InputError(
+            "criterion discriminate must be about slopes, got others or none. Name slopes such as C_XYX_1, or use a model of "
+            "degree 1 or 2."
+        )
+    if criterion == "discriminate" and bound.model.prior.flat:
+        raise InputError("criterion discriminate must have proper priors, got flat ones. Use the default preset.")
+    if not groups <= wanted:
+        raise InputError("criterion i must be about compliances and their slopes, got a geometric error. Leave it out.")
+    return chosen
+
+
+def criterion_of(
+    bound: BoundModel,
+    criterion: CriterionName,
+    chosen: Sequence[str],
+    *,
+    size: float = 1.0,
+    targets: Mapping[str, float] = MappingProxyType({}),
+) -> Criterion:
+    """The criterion, its parameters in units of their prior sd (their default prior sd when flat).
+
+    ``size`` is that of slopes for ``discriminate`` [prior sd]; ``targets`` are units for ``a`` and ``c`` instead of that.
+    """
+    if criterion in ("eig", "d"):
+        return Determinant(len(chosen))
+    if criterion in ("a", "c"):
+        scale = dict(zip(bound.names, bound.scale, strict=True))
+        unit = np.array([scale[name] / targets.get(name, scale[name]) for name in chosen])
+        return Variance(np.diag(unit**2) / len(chosen))
+    if criterion == "e":
+        return SmallestEigenvalue()
+    return LogBayesFactor(size) if criterion == "discriminate" else Variance(_prediction_weight(bound, chosen))
+
+
+def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
+    """W with tr(W S⁻¹) the variance of C_j(F) / var prior of C_j, averaged over the pilot's forces and the compliances."""
+    forces = (bound.pilot or bound.campaign).forces_N
+    own = [bound.names.index(name) for name in chosen]
+    prior = Prior.default() if bound.model.prior.flat else bound.model.prior
+    unit = prior.compliance_sd(bound.compliances, 0, bound.setting.force_range_N)
+    concerned = {parameter.compliance for parameter in bound.parameters if parameter.name in chosen}
+    used = [k for k, compliance in enumerate(bound.compliances) if compliance.label in concerned]
+    at = np.linspace(forces.min(), forces.max(), _PREDICTED_FORCES)
+    rows = np.concatenate([(bound.compliance_at(force)[:, own] * bound.scale[own] / unit[:, None])[used] for force in at])
+    return np.asarray(rows.T @ rows / len(rows))
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """One model at K values of its hyper-parameters.
@@ -186,6 +268,44 @@ class Case:
         return float(self.criterion.value(root) @ self.weight), slope
 
 
+def case_of(bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion) -> Case:
+    """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch none of them are left out.
+
+    The model is bound to the tests already run, ``run`` of them, followed by the candidates.
+    """
+    rows, prior = [], []
+    order = kept = proper = np.zeros(0, dtype=int)
+    for k, information in enumerate(informations_of(bound, phi)):
+        blocks = _compact(information.blocks())
+        if not k:
+            own = [information.names.index(name) for name in chosen]
+            order = _connected(blocks, own)
+            kept = np.flatnonzero(np.abs(blocks[:, :, order]).max(axis=(0, 2)) > 0.0)
+            proper = np.array([not (information.flat and owner == OWN) for owner in information.owners])[order]
+        blocks = blocks[:, :, order][:, kept]
+        before = blocks[:run].reshape(-1, len(order))
+        prior.append(np.diag(proper.astype(float)) + before.T @ before)
+        rows.append(blocks[run:])
+    return Case(np.array(rows), np.array(prior), np.full(len(phi), 1.0 / len(phi)), len(chosen), criterion)
+
+
+def _compact(blocks: Sequence[Array]) -> Array:
+    """Blocks of at most 25 rows as one array, rounding errors set to zero."""
+    size = max(len(block) for block in blocks)
+    stacked = np.array([np.pad(block, ((0, size - len(block)), (0, 0))) for block in blocks])
+    stacked[np.abs(stacked) < _ROUNDING * np.abs(stacked).max(axis=(0, 1))] = 0.0
+    return stacked
+
+
+def _connected(blocks: Array, own: Sequence[int]) -> NDArray[np.int_]:
+    """Columns that share readings with those of interest, directly or through others; those of interest last."""
+    size = np.abs(blocks)
+    label = connected_components(np.einsum("rij,rik->jk", size, size) > 0.0, directed=False)[1]
+    joined = np.isin(label, label[list(own)])
+    joined[list(own)] = False
+    return np.array([*np.flatnonzero(joined), *own], dtype=int)
+
+
 @dataclass(frozen=True, eq=False)
 class Objective:
     """The sum of cases, all of the same candidates; designs are numbers of tests, counts (candidates,)."""
@@ -213,6 +333,11 @@ class Objective:
         """The same candidates under another criterion."""
         return Objective(tuple(replace(case, criterion=criterion) for case in self.cases))
 
+    def at_few(self, size: int) -> Objective:
+        """The same at the first values of the hyper-parameters alone."""
+        parts = [(case, case.weight[:size] * (case.weight.sum() / case.weight[:size].sum())) for case in self.cases]
+        return Objective(tuple(replace(case, rows=case.rows[:size], prior=case.prior[:size], weight=w) for case, w in parts))
+
     def after_adding(self, counts: Array, chosen: Array) -> Array:
         """Φ with one more test of each of some candidates in turn, shape (chosen,)."""
         total = np.zeros(len(chosen))
@@ -228,3 +353,11 @@ class Objective:
     def efficiency(self, value: float, best: float) -> float:
         """Of a design with this value beside the best."""
         return self.cases[0].criterion.efficiency(value, best) if np.isfinite(value) else 0.0
+
+
+def together(objectives: Iterable[Objective]) -> Objective:
+    """The average of objectives; of ln det, which grows with the number of parameters, every model counts by its efficiency."""
+    cases = [case for objective in objectives for case in objective.cases]
+    sizes = [case.interest if isinstance(case.criterion, Determinant) else 1 for case in cases]
+    shares = [sizes[0] / size / len(cases) for size in sizes]
+    return Objective(tuple(replace(case, weight=case.weight * share) for case, share in zip(cases, shares, strict=True)))

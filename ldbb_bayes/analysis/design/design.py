@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -13,32 +16,33 @@ import pandas as pd
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
-from ldbb_bayes.analysis.design.candidates import Costs, CriterionName, bind_tests, frame_of, running_order
-from ldbb_bayes.analysis.design.forecast import DECISIVE, Expected, Forecast
-from ldbb_bayes.analysis.design.planning import (
-    DesignSpace,
-    Goal,
-    Outcome,
-    default_assumptions,
-    fewest,
-    robustness,
-    trade_off,
-)
+from ldbb_bayes.analysis.design.candidates import Clocking, Costs, Space, frame_of, place_columns, running_order
+from ldbb_bayes.analysis.design.criteria import CriterionName, Variance
+from ldbb_bayes.analysis.design.forecast import DECISIVE, Expected, Forecast, bind_tests
 from ldbb_bayes.analysis.design.solvers import MOST_TESTS, Found
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Drift, Hysteresis
 from ldbb_bayes.result import ByRow, Records, Result, read_result
 
-__all__ = ["Certificate", "Design", "Judged", "Limits", "Pilot", "Planned", "design", "read_design"]
+__all__ = [
+    "Certificate",
+    "Design",
+    "Goal",
+    "Judged",
+    "Limits",
+    "Outcome",
+    "Remedy",
+    "RemedyKind",
+    "design",
+    "fewest",
+    "read_design",
+]
 
-_HOLDS = 1e-4
-_SHOWN_SHARE = 1e-4
-_ALONE, _AMONG_SEVERAL = 12, 3
-_STUCK = 0.8
-_APART = 0.05
+_MOST = 100
+_HOLDS, _SHOWN_SHARE, _STUCK, _APART = 1e-4, 1e-4, 0.8, 0.05
 _STEPS = "equal steps"
 _RESERVED = ("recommended", _STEPS)
 
@@ -67,17 +71,8 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """A design that is compared with the recommended one, and what to expect of it.
-
-    Attributes
-    ----------
-    name : str
-    tests : DataFrame
-        One row per test: force_N and `Design.columns`.
-    cost : float
-    efficiency : float
-        Beside the best shares of as many tests.
-    """
+    """A design compared with the recommended one: name, one row per test (force_N and `Design.columns`), cost, efficiency beside
+    the best shares of as many tests, and what to expect of it."""
 
     name: str
     tests: Records
@@ -85,12 +80,57 @@ class Judged(Forecast):
     efficiency: float
 
 
-@dataclass(frozen=True)
-class Pilot(Result):
-    """The campaign or plan that a design starts from."""
+class Outcome(StrEnum):
+    """How a search for the fewest tests ended."""
 
-    name: str
-    sha256: str
+    ALREADY = "already reached"
+    REACHED = "reached"
+    OUT_OF_REACH = "out of reach"
+
+
+class RemedyKind(StrEnum):
+    """What may do where force levels alone do not."""
+
+    LEVELS = "levels"
+    WORK_BALL = "work ball"
+    TOOL_BALL = "tool ball"
+    BOTH_BALLS = "both balls"
+    RADIUS = "radius"
+
+
+@dataclass(frozen=True)
+class Remedy(Result):
+    """What would reach a goal, with the fewest circles: balls clocked at 0, 45 and 90°, levels in between, a second radius."""
+
+    kind: RemedyKind
+    tests: int
+    radius_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class Goal(Result):
+    """A target or a power, and whether it is reached.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    targets : dict of parameter to sd
+        In inside units; empty where a power is asked for.
+    power : float, optional
+        Probability of decisive evidence, |ln B| above ``threshold`` [nat].
+    tests, most : int
+        Of the design, and tried at most.
+    remedies : tuple of Remedy
+        What would reach it, where no number of tests does.
+    """
+
+    outcome: Outcome
+    targets: dict[str, float]
+    power: float | None
+    threshold: float
+    tests: int
+    most: int = _MOST
+    remedies: tuple[Remedy, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -109,10 +149,8 @@ class Limits(Result):
         Whether efficiency and certificate are among the clockings that the budget pays for.
     shared : tuple of str
         Parameters of interest that more circles of this kind would narrow by less than a fifth.
-    degeneracies : tuple of Degeneracy
-        Of these parameters.
-    cures : tuple of tuple of Cure
-        What would end each of them.
+    degeneracies, cures : tuple of Degeneracy, tuple of tuple of Cure
+        Of these parameters, and what would end each of them.
     """
 
     levels: int | None
@@ -122,6 +160,14 @@ class Limits(Result):
     shared: tuple[str, ...]
     degeneracies: tuple[Degeneracy, ...]
     cures: tuple[tuple[Cure, ...], ...]
+
+
+@dataclass(frozen=True)
+class Pilot(Result):
+    """The campaign or plan that a design starts from."""
+
+    name: str
+    sha256: str
 
 
 @dataclass(frozen=True)
@@ -278,7 +324,7 @@ def design(
     targets: Mapping[str, float] = MappingProxyType({}),
     power: float | None = None,
     forces_N: Sequence[float] | None = None,
-    clockings_deg: Sequence[tuple[float, float]] = ((0.0, 0.0),),
+    clockings_deg: Sequence[Clocking] = ((0.0, 0.0),),
     radii_mm: Sequence[float] = (),
     planes: Sequence[str] = (),
     directions: Sequence[Direction] = (),
@@ -292,9 +338,7 @@ def design(
     slope_size: float = 1.0,
     threshold: float = DECISIVE,
     robust: bool = False,
-    assumptions: Mapping[str, tuple[HybridModel, Mapping[str, float]]] | None = None,
     curve: bool = False,
-    starts: int = 6,
     seed: int = 1,
 ) -> Design:
     """The best tests to run next.
@@ -320,11 +364,9 @@ def design(
         Levels to choose from; default: the pilot's range in steps of 1 N.
     clockings_deg : sequence of (work ball, tool ball)
         Clockings to choose from.
-    radii_mm : sequence of float
-        Radii to choose from; default: the pilot's.
-    planes, directions, centres_mm : sequences
-        Planes, directions of travel (CW, CCW) and centres (X, Y, Z) to choose from; default: those of the pilot. A plane that the
-        pilot lacks is another set-up. Where both directions may be chosen, hysteresis counts for every design.
+    radii_mm, planes, directions, centres_mm : sequences
+        Radii, planes, directions of travel (CW, CCW) and centres (X, Y, Z) to choose from; default: those of the pilot. A plane
+        that the pilot lacks is another set-up. Where both directions may be chosen, hysteresis counts for every design.
     readings : int, optional
         Readings per full circle; default: as in the pilot.
     criterion : {"eig", "d", "a", "c", "i", "e", "discriminate"}, optional
@@ -344,12 +386,8 @@ def design(
     robust : bool
         A design good over several assumptions: the criterion is averaged over them, and `Design.robustness` compares the best
         designs under each.
-    assumptions : mapping of label to (HybridModel, factors of hyper-parameters), optional
-        What these are; default: `default_assumptions`.
     curve : bool
         Also the trade-off: number of tests against efficiency and expected sd.
-    starts : int
-        Designs from which the exchange of single tests starts.
     seed : int
 
     Raises
@@ -357,116 +395,93 @@ def design(
     InputError
         For unknown names, several goals at once, or tests that leave parameters undetermined.
     """
-    check_campaign(pilot)
-    places = {"radii_mm": radii_mm, "planes": planes, "directions": directions, "centres_mm": centres_mm}
-    _check_kinds(tests, forces_N, clockings_deg, {**places, "parameters": parameters}, against, seed)
-    goals = {"tests": tests, "budget": budget, "targets": targets or None, "power": power}
-    given = [name for name, value in goals.items() if value is not None]
-    if len(given) > 1:
-        raise InputError(f"a design must have one goal, got {' and '.join(given)}. Keep one of them.")
-    for name, campaign in against.items():
-        check_campaign(campaign)
-        _check_same_machine(name, campaign, pilot)
-    space = DesignSpace(
-        model,
-        pilot,
-        _levels(pilot) if forces_N is None else tuple(float(force) for force in forces_N),
-        tuple(clockings_deg),
-        tuple(radii_mm),
-        tuple(planes),
-        tuple(directions),
-        tuple(tuple(centre) for centre in centres_mm),  # type: ignore[misc]
-        readings,
-        _criterion(model, criterion, targets, power),
-        tuple(targets) or tuple(parameters),
-        augment,
-        costs or Costs(),
-        slope_size,
-        threshold,
-        targets=targets,
-        nodes=_AMONG_SEVERAL if robust else _ALONE,
-        judged=tuple(test for campaign in against.values() for test in campaign.tests),
-        starts=starts,
-        seed=seed,
-    )
-    if robust:
-        space = replace(space, assumptions=default_assumptions(space) if assumptions is None else assumptions)
+    given = dict(locals())
+    _check(given)
+    given["criterion"] = _criterion(model, criterion, targets, power)
+    given["forces_N"] = _levels(pilot) if forces_N is None else tuple(map(float, forces_N))
+    given |= {"parameters": tuple(targets) or tuple(parameters), "costs": costs or Costs()}
+    given["judged"] = tuple(test for campaign in against.values() for test in campaign.tests)
+    space = Space(**{option.name: given[option.name] for option in fields(Space)})
     goal = None
     if targets or power is not None:
         found, goal = fewest(space, power)
     elif budget is not None:
-        if not (np.isfinite(budget) and budget > 0.0):
-            raise InputError(f"budget must be a positive number, got {budget}. Correct it.")
-        found = space.search.of_budget(budget)
+        found = space.of_budget(budget)
     else:
-        number = len(pilot.tests) if tests is None else tests
-        if not 1 <= number <= MOST_TESTS:
-            raise InputError(f"tests must be between 1 and {MOST_TESTS}, got {number}. Give the number of circles.")
-        found = space.search.of_number(number)
-    return _designed(
-        space, found, against, goal, clockings_of_budget=budget is not None and len(space.clockings_deg) > 1, curve=curve
-    )
+        found = space.search.of_number(len(pilot.tests) if tests is None else tests)
+    return _designed(space, found, against, goal, of_budget=budget is not None, curve=curve)
 
 
-def _check_same_machine(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Refuse a design of another machine."""
-    for what, own, other in (
-        ("machine", campaign.topology, pilot.topology),
-        ("machine, its frames at", dict(campaign.frames_mm), dict(pilot.frames_mm)),
-    ):
-        if own != other:
-            raise InputError(f"{name} must be of the pilot's {what} {other}, got {own}. Leave it out.")
-
-
-def _check_kinds(
-    tests: object, forces_N: object, clockings_deg: object, several: Mapping[str, object], against: object, seed: object
-) -> None:
+def _check(given: Mapping[str, Any]) -> None:
     """Answer arguments of the wrong kind with the right call."""
-    if tests is not None and not isinstance(tests, int | np.integer):
-        raise InputError(f"tests must be a whole number, got {tests!r}. For example 6.")
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed must be a whole number ≥ 0, got {seed!r}. For example 1.")
-    for name, values in {"forces_N": forces_N, "clockings_deg": clockings_deg, **several}.items():
-        if values is not None and (isinstance(values, str) or not isinstance(values, Iterable)):
-            raise InputError(f"{name} must be a sequence, got {values!r}. Put it into a list.")
-    if any(not isinstance(pair, Sequence) or len(pair) != 2 for pair in clockings_deg):  # type: ignore[attr-defined]
-        raise InputError(
-            f"clockings_deg must be pairs (work ball, tool ball), got {clockings_deg!r}. For example [(0, 0), (45, 0)]."
-        )
-    for centre in several["centres_mm"]:  # type: ignore[attr-defined]
-        if not isinstance(centre, Sequence) or len(centre) != 3:
-            raise InputError(f"centres_mm must be triples (X, Y, Z), got {centre!r}. For example [(0, 0, 0), (100, 0, 0)].")
-    if not isinstance(against, Mapping):
-        raise InputError(f"against must be a mapping of names to campaigns, got {type(against).__name__}. Give each a name.")
-    reserved = next((name for name in against if name in _RESERVED), None)
-    if reserved is not None:
-        raise InputError(f"against must not use the name {reserved!r}, which is the design's own. Choose another name.")
+    pilot, tests, budget, seed, against = (given[name] for name in ("pilot", "tests", "budget", "seed", "against"))
+    check_campaign(pilot)
+    require(tests is None or isinstance(tests, int | np.integer), f"tests must be a whole number, got {tests!r}. For example 6.")
+    require(isinstance(seed, int | np.integer) and seed >= 0, f"seed must be a whole number ≥ 0, got {seed!r}. For example 1.")
+    for name in ("forces_N", "clockings_deg", "radii_mm", "planes", "directions", "centres_mm", "parameters"):
+        value = given[name]
+        several = value is None or (isinstance(value, Iterable) and not isinstance(value, str))
+        require(several, f"{name} must be a sequence, got {value!r}. Put it into a list.")
+    for name, size, example in (
+        ("clockings_deg", 2, "pairs (work ball, tool ball), got {}. For example [(0, 0), (45, 0)]."),
+        ("centres_mm", 3, "triples (X, Y, Z), got {}. For example [(0, 0, 0), (100, 0, 0)]."),
+    ):
+        right = all(isinstance(own, Sequence) and len(own) == size for own in given[name])
+        require(right, f"{name} must be {example.format(given[name])}")
+    kind = type(against).__name__
+    require(isinstance(against, Mapping), f"against must be a mapping of names to campaigns, got {kind}. Give each a name.")
+    for name, campaign in against.items():
+        own_names = f"against must not use the name {name!r}, which is the design's own. Choose another name."
+        require(name not in _RESERVED, own_names)
+        check_campaign(campaign)
+        for what, own, other in (
+            ("machine", campaign.topology, pilot.topology),
+            ("machine, its frames at", dict(campaign.frames_mm), dict(pilot.frames_mm)),
+        ):
+            require(own == other, f"{name} must be of the pilot's {what} {other}, got {own}. Leave it out.")
+    goals = [name for name in ("tests", "budget", "targets", "power") if given[name] not in (None, {})]
+    require(len(goals) <= 1, f"a design must have one goal, got {' and '.join(goals)}. Keep one of them.")
+    number = f"tests must be between 1 and {MOST_TESTS}, got {tests}. Give the number of circles."
+    require(1 <= (tests or len(pilot.tests) if tests is None else tests) <= MOST_TESTS, number)
+    positive = budget is None or (np.isfinite(budget) and budget > 0.0)
+    require(positive, f"budget must be a positive number, got {budget}. Correct it.")
+
+
+def _criterion(
+    model: HybridModel, criterion: CriterionName | None, targets: Mapping[str, float], power: float | None
+) -> CriterionName:
+    wanted: CriterionName | None = "a" if targets else "discriminate" if power is not None else None
+    require(
+        wanted is None or criterion in (None, wanted),
+        f"criterion must be left to the goal here, which needs {wanted!r}, got {criterion!r}. Leave it out.",
+    )
+    return wanted or criterion or ("d" if model.prior.flat else "eig")
+
+
+def _levels(pilot: Campaign) -> tuple[float, ...]:
+    """The pilot's range in steps of 1 N, its ends included."""
+    low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
+    return tuple(np.unique([*np.arange(low, high, 1.0), high]).tolist())
 
 
 def _designed(
-    space: DesignSpace,
-    found: Found,
-    against: Mapping[str, Campaign],
-    goal: Goal | None,
-    *,
-    clockings_of_budget: bool,
-    curve: bool,
+    space: Space, found: Found, against: Mapping[str, Campaign], goal: Goal | None, *, of_budget: bool, curve: bool
 ) -> Design:
-    tests, columns, optimum = space.tests_of(found), space.columns, found.optimum
+    tests, optimum = space.tests_of(found), found.optimum
+    columns = place_columns((*space.tests, *space.judged))
     compared = {_STEPS: space.equal_steps(len(tests))}
     compared |= {
         name: tuple(replace(test.with_reading_um(None), name="") for test in campaign.tests) for name, campaign in against.items()
     }
-    judged = tuple(_judged(space, name, own, found) for name, own in compared.items())
+    judged = tuple(_judged(space, name, own, found, columns) for name, own in compared.items())
     highest = float(optimum.sensitivity.max())
     concave = all(case.criterion.concave for case in space.search.objective.cases)
     candidates = frame_of([space.tests[i] for i in found.allowed], columns)
     shown = optimum.share > _SHOWN_SHARE
-    planned = Planned(tests, space.pilot, _model_of(space, tests))
-    forecast = space.forecast(tests)
+    expected = space.forecast(tests)
     sizes = 1e3 * np.sqrt((space.states.phi**2).mean(axis=0))
     return Design(
-        **vars(forecast),
+        **vars(expected),
         criterion=space.criterion,
         parameters=space.chosen,
         table=frame_of(tests, columns).value_counts(sort=False).rename("count").reset_index(),
@@ -481,26 +496,26 @@ def _designed(
         baseline=judged[0].expected,
         compared=judged,
         trade_off=trade_off(space, len(tests)) if curve else pd.DataFrame(),
-        robustness=robustness(space, found, compared[_STEPS]) if space.assumptions else pd.DataFrame(),
+        robustness=robustness(space, found, compared[_STEPS]) if space.robust else pd.DataFrame(),
         goal=goal,
-        limits=_limits(space, tests, forecast, clockings_of_budget=clockings_of_budget),
+        limits=_limits(space, tests, expected, of_budget=of_budget and len(space.clockings_deg) > 1),
         hyper_um=dict(zip(space.bound.hyper_prior.names, sizes.tolist(), strict=True)),
         measured=not space.pilot.is_plan,
         pilot=Pilot(space.pilot.name, space.pilot.sha256),
         sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
-        planned=planned,
+        planned=Planned(tests, space.pilot, _model_of(space, tests)),
     )
 
 
-def _judged(space: DesignSpace, name: str, tests: tuple[CircularTest, ...], found: Found) -> Judged:
-    own = space.forecast(tests)
-    efficiency = 0.0
+def _judged(space: Space, name: str, tests: tuple[CircularTest, ...], found: Found, columns: Sequence[str]) -> Judged:
+    own, efficiency = space.forecast(tests), 0.0
     if own.determined:
-        efficiency = space.efficiency(tests, found.optimum if len(tests) == found.counts.sum() else None)
-    return Judged(**vars(own), name=name, tests=frame_of(tests, space.columns), cost=space.costs.of(tests), efficiency=efficiency)
+        best = found.optimum if len(tests) == found.tests else space.search.shares(float(len(tests)))
+        efficiency = space.search.objective.efficiency(space.value(tests), best.value)
+    return Judged(**vars(own), name=name, tests=frame_of(tests, columns), cost=space.costs.of(tests), efficiency=efficiency)
 
 
-def _model_of(space: DesignSpace, tests: Sequence[CircularTest]) -> HybridModel:
+def _model_of(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     """The model as it should analyse these tests alone: F0 and the slopes' prior sd those of the pilot."""
     model, setting, prior = space.model, space.bound.setting, space.model.prior
     plain = replace(model, fixed=(), prior=replace(prior, overrides={}, means={}))
@@ -509,56 +524,166 @@ def _model_of(space: DesignSpace, tests: Sequence[CircularTest]) -> HybridModel:
     forces = [float(test.force_N or 0.0) for test in tests]
     if not (prior.flat or np.isclose(max(forces) - min(forces), setting.force_range_N, rtol=1e-9)):
         overrides |= {p.name: p.prior_sd for p in space.bound.parameters if p.group == "slope"}
+    own = {name: sd for name, sd in overrides.items() if name in there}
+    means = {name: mean for name, mean in prior.means.items() if name in there}
+    fixed = tuple(name for name in model.fixed if name in there)
     return replace(
-        model,
-        reference_force_N=setting.reference_force_N,
-        fixed=tuple(name for name in model.fixed if name in there),
-        prior=replace(
-            prior,
-            overrides={name: sd for name, sd in overrides.items() if name in there},
-            means={name: mean for name, mean in prior.means.items() if name in there},
-        ),
+        model, reference_force_N=setting.reference_force_N, fixed=fixed, prior=replace(prior, overrides=own, means=means)
     )
 
 
-def _limits(
-    space: DesignSpace, tests: Sequence[CircularTest], forecast: Forecast, *, clockings_of_budget: bool = False
-) -> Limits:
+def _limits(space: Space, tests: Sequence[CircularTest], expected: Forecast, *, of_budget: bool = False) -> Limits:
     """What no number of such tests shows, and what would."""
-    expected = forecast.expected
-    levels = _levels_apart([float(test.force_N or 0.0) for test in tests])
+    forces = np.sort([float(test.force_N or 0.0) for test in tests])
+    levels = 1 + int(np.sum(np.diff(forces) > _APART * max(np.ptp(forces), 1e-12)))
     bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
     terms = {type(term) for term in space.model.nuisances}
     ways = {plane: {test.direction for test in bound.campaign.tests if test.plane == plane} for plane in bound.setting.both_ways}
-    shared = tuple(name for name in space.chosen if expected[name].floor_sd > _STUCK * expected[name].sd)
-    found = [d for d in degeneracies(bound) if set(d.parameters) & set(shared)] if shared else []
+    entries = {name: expected.expected[name] for name in space.chosen}
+    shared = tuple(name for name, entry in entries.items() if entry.floor_sd > _STUCK * entry.sd)
+    found = tuple(d for d in degeneracies(bound) if set(d.parameters) & set(shared)) if shared else ()
     return Limits(
         levels if levels <= space.model.degree + 2 and not space.augment else None,
         {plane: str(next(iter(own))) for plane, own in ways.items() if len(own) == 1 and Hysteresis in terms},
         Drift in terms,
-        clockings_of_budget,
+        of_budget,
         shared,
-        tuple(found),
+        found,
         cures(bound, found) if found else (),
     )
 
 
-def _levels_apart(forces_N: Sequence[float]) -> int:
-    """Forces further apart than a twentieth of their range."""
-    forces = np.sort(forces_N)
-    return 1 + int(np.sum(np.diff(forces) > _APART * max(np.ptp(forces), 1e-12)))
+_TURNS_DEG, _SMALLER, _LEVELS = (0.0, 45.0, 90.0), 2.0 / 3.0, 5
+_MISSED, _TRUNCATED, _REWEIGHTED = 1.1, 8.0, 3
+_STARTS, _POINTS = 2, 8
 
 
-def _levels(pilot: Campaign) -> tuple[float, ...]:
-    """The pilot's range in steps of 1 N, its ends included."""
-    low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
-    return tuple(np.unique([*np.arange(low, high, 1.0), high]).tolist())
+def fewest(space: Space, power: float | None) -> tuple[Found, Goal]:
+    """The design of the fewest tests that reach the targets of the space (in units of which its criterion is "a"), or the power
+    (criterion "discriminate"); where none does, that of as many as the pilot has."""
+    for name, value in space.targets.items():
+        positive = np.isfinite(value) and value > 0.0
+        require(positive, f"target of {name} must be a positive sd, got {value}. Give it in mm, N and rad.")
+    require(power is None or 0.0 < power < 1.0, f"power must lie between 0 and 1, got {power}. For example 0.9.")
+    goal = Goal(Outcome.REACHED, dict(space.targets), power, space.threshold, 0)
+    if space.augment and _shortfall(space.forecast((), decide=not goal.targets), goal) <= 1.0:
+        return space.search.of_number(1), replace(goal, outcome=Outcome.ALREADY, tests=1)
+    found = _fewest(space, goal)
+    if found is not None:
+        return found, replace(goal, tests=found.tests)
+    found = space.search.of_number(max(len(space.pilot.tests), space.search.levels))
+    remedies = []
+    for kind, wider in _wider(space):
+        better = _fewest(wider, goal)
+        if better is not None:
+            remedies.append(Remedy(kind, better.tests, wider.radii_mm[-1] if kind is RemedyKind.RADIUS else None))
+    return found, replace(goal, outcome=Outcome.OUT_OF_REACH, tests=found.tests, remedies=tuple(remedies))
 
 
-def _criterion(
-    model: HybridModel, criterion: CriterionName | None, targets: Mapping[str, float], power: float | None
-) -> CriterionName:
-    wanted: CriterionName | None = "a" if targets else "discriminate" if power is not None else None
-    if wanted is not None and criterion not in (None, wanted):
-        raise InputError(f"criterion must be left to the goal here, which needs {wanted!r}, got {criterion!r}. Leave it out.")
-    return wanted or criterion or ("d" if model.prior.flat else "eig")
+def _fewest(space: Space, goal: Goal) -> Found | None:
+    """The design of the fewest tests that reaches the goal, by bisection; None where no number does."""
+    tried: dict[int, tuple[Found, bool]] = {}
+
+    def met(number: int) -> bool:
+        if number not in tried:
+            tried[number] = _try(space, goal, number)
+        return tried[number][1]
+
+    # Best shares that miss the targets on average, truncation aside; truncation may more than halve an sd.
+    bound, shares, number = space.bound, space.search.shares, 1
+    bounded = any(bound.truncation.rows[:, bound.names.index(name)].any() for name in goal.targets)
+    if goal.targets and shares(float(_MOST)).value < -(_TRUNCATED if bounded else _MISSED):
+        return None
+    while goal.targets and number < _MOST and shares(float(number)).value < -1.0:
+        number *= 2
+    low, high = space.search.levels - 1, max(space.search.levels, min(number, _MOST))
+    while not met(high):
+        if high == _MOST:
+            return None
+        low, high = high, min(2 * high, _MOST)
+    return tried[bisect_left(range(high), True, low + 1, key=met)][0]
+
+
+def _shortfall(expected: Forecast, goal: Goal) -> float:
+    """The largest ratio of expected sd to target, or of the power wanted to that expected."""
+    if goal.targets:
+        return max(expected.expected[name].sd / value for name, value in goal.targets.items())
+    found = expected.discrimination
+    if found is None:
+        raise InputError("power must be asked of a model with slopes and proper priors. Use degree 1 and the default preset.")
+    power = next(iter(found.power.values())) if len(found.power) == 1 else found.decisive_with
+    return float(goal.power or 0.0) / max(power, 1e-12)
+
+
+def _try(space: Space, goal: Goal, number: int) -> tuple[Found, bool]:
+    """The best whole tests of a number, and whether they reach the goal; targets missed while others are exceeded gain weight."""
+    plain = search = space.search
+    for _ in range(_REWEIGHTED):
+        found = search.of_number(number, starts=_STARTS)
+        expected = space.forecast(space.tests_of(found), decide=not goal.targets)
+        reached = _shortfall(expected, goal) <= 1.0
+        criterion = search.objective.cases[0].criterion
+        value = plain.objective.value(found.counts.astype(float))
+        if reached or not isinstance(criterion, Variance) or value < -1.0:
+            break
+        ratio = np.array([expected.expected[name].sd / goal.targets[name] for name in space.chosen])
+        search = replace(search, objective=search.objective.under(Variance(ratio[:, None] * criterion.weight * ratio)))
+    # Value and efficiency by the criterion that was asked for.
+    optimum = plain.shares(float(number))
+    return replace(found, value=value, optimum=optimum, efficiency=plain.objective.efficiency(value, optimum.value)), reached
+
+
+def _wider(space: Space) -> Iterator[tuple[RemedyKind, Space]]:
+    """The space enlarged by what its force levels cannot do, one thing at a time, at few of its own levels."""
+    levels = sorted(space.forces_N)
+    few = tuple(dict.fromkeys(levels[round(i)] for i in np.linspace(0, len(levels) - 1, _LEVELS)))
+    if len(levels) < _LEVELS:
+        yield RemedyKind.LEVELS, replace(space, forces_N=np.linspace(levels[0], levels[-1], 2 * _LEVELS - 1).tolist())
+    for kind, works, tools in (
+        (RemedyKind.WORK_BALL, _TURNS_DEG, (0.0,)),
+        (RemedyKind.TOOL_BALL, (0.0,), _TURNS_DEG),
+        (RemedyKind.BOTH_BALLS, _TURNS_DEG, _TURNS_DEG),
+    ):
+        own = tuple(product(works, tools))
+        if not set(own) <= set(space.clockings_deg):
+            yield kind, replace(space, clockings_deg=(*space.clockings_deg, *own), forces_N=few)
+    if len(space.radii_mm) == 1:
+        second = float(round(_SMALLER * space.radii_mm[0]))
+        yield RemedyKind.RADIUS, replace(space, radii_mm=(*space.radii_mm, second), forces_N=few)
+
+
+def trade_off(space: Space, tests: int) -> pd.DataFrame:
+    """Number of tests, up to twice that of a design, their cost, efficiency, that of equal steps, and every expected sd."""
+    around = np.rint(np.geomspace(max(2, tests // 2), max(2 * tests, 4), _POINTS)).astype(int)
+    rows = []
+    for number in np.union1d(around, [tests]).tolist():
+        try:
+            found = space.search.of_number(number, starts=_STARTS)
+        except InputError:
+            continue
+        own = space.tests_of(found)
+        row = {"tests": number, "cost": space.costs.of(own), "efficiency": min(found.efficiency, 1.0)}
+        row["efficiency_equal_steps"] = space.efficiency(space.equal_steps(number))
+        expected = space.forecast(own, decide=False).expected
+        rows.append(row | {f"sd_{name}": entry.sd for name, entry in expected.items()})
+    return pd.DataFrame(rows)
+
+
+def robustness(space: Space, found: Found, steps: tuple[CircularTest, ...]) -> pd.DataFrame:
+    """Efficiency under each assumption (columns) of the design good over all, of the best for each, and of equal steps of force.
+
+    Column ``tests`` lists their forces, ``worst`` is the smallest efficiency.
+    """
+    alone = space.alone
+    objectives = {label: search.objective for label, search in alone.items()}
+    designs = {"good over all": found}
+    designs |= {f"best for: {label}": own.of_number(found.tests, starts=1, thorough=False) for label, own in alone.items()}
+    rows = {name: (objectives, own.counts.astype(float), space.tests_of(own)) for name, own in designs.items()}
+    rows["equal steps"] = space.objectives(steps), np.ones(len(steps)), steps
+    shown = {}
+    for name, (judges, counts, tests) in rows.items():
+        best = {label: alone[label].shares(float(found.tests)).value for label in judges}
+        own = {label: min(judge.efficiency(judge.value(counts), best[label]), 1.0) for label, judge in judges.items()}
+        forces = ", ".join(f"{force:.4g}" for force in sorted(float(test.force_N or 0.0) for test in tests))
+        shown[name] = own | {"tests": forces, "worst": min(own.values())}
+    return pd.DataFrame.from_dict(shown, orient="index")

@@ -7,7 +7,7 @@ takes the general route through `ldbb_bayes.model.likelihood.Information` and no
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -15,10 +15,9 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis.design.candidates import bind_tests
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
-from ldbb_bayes.model.gaussian import singular_root
+from ldbb_bayes.model.gaussian import Gaussian, singular_root
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, informations_of
 from ldbb_bayes.result import Finite, Result
 
@@ -28,6 +27,7 @@ __all__ = [
     "Expected",
     "Forecast",
     "States",
+    "bind_tests",
     "discrimination_of",
     "forecast",
     "hyper_nodes",
@@ -37,11 +37,9 @@ __all__ = [
 
 Array = NDArray[Any]
 DECISIVE = 5.0
-_REPEATS = 4
-_DRAWS = 2048
-_VERY_OFTEN = 1e6
-_RANK = 1e-6
-_KEPT: WeakKeyDictionary[Campaign, list[tuple[HybridModel, HyperPosterior]]] = WeakKeyDictionary()
+_REPEATS, _DRAWS = 4, 2048
+_VERY_OFTEN, _RANK = 1e6, 1e-6
+_KEPT: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -84,10 +82,8 @@ class Discrimination(Result):
         |ln B| from which evidence is called decisive [nat].
     expected_with, expected_without : float
         Mean of ln B if there are slopes, and if there are none [nat].
-    decisive_with, decisive_without : float
-        Probabilities of decisive evidence for what is true.
-    misleading_with, misleading_without : float
-        Probabilities of decisive evidence for what is false.
+    decisive_with, decisive_without, misleading_with, misleading_without : float
+        Probabilities of decisive evidence for what is true, and for what is false.
     power : dict of slope to float
         Probability of decisive evidence for slopes if this one alone is there, of plus or minus ``size`` prior sd.
     """
@@ -137,15 +133,22 @@ class States:
     phi : ndarray, shape (K, h) [mm]
     beta : ndarray, shape (K, p)
         Parameters as they may be, inside the truncation; empty when their prior is flat.
-    mean, covariance : ndarray, shape (K, p) and (K, p, p)
+    before : Gaussian
         What the analysis of all tests will start from at each φ, truncation aside: the prior, or the posterior of tests that
         count as run.
     """
 
     phi: Array
     beta: Array
-    mean: Array
-    covariance: Array
+    before: Gaussian
+
+
+def bind_tests(model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool) -> BoundModel:
+    """The model bound to a plan of these tests, after the pilot's own where these are kept; F0, force range and Ĉ the pilot's."""
+    run = pilot.plan().tests
+    planned = tuple(replace(test, name="") for test in tests)
+    known = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
+    return BoundModel(model, replace(pilot, tests=(*(run if keep else ()), *planned), foreseen=known), pilot=pilot)
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
@@ -154,13 +157,13 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
     For a prior their number is rounded up to a power of two. With flat priors variances are σ² times something that does not
     depend on it: one node, the root mean square.
     """
-    bound = model.bind(pilot)
-    prior = bound.hyper_prior
     if pilot.is_plan:
+        prior = model.bind(pilot).hyper_prior
         points = scipy.stats.qmc.Sobol(len(prior.names), rng=np.random.default_rng(seed))
         nodes = np.asarray(prior.quantile(points.random_base2(int(np.ceil(np.log2(size))))))
     else:
-        nodes = prior.phi(_posterior(bound).brief.pick(size, np.random.default_rng(seed)))
+        posterior = _posterior(model, pilot)
+        nodes = posterior.bound.hyper_prior.phi(posterior.brief.pick(size, np.random.default_rng(seed)))
     return np.sqrt((nodes**2).mean(axis=0, keepdims=True)) if model.prior.flat else nodes
 
 
@@ -169,39 +172,35 @@ def states_before(model: HybridModel, pilot: Campaign, size: int, seed: int, *, 
     bound = model.bind(pilot)
     rng = np.random.default_rng(seed)
     phi = hyper_nodes(model, pilot, size, seed)
-    count, p = len(phi), len(bound.names)
+    shape = len(phi), len(bound.names)
     if model.prior.flat:
-        return States(phi, np.zeros((count, 0)), np.zeros((count, p)), np.full((count, p, p), np.inf))
+        return States(phi, np.zeros((len(phi), 0)), Gaussian(np.zeros((*shape, shape[1])), np.zeros(shape)))
     if pilot.is_plan:
-        beta = bound.draw_parameters(count, rng)
+        beta = bound.draw_parameters(len(phi), rng)
     else:
-        beta = draw_parameters_given(_posterior(bound), bound.hyper_prior.free(phi), rng)
+        beta = draw_parameters_given(_posterior(model, pilot), bound.hyper_prior.free(phi), rng)
     if augment and not pilot.is_plan:
-        _, given = bound.given(phi)
-        spread = given.spread()
-        return States(phi, beta, given.mean, spread @ np.swapaxes(spread, 1, 2))
-    prior = np.broadcast_to(np.diag(bound.prior_sd**2), (count, p, p))
-    return States(phi, beta, np.broadcast_to(bound.prior_mean, (count, p)), prior)
+        given = bound.given(phi)[1]
+        return States(phi, beta, Gaussian.factored(given.mean, given.root, given.scale))
+    return States(phi, beta, Gaussian.of(np.broadcast_to(bound.prior_mean, shape), np.broadcast_to(bound.prior_sd**2, shape)))
 
 
-def _posterior(bound: BoundModel) -> HyperPosterior:
+def _posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
     """p(φ | pilot), computed once while the pilot lives."""
-    kept = _KEPT.setdefault(bound.campaign, [])
-    found = next((posterior for model, posterior in kept if model == bound.model), None)
-    if found is None:
-        found = HyperPosterior(bound, truncated=bound.truncation.active)
-        kept.append((bound.model, found))
-    return found
+    kept = _KEPT.setdefault(pilot, [])
+    if not any(posterior.bound.model == model for posterior in kept):
+        bound = model.bind(pilot)
+        kept.append(HyperPosterior(bound, truncated=bound.truncation.active))
+    return next(posterior for posterior in kept if posterior.bound.model == model)
 
 
-def _mean_to_come(before: Array, after: Array) -> tuple[Array, Array]:
+def _mean_to_come(precision: Array, after: Array) -> tuple[Array, Array]:
     """W and a root of V with m | β ~ N(m₁ + W (β − m₁), V) for the mean m that an analysis will find, shapes (K, p, p).
 
-    From the covariances C₁ before and C after the tests: with G = C₁ − C the variance gained, W = G C₁⁻¹ and V = G − W G.
+    From the precision P₁ before and the covariance C after the tests: W = 1 − C P₁ and V = W C.
     """
-    gained = before - after
-    weight = np.swapaxes(np.linalg.solve(before, gained), 1, 2)
-    return weight, singular_root(gained - weight @ gained)
+    weight = np.eye(after.shape[-1]) - after @ precision
+    return weight, singular_root(weight @ after)
 
 
 def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) -> Array:
@@ -214,13 +213,12 @@ def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) ->
     if not bound.truncation.active:
         return np.asarray(plain)
     possible = bound.truncation.holds(states.beta)
-    if possible.any():
-        states = States(*(getattr(states, part.name)[possible] for part in fields(states)))
-        covariance = covariance[possible]
-    scale = bound.scale
-    after = covariance / np.outer(scale, scale)
-    weight, root = _mean_to_come(states.covariance / np.outer(scale, scale), after)
-    mean = states.mean / scale + np.einsum("kij,kj->ki", weight, (states.beta - states.mean) / scale)
+    possible |= not possible.any()
+    scale, start = bound.scale, states.before.mean[possible]
+    both = np.outer(scale, scale)
+    after = covariance[possible] / both
+    weight, root = _mean_to_come(states.before.precision[possible] * both, after)
+    mean = start / scale + np.einsum("kij,kj->ki", weight, (states.beta[possible] - start) / scale)
     spread = singular_root(after) * scale[:, None]
     rng = np.random.default_rng(seed)
     variances = []
@@ -238,29 +236,30 @@ def discrimination_of(
     names: tuple[str, ...],
     *,
     size: float,
-    before: tuple[Array, Array] | None = None,
+    before: Gaussian | None = None,
     threshold: float = DECISIVE,
     seed: int = 1,
 ) -> Discrimination:
     """What ln B will be, from the slopes' posterior covariances (K, s, s) in units of their prior sd, one for every value of φ.
 
-    ``before`` is their posterior mean and covariance after tests already run, shapes (K, s) and (K, s, s); default: none were.
+    ``before`` is their posterior after tests already run, in the same units; default: none were.
     """
     count, s = covariance.shape[:2]
-    mean, start = (np.zeros((count, s)), np.broadcast_to(np.eye(s), covariance.shape)) if before is None else before
-    weight, root = _mean_to_come(start, covariance)
+    start = Gaussian.of(np.zeros((count, s)), np.ones((count, s))) if before is None else before
+    mean = start.mean[:, None]
+    weight, root = _mean_to_come(start.precision, covariance)
     log_volume = np.linalg.slogdet(covariance)[1]
     rng = np.random.default_rng(seed)
     noise = np.einsum("kij,kdj->kdi", root, rng.standard_normal((count, _DRAWS, s)))
 
     def log_bayes_factor(slopes: Array) -> Array:
-        centre = mean[:, None] + np.einsum("kij,kdj->kdi", weight, slopes - mean[:, None])
-        found = np.swapaxes(centre + noise, 1, 2)
-        square = (found * np.linalg.solve(covariance, found)).sum(axis=1)
+        centre = mean + np.einsum("kij,kdj->kdi", weight, slopes - mean)
+        to_come = np.swapaxes(centre + noise, 1, 2)
+        square = (to_come * np.linalg.solve(covariance, to_come)).sum(axis=1)
         return 0.5 * (log_volume[:, None] + square)
 
     drawn = rng.standard_normal((count, _DRAWS, s))
-    there = size * drawn if before is None else mean[:, None] + np.einsum("kij,kdj->kdi", singular_root(start), drawn)
+    there = size * drawn if before is None else mean + np.einsum("kij,kdj->kdi", singular_root(start.covariance), drawn)
     with_, without = log_bayes_factor(there), log_bayes_factor(np.zeros((count, 1, s)))
     sign = np.where(np.arange(_DRAWS) % 2, 1.0, -1.0)[None, :, None]
     alone = {name: log_bayes_factor(size * sign * np.eye(s)[j]) for j, name in enumerate(names)}
@@ -295,42 +294,49 @@ def forecast(
     ``slopes`` are to be decided on: empty for all, None for no decision.
     """
     bound = bind_tests(model, pilot, tests, keep=augment)
-    scale, flat = bound.scale, model.prior.flat
-    covariance, floor = _covariances(bound, states.phi)
-    if covariance is None:
+    after, floor = _posteriors(bound, states.phi)
+    if after is None:
         nothing = {p.name: Expected(p.unit, p.prior_sd, np.inf, np.inf, np.inf) for p in bound.parameters}
         return Forecast(nothing, np.inf, None)
+    scale, covariance = bound.scale, after.covariance
     gaussian = scale * np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
     inside = np.sqrt(narrowed(bound, states, covariance * np.outer(scale, scale), seed))
     expected = {
         p.name: Expected(p.unit, p.prior_sd, float(sd), float(plain), float(min(least, least * sd / plain)))
-        for p, sd, plain, least in zip(bound.parameters, inside, gaussian, floor, strict=True)
+        for p, sd, plain, least in zip(bound.parameters, inside, gaussian, scale * floor, strict=True)
     }
-    gain = np.inf if flat else float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
+    if model.prior.flat:
+        return Forecast(expected, np.inf, None)
+    gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
     decided = [i for i, p in enumerate(bound.parameters) if p.group == "slope" and (not slopes or p.name in slopes)]
-    if flat or not decided or slopes is None:
+    if not decided or slopes is None:
         return Forecast(expected, gain, None)
-    before, unit = None, scale[decided]
-    if augment and not pilot.is_plan:
-        before = states.mean[:, decided] / unit, states.covariance[:, decided][:, :, decided] / np.outer(unit, unit)
+    before = states.before.marginal(decided) if augment and not pilot.is_plan else None
     decision = discrimination_of(
         covariance[:, decided][:, :, decided],
         tuple(bound.names[i] for i in decided),
         size=slope_size,
-        before=before,
+        before=before and Gaussian.factored(before.mean / scale[decided], before.root, before.scale / scale[decided]),
         threshold=threshold,
         seed=seed,
     )
     return Forecast(expected, gain, decision)
 
 
-def _covariances(bound: BoundModel, phi: Array) -> tuple[Array | None, Array]:
-    """Posterior covariances (K, p, p) in units of the prior sd, and floor sd (p,); None where flat priors leave one open."""
-    covariances, floors = [], []
+def _posteriors(bound: BoundModel, phi: Array) -> tuple[Gaussian | None, Array]:
+    """p(β | y, φ) about zero and floor sd (p,), both in units of the prior sd; none where flat priors leave something open."""
+    after: list[Gaussian] = []
+    floors: list[Gaussian] = []
     for information in informations_of(bound, phi):
-        own = information.own
-        if information.flat and np.linalg.matrix_rank(information.rows()[:, own], tol=_RANK) < len(own):
+        rows, own = information.rows(), information.own
+        if information.flat and np.linalg.matrix_rank(rows[:, own], tol=_RANK) < len(own):
             return None, np.zeros(0)
-        covariances.append(information.covariance()[np.ix_(own, own)])
-        floors.append(information.variances(times=_VERY_OFTEN))
-    return np.array(covariances), bound.scale * np.sqrt(np.mean(floors, axis=0))
+        for kept, times in ((after, 1.0), (floors, _VERY_OFTEN)):
+            more, nothing = np.sqrt(times) * rows, np.zeros(len(rows))
+            if information.flat:
+                kept.append(Gaussian.from_rows(more, nothing))
+            else:
+                prior = Gaussian.of(np.zeros(rows.shape[1]), np.ones(rows.shape[1]))
+                kept.append(prior.observe(more, nothing).marginal(own.tolist()))
+    every = Gaussian.factored(*(np.array([getattr(g, part) for g in after]) for part in ("mean", "root", "scale")))
+    return every, np.sqrt(np.mean([g.sd**2 for g in floors], axis=0))

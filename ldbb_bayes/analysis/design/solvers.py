@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from itertools import combinations, islice
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis.design.candidates import Costs
 from ldbb_bayes.analysis.design.criteria import Objective, SmallestEigenvalue
-from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
+from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import InputError
 
-__all__ = ["MOST_TESTS", "Found", "Optimum", "Search", "certificate", "efficient_rounding", "exchange", "optimal_shares"]
+__all__ = [
+    "MOST_TESTS",
+    "Found",
+    "Optimum",
+    "Search",
+    "better",
+    "certificate",
+    "efficient_rounding",
+    "exchange",
+    "optimal_shares",
+]
 
 Array = NDArray[Any]
-Clocking = tuple[float, float]
 # Values that differ by less, relative to the largest, count as equal: the first of them in the candidates' order is taken.
 _EQUAL = 1e-9
 _ROUNDS, _ITERATIONS, _SWEEPS = 400, 40, 50
@@ -38,7 +45,8 @@ def _largest(values: Array, number: int = 1) -> NDArray[np.intp]:
     return np.argsort(-np.where(finite, np.rint(values / unit), -np.inf), kind="stable")[:number]
 
 
-def _better(value: float, than: float) -> bool:
+def better(value: float, than: float) -> bool:
+    """Whether a value is larger by more than rounding."""
     return bool(value > than + (_EQUAL * max(1.0, abs(than)) if np.isfinite(than) else 0.0))
 
 
@@ -218,7 +226,7 @@ def exchange(
             into = np.array([j for j in _likely(objective, base, size, rng) if feasible(_with(base, j))], dtype=int)
             values = objective.after_adding(base.astype(float), into)
             for best in _largest(values):
-                if _better(values[best], value):
+                if better(values[best], value):
                     counts, value = _with(base, into[best]), float(values[best])
         if value > before:
             continue
@@ -246,8 +254,7 @@ def _likely(objective: Objective, base: Array, size: int, rng: np.random.Generat
         return drawn
 
 
-_MOST_TRIALS, _FEW_STARTS, _AS_GOOD, _QUICK = 120, 2, 0.998, 4
-_TOLERANCE, _ROUGH = 1e-5, 1e-3
+_STARTS, _TOLERANCE = 6, 1e-5
 MOST_TESTS = 300
 
 
@@ -261,116 +268,66 @@ class Found:
     optimum: Optimum
     efficiency: float
 
+    @property
+    def tests(self) -> int:
+        """Their number."""
+        return int(self.counts.sum())
+
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Candidates and what one wants of them: designs of at least ``levels`` different forces, from ``starts`` designs."""
+    """Candidates, each with its force, among which designs of at least ``levels`` different forces are looked for."""
 
     objective: Objective
-    tests: tuple[CircularTest, ...]
-    costs: Costs
+    forces_N: Array
     levels: int
-    starts: int
     seed: int
-    _shares: dict[tuple[float, tuple[int, ...]], Optimum] = field(default_factory=dict, init=False)
+    _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
-    def shares(self, tests: float, allowed: Array | None = None) -> Optimum:
-        """The best shares of this many tests, among some of the candidates or all."""
-        key = (tests, () if allowed is None else tuple(allowed.tolist()))
-        if key not in self._shares:
-            objective = self.objective if allowed is None else self.objective.among(allowed)
-            near = [optimum.share for (_, own), optimum in self._shares.items() if own == key[1]]
-            self._shares[key] = optimal_shares(objective, tests, tolerance=_TOLERANCE, start=near[-1] if near else None)
-        return self._shares[key]
+    def among(self, allowed: Array) -> Search:
+        """The same with only some of the candidates."""
+        return Search(self.objective.among(allowed), self.forces_N[allowed], self.levels, self.seed)
 
-    def of_number(self, tests: int, allowed: Array | None = None, *, starts: int | None = None, thorough: bool = True) -> Found:
+    def shares(self, tests: float) -> Optimum:
+        """The best shares of this many tests."""
+        if tests not in self._shares:
+            near = next((optimum.share for optimum in reversed(self._shares.values())), None)
+            self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_TOLERANCE, start=near)
+        return self._shares[tests]
+
+    def of_number(self, tests: int, *, starts: int = _STARTS, thorough: bool = True) -> Found:
         """The best design of this many whole tests; see `exchange` for ``thorough``."""
-        chosen = np.arange(len(self.tests)) if allowed is None else allowed
-        forces = np.array([float(self.tests[i].force_N or 0.0) for i in chosen])
-        if tests < self.levels or len(distinct_forces(forces)) < self.levels:
+        there = min(tests, len(distinct_forces(self.forces_N)))
+        if there < self.levels:
             raise InputError(
-                f"tests must be at {self.levels} different forces at least for this degree, got "
-                f"{min(tests, len(distinct_forces(forces)))}. Ask for more tests, offer more force levels, or use --augment."
+                f"tests must be at {self.levels} different forces at least for this degree, got {there}. Ask for more tests, "
+                "offer more force levels, or use --augment."
             )
-
-        def feasible(counts: Array) -> bool:
-            return len(distinct_forces(forces[counts > 0])) >= self.levels
-
-        optimum = self.shares(float(tests), allowed)
-        objective = self.objective if allowed is None else self.objective.among(allowed)
-        rng = np.random.default_rng(self.seed)
-        best, value = np.zeros(len(chosen), dtype=int), -np.inf
-        for start in _designs_to_start_from(optimum.share, tests, rng, starts or self.starts):
-            if not feasible(start):
-                start[np.argmax(start)] -= 1
-                start[rng.choice(np.flatnonzero(forces != forces[np.argmax(start)]))] += 1
-            counts, own = exchange(objective, start, rng, feasible=feasible, thorough=False)
-            if _better(own, value):
+        optimum, rng = self.shares(float(tests)), np.random.default_rng(self.seed)
+        best, value = np.zeros(self.objective.candidates, dtype=int), -np.inf
+        for start in self._starts(optimum.share, tests, rng, starts):
+            counts, own = exchange(self.objective, start, rng, feasible=self._feasible, thorough=False)
+            if better(own, value):
                 best, value = counts, own
-        best, value = exchange(objective, best, rng, feasible=feasible, thorough=thorough)
+        best, value = exchange(self.objective, best, rng, feasible=self._feasible, thorough=thorough)
         if not np.isfinite(value):
             raise InputError(
                 f"tests must be enough to determine the parameters, got {tests}. Ask for more tests, offer more force levels, or "
                 "use proper priors."
             )
-        every = np.zeros(len(self.tests), dtype=int)
-        every[chosen] = best
-        return Found(every, value, chosen, optimum, self.objective.efficiency(value, optimum.value))
+        efficiency = self.objective.efficiency(value, optimum.value)
+        return Found(best, value, np.arange(len(best)), optimum, efficiency)
 
-    def of_budget(self, budget: float) -> Found:
-        """The best design that costs no more: ever more clockings of the balls are tried while they are worth their set-ups."""
-        groups: dict[Clocking, list[int]] = {}
-        for i, test in enumerate(self.tests):
-            groups.setdefault((test.work_ball_deg, test.tool_ball_deg), []).append(i)
-        if budget / self.costs.circle > MOST_TESTS:
-            raise InputError(
-                f"budget must pay for at most {MOST_TESTS} circles, got {budget:g} with {self.costs.circle:g} each. Lower it."
-            )
-        best: Found | None = None
-        used: tuple[Clocking, ...] = ()
-        # Two more clockings at once where one alone is not worth its set-up.
-        more = 1
-        while more <= 2:
-            grown = self._grown(budget, used, groups, more)
-            if grown is not None and (best is None or _better(grown[0].value, best.value)):
-                (best, used), more = grown, 1
-            else:
-                more += 1
-        if best is None:
-            raise InputError(
-                f"budget must pay for at least {self.levels} circle{'s' * (self.levels > 1)}, got {budget:g} with "
-                f"{self.costs.circle:g} per circle. Raise it."
-            )
-        return best
+    def _feasible(self, counts: Array) -> bool:
+        return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
-    def _grown(
-        self, budget: float, used: tuple[Clocking, ...], groups: dict[Clocking, list[int]], more: int
-    ) -> tuple[Found, tuple[Clocking, ...]] | None:
-        """The first design with so many more clockings that is as good as any, ranked with few values of the hyper-parameters."""
-        quick = Objective(
-            tuple(
-                replace(c, rows=c.rows[:_QUICK], prior=c.prior[:_QUICK], weight=w[:_QUICK] * (w.sum() / w[:_QUICK].sum()))
-                for c in self.objective.cases
-                for w in (c.weight,)
-            )
-        )
-        trials = []
-        for further in islice(combinations([own for own in groups if own not in used], more), _MOST_TRIALS):
-            clockings = (*used, *further)
-            number = int(np.floor((budget - self.costs.setups(clockings)) / self.costs.circle * (1.0 + 1e-12)))
-            if number >= max(len(clockings), self.levels):
-                allowed = np.sort(np.concatenate([groups[pair] for pair in clockings]))
-                value = optimal_shares(quick.among(allowed), float(number), tolerance=_ROUGH).value
-                trials.append((value, clockings, number, allowed))
-        if not trials:
-            return None
-        highest = max(trial[0] for trial in trials)
-        _, clockings, number, allowed = next(t for t in trials if quick.efficiency(t[0], highest) >= _AS_GOOD)
-        return self.of_number(number, allowed, starts=_FEW_STARTS), clockings
-
-
-def _designs_to_start_from(share: Array, tests: int, rng: np.random.Generator, starts: int) -> list[Array]:
-    """The rounded optimum, and draws from it and from all candidates in turn."""
-    n = len(share)
-    drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, starts)]
-    return [efficient_rounding(share, tests), *drawn]
+    def _starts(self, share: Array, tests: int, rng: np.random.Generator, number: int) -> Iterator[Array]:
+        """The rounded optimum, and draws from it and from all candidates in turn."""
+        n = len(share)
+        drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, number)]
+        for start in (efficient_rounding(share, tests), *drawn):
+            if not self._feasible(start):
+                most = np.argmax(start)
+                start[most] -= 1
+                start[rng.choice(np.flatnonzero(self.forces_N != self.forces_N[np.argmax(start)]))] += 1
+            yield start
