@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import LARGEST_MM, Circle, Machine
-from ldbb_bayes.machine.identifiable import Kept, kept_compliances, pattern_of
-from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
-from ldbb_bayes.machine.names import geometric_names
+from ldbb_bayes.machine.chain import LARGEST_MM, Circle, Machine, geometric_names
+from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.identifiable import Kept, kept_compliances
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
 from ldbb_bayes.result import Result
 
@@ -138,5 +138,38 @@ def _patterns(
     machine: Machine, circles: Mapping[str, Circle], column: Callable[[Circle, float, Array], Array], base: int
 ) -> dict[str, str]:
     """By plane, in the machine's order, planes that do not show it left out."""
-    every = {plane: pattern_of(partial(column, circles[plane]), base) for plane in machine.planes if plane in circles}
+    every = {plane: _pattern_of(partial(column, circles[plane]), base) for plane in machine.planes if plane in circles}
     return {plane: pattern for plane, pattern in every.items() if pattern != "0"}
+
+
+_RADII = np.array([1.0, 2.0, 3.0, 4.0])
+_ANGLE = np.arange(24) * (2 * np.pi / 24)
+_POWERS = ("", "", "²", "³", "⁴")
+_NEGLIGIBLE = 1e-9
+
+
+def _pattern_of(column: Callable[[float, Array], Array], base: int) -> str:
+    """The formula of a column (R [mm], angles (n,) [rad]) → (n,); ``base``: degree in (c, s) of the part without R."""
+    values = np.stack([column(float(radius), _ANGLE) for radius in _RADII])
+    by_power = np.linalg.solve(np.vander(_RADII, increasing=True), values)
+    largest = np.abs(values).max()
+    if largest < _NEGLIGIBLE:
+        return "0"
+    text = ""
+    for power in range(len(_RADII) - 1, -1, -1):
+        degree = base + power
+        monomials = np.stack([np.cos(_ANGLE) ** (degree - k) * np.sin(_ANGLE) ** k for k in range(degree + 1)], axis=1)
+        if np.abs(by_power[power]).max() < _NEGLIGIBLE * largest:
+            continue
+        factors = np.linalg.lstsq(monomials, by_power[power], rcond=None)[0]
+        for k, factor in enumerate(factors.tolist()):
+            if abs(factor) > _NEGLIGIBLE * largest:
+                size = abs(round(factor, 9))
+                sign = (" − " if factor < 0 else " + ") if text else "−" * (factor < 0)
+                monomial = _power("R", power, " ") + _power("c", degree - k) + _power("s", k)
+                text += sign + ("" if size == 1.0 else f"{size:g} ") + monomial
+    return text
+
+
+def _power(letter: str, power: int, after: str = "") -> str:
+    return letter + _POWERS[power] + after if power else ""

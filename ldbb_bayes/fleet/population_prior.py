@@ -22,8 +22,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of
+from ldbb_bayes.machine.chain import ComplianceName
 from ldbb_bayes.machine.identifiable import kept_compliances
-from ldbb_bayes.machine.names import ComplianceName
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import Prior, compliance_unit
 

@@ -27,7 +27,7 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import ConcernKind
 from ldbb_bayes.inference.predictive import CheckKind
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.machine.names import ComplianceName, GeometricKind, GeometricName
+from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Columns

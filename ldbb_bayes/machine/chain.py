@@ -1,4 +1,4 @@
-"""The machine as a serial chain: topology string and test planes → driven joints with frames and branches.
+"""The machine as a serial chain: topology and planes → driven joints, and the names of all compliances and geometric errors.
 
 A topology such as ``wCAFYXZSt`` reads from the workpiece ``w`` through the foundation ``F`` to the tool ``t``
 (ISO 10791 style). A circular test drives the two linear axes of its plane; the joints of all planes tested carry the
@@ -17,7 +17,22 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, check_known
 
-__all__ = ["LARGEST_MM", "LINEAR", "PLANES", "ROTARY", "Axes", "Circle", "Joint", "Machine", "plane_of"]
+__all__ = [
+    "LARGEST_MM",
+    "LINEAR",
+    "PLANES",
+    "ROTARY",
+    "Axes",
+    "Circle",
+    "ComplianceName",
+    "GeometricKind",
+    "GeometricName",
+    "Joint",
+    "Machine",
+    "geometric_names",
+    "joint_names",
+    "wrench_names",
+]
 
 Array = NDArray[Any]
 Branch = Literal["tool", "workpiece"]
@@ -43,11 +58,6 @@ class Axes:
     def pair(self) -> tuple[int, int]:
         """Where the two translations stand in a vector (X, Y, Z)."""
         return LINEAR.index(self.first), LINEAR.index(self.second)
-
-    @property
-    def normal(self) -> int:
-        """Where the third translation stands."""
-        return ROTARY.index(self.rotation)
 
 
 PLANES: Mapping[str, Axes] = MappingProxyType({"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A"), "ZX": Axes("Z", "X", "B")})
@@ -135,31 +145,9 @@ class Machine:
         planes = (self.planes,) if isinstance(self.planes, str) else tuple(self.planes)
         check_known("plane", planes, PLANES)
         object.__setattr__(self, "planes", tuple(plane for plane in PLANES if plane in planes))
-        inner = self.topology[1:-1]
-        if not (self.topology.startswith("w") and self.topology.endswith("t") and inner.count("F") == 1):
-            raise InputError(
-                f"topology must read w…F…t (workpiece, foundation, tool), got {self.topology!r}. "
-                "Write the joints from workpiece to tool, for example 'wCAFYXZSt'."
-            )
-        for letter in inner.replace("F", ""):
-            if letter not in _AXIS_LETTERS:
-                raise InputError(
-                    f"topology must use the axis letters {', '.join(_AXIS_LETTERS)}, got {letter!r} in {self.topology!r}. "
-                    "Check the spelling of the chain."
-                )
-            if inner.count(letter) > 1:
-                raise InputError(
-                    f"topology must name each axis once, got {letter!r} twice in {self.topology!r}. Remove one of them."
-                )
-        for plane in self.planes:
-            for axis in PLANES[plane].components[:2]:
-                if axis not in inner:
-                    raise InputError(
-                        f"topology must hold the axes of plane {plane}, got {self.topology!r} without {axis}. "
-                        "Choose another plane or correct the topology."
-                    )
+        self._check_topology()
         for axis, frame in self.frames_mm.items():
-            if axis not in LINEAR or axis not in inner:
+            if axis not in LINEAR or axis not in self.topology:
                 raise InputError(
                     f"frames_mm must name linear axes of {self.topology!r}, got {axis!r}. Remove it: other joints count as rigid."
                 )
@@ -169,6 +157,30 @@ class Machine:
                     "Correct it."
                 )
         object.__setattr__(self, "frames_mm", MappingProxyType({k: tuple(v) for k, v in self.frames_mm.items()}))
+
+    def _check_topology(self) -> None:
+        topology, inner = self.topology, self.topology[1:-1]
+        letters = inner.replace("F", "")
+        if not (topology.startswith("w") and topology.endswith("t") and inner.count("F") == 1):
+            raise InputError(
+                f"topology must read w…F…t (workpiece, foundation, tool), got {topology!r}. "
+                "Write the joints from workpiece to tool, for example 'wCAFYXZSt'."
+            )
+        for letter in letters:
+            if letter not in _AXIS_LETTERS:
+                raise InputError(
+                    f"topology must use the axis letters {', '.join(_AXIS_LETTERS)}, got {letter!r} in {topology!r}. "
+                    "Check the spelling of the chain."
+                )
+            if inner.count(letter) > 1:
+                raise InputError(f"topology must name each axis once, got {letter!r} twice in {topology!r}. Remove one of them.")
+        for plane in self.planes:
+            for axis in PLANES[plane].components[:2]:
+                if axis not in inner:
+                    raise InputError(
+                        f"topology must hold the axes of plane {plane}, got {topology!r} without {axis}. "
+                        "Choose another plane or correct the topology."
+                    )
 
     def __hash__(self) -> int:
         return hash((self.topology, self.planes, tuple(sorted(self.frames_mm.items()))))
@@ -202,30 +214,19 @@ class Machine:
         branch: Branch = "workpiece" if self.topology.index(axis) < self.topology.index("F") else "tool"
         return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
-    def primary(self, plane: str) -> Joint:
-        """The reference axis of a plane's squareness error: nearer the foundation, or in the workpiece branch if branches
-        differ."""
+    def squared(self, plane: str) -> tuple[Joint, Joint]:
+        """The axes of a plane's squareness error: the reference, nearer the foundation, or in the workpiece branch if branches
+        differ; and the one whose direction it turns."""
         a, b = (self._joint(axis) for axis in PLANES[plane].components[:2])
-        if a.branch != b.branch:
-            return a if a.branch == "workpiece" else b
-        return a if self._distance_to_foundation(a) < self._distance_to_foundation(b) else b
+        first = a.branch == "workpiece" if a.branch != b.branch else self._from_foundation(a) < self._from_foundation(b)
+        return (a, b) if first else (b, a)
 
-    def secondary(self, plane: str) -> Joint:
-        """The axis whose direction the squareness error turns."""
-        a, b = (self._joint(axis) for axis in PLANES[plane].components[:2])
-        return b if self.primary(plane) == a else a
-
-    def _distance_to_foundation(self, joint: Joint) -> int:
+    def _from_foundation(self, joint: Joint) -> int:
         return abs(self.topology.index(joint.axis) - self.topology.index("F"))
 
     def branch(self, branch: Branch) -> tuple[Joint, ...]:
         """The linear joints of a branch, from the foundation outwards."""
-        return tuple(sorted((j for j in self.slides if j.branch == branch), key=self._distance_to_foundation))
-
-    def carried_by(self, joint: Joint) -> tuple[Joint, ...]:
-        """The linear joints further out than ``joint`` in its branch: their motion sets its lever arm."""
-        own = self.branch(joint.branch)
-        return own[own.index(joint) + 1 :]
+        return tuple(sorted((j for j in self.slides if j.branch == branch), key=self._from_foundation))
 
     def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
         """Lever arm from the joint's frame, which moves with it, to the ball its branch carries.
@@ -237,7 +238,8 @@ class Machine:
         """
         position = circle.position_mm(angle_rad)
         lever = self.end_mm(joint.branch, circle, angle_rad) - np.asarray(joint.frame_mm)
-        for other in self.carried_by(joint):
+        own = self.branch(joint.branch)
+        for other in own[own.index(joint) + 1 :]:
             lever[:, other.index] += other.sign * position[:, other.index]
         return lever
 
@@ -250,6 +252,124 @@ class Machine:
         return np.where(lacking, circle.position_mm(angle_rad), 0.0)
 
 
-def plane_of(rotation: str) -> str:
-    """The plane that a rotation turns: C → XY."""
-    return next(plane for plane, axes in PLANES.items() if axes.rotation == rotation)
+GeometricKind = Literal["gain", "straightness", "squareness", "offset"]
+ComplianceKind = Literal["direct", "cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment"]
+
+
+@dataclass(frozen=True)
+class ComplianceName:
+    """C_ijk of the paper: twist component i caused by wrench component j at joint k."""
+
+    twist: str
+    wrench: str
+    joint: str
+
+    @property
+    def label(self) -> str:
+        """The name as printed, for example ``C_CXY``."""
+        return f"C_{self.twist}{self.wrench}{self.joint}"
+
+    @property
+    def rotations(self) -> int:
+        """How many of twist and wrench are rotary (0, 1 or 2)."""
+        return (self.twist in ROTARY) + (self.wrench in ROTARY)
+
+    @property
+    def kind(self) -> ComplianceKind:
+        """What the parameter is physically; priors and units follow from it."""
+        if self.rotations == 2:
+            return "rotation_for_moment" if self.twist == self.wrench else "rotation_for_other_moment"
+        if self.rotations == 1:
+            return "rotation_for_force"
+        return "direct" if self.twist == self.wrench else "cross"
+
+    @property
+    def meaning(self) -> str:
+        """In words."""
+        about = dict(zip(ROTARY, LINEAR, strict=True))
+        moved = f"rotation about {about[self.twist]}" if self.twist in ROTARY else f"translation along {self.twist}"
+        load = f"moment about {about[self.wrench]}" if self.wrench in ROTARY else f"force along {self.wrench}"
+        return f"{moved} for a {load}, joint {self.joint}"
+
+    @property
+    def preference(self) -> tuple[bool, int, bool, bool, str]:
+        """Sort key within a proportional set, see `kept_compliances`."""
+        translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
+        turned = {axes.rotation: plane for plane, axes in PLANES.items()}
+        idle = self.twist in ROTARY and self.joint not in turned[self.twist]
+        return (translation_for_moment, self.rotations, self.joint != self.twist, idle, self.label)
+
+
+@dataclass(frozen=True)
+class GeometricName:
+    """A geometric error: component of the deviation, the axis it belongs to, and its order in the axis' coordinate.
+
+    Attributes
+    ----------
+    component : str
+        X, Y, Z of a translation, A, B, C of a rotation.
+    axis : str
+        X, Y, Z; ``t`` for the tool.
+    kind : {"gain", "straightness", "squareness", "offset"}
+    reference : str
+        Of a squareness: the axis it is measured against.
+    setup : int
+        Of a tool offset: its set-up, where there are several; else 0.
+    """
+
+    component: str
+    axis: str
+    kind: GeometricKind
+    reference: str = ""
+    setup: int = 0
+
+    @property
+    def label(self) -> str:
+        """The name in code: E_XX1, E_YX2, E_C0YX (ISO 230-1: E_C(0Y)X), E_Xt0, E_Xt0_2 in set-up 2."""
+        if self.kind == "squareness":
+            return f"E_{self.component}0{self.reference}{self.axis}"
+        return f"E_{self.component}{self.axis}{self.order}" + (f"_{self.setup}" if self.setup else "")
+
+    @property
+    def order(self) -> int:
+        """The power of the axis' coordinate that it goes with."""
+        return {"gain": 1, "straightness": 2}.get(self.kind, 0)
+
+    @property
+    def meaning(self) -> str:
+        """In words."""
+        return {
+            "gain": f"scale error of {self.axis}: positioning deviation in proportion to its coordinate",
+            "straightness": f"straightness deviation of {self.axis} in the direction of {self.component}, quadratic",
+            "squareness": f"squareness error of {self.axis} to {self.reference}",
+            "offset": f"offset of the tool ball along {self.component}" + (f", set-up {self.setup}" if self.setup else ""),
+        }[self.kind]
+
+
+def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
+    """Names of the columns of the planar wrench Jacobian, 18 for one plane: joint, then twist, then wrench component."""
+    planes = [PLANES[plane].components for plane in machine.planes]
+    return tuple(dict.fromkeys(ComplianceName(i, j, axis) for own in planes for axis in own[:2] for i in own for j in own))
+
+
+def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
+    """Names of all compliances of all joints with six degrees of freedom each, 36 a joint."""
+    six = LINEAR + ROTARY
+    return tuple(ComplianceName(i, j, joint.axis) for joint in machine.joints for i in six for j in six)
+
+
+def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
+    """The geometric errors in the paper's order: of each plane gains, quadratic straightness, squareness; then tool offsets."""
+    names: list[GeometricName] = []
+    for plane in machine.planes:
+        primary, secondary = machine.squared(plane)
+        a, b, rotation = PLANES[plane].components
+        names += [
+            GeometricName(a, a, "gain"),
+            GeometricName(b, a, "straightness"),
+            GeometricName(a, b, "straightness"),
+            GeometricName(b, b, "gain"),
+            GeometricName(rotation, secondary.axis, "squareness", primary.axis),
+        ]
+    offsets = [GeometricName(joint.axis, "t", "offset") for joint in machine.joints]
+    return tuple(dict.fromkeys([*names, *offsets]))

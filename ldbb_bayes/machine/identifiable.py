@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -13,11 +13,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import LINEAR, ROTARY, Circle, Machine
-from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian, wrench_jacobian
-from ldbb_bayes.machine.names import ComplianceName, geometric_names, joint_names, wrench_names
+from ldbb_bayes.machine.chain import LINEAR, ROTARY, Circle, ComplianceName, Machine, geometric_names, joint_names, wrench_names
+from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian, wrench_jacobian
 
-__all__ = ["Kept", "hybrid_jacobian", "kept_compliances", "pattern_of", "patterns"]
+__all__ = ["Kept", "hybrid_jacobian", "kept_compliances", "patterns"]
 
 Array = NDArray[Any]
 
@@ -25,6 +24,7 @@ _ANGLES = 64
 _PARALLEL = 1e-10
 _TINY = 1e-10
 _TINY_WEIGHT = 1e-7
+_NEW = 1e-8
 
 
 @dataclass(frozen=True)
@@ -171,70 +171,14 @@ def _table_order(name: ComplianceName, machine: Machine) -> tuple[int, int, int,
 
 
 def _independent(unit: Array, representatives: Sequence[int]) -> tuple[list[int], list[int]]:
-    """Keep representatives in order while each adds a new direction."""
+    """Representatives in order that each add a new direction, and the others."""
     chosen: list[int] = []
-    dropped: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
     for i in representatives:
-        rest = unit[:, i] - basis @ (basis.T @ unit[:, i])
-        if np.linalg.norm(rest) > 1e-8:
+        if np.linalg.norm(unit[:, i] - basis @ (basis.T @ unit[:, i])) > _NEW:
             chosen.append(i)
             basis = scipy.linalg.orth(unit[:, chosen])
-        else:
-            dropped.append(i)
-    return chosen, dropped
-
-
-_RADII = np.array([1.0, 2.0, 3.0, 4.0])
-_ANGLE = np.arange(24) * (2 * np.pi / 24)
-_POWERS = ("", "", "²", "³", "⁴")
-_NEGLIGIBLE = 1e-9
-
-
-def pattern_of(column: Callable[[float, Array], Array], base: int) -> str:
-    """The formula of a column, lengths in mm.
-
-    Parameters
-    ----------
-    column : callable
-        (R [mm], angles (n,) [rad]) → values (n,).
-    base : int
-        Degree in (c, s) of the part without R.
-    """
-    values = np.stack([column(float(radius), _ANGLE) for radius in _RADII])
-    by_power = np.linalg.solve(np.vander(_RADII, increasing=True), values)
-    largest = np.abs(values).max()
-    if largest < _NEGLIGIBLE:
-        return "0"
-    said = []
-    for power in range(len(_RADII) - 1, -1, -1):
-        degree = base + power
-        monomials = np.stack([np.cos(_ANGLE) ** (degree - k) * np.sin(_ANGLE) ** k for k in range(degree + 1)], axis=1)
-        if np.abs(by_power[power]).max() < _NEGLIGIBLE * largest:
-            continue
-        found = np.linalg.lstsq(monomials, by_power[power], rcond=None)[0]
-        for k, factor in enumerate(found):
-            if abs(factor) > _NEGLIGIBLE * largest:
-                said.append((float(factor), _length(power) + _factor("c", degree - k) + _factor("s", k)))
-    return _sum(said)
-
-
-def _length(power: int) -> str:
-    return f"R{_POWERS[power]} " if power else ""
-
-
-def _factor(letter: str, power: int) -> str:
-    return letter + _POWERS[power] if power else ""
-
-
-def _sum(terms: list[tuple[float, str]]) -> str:
-    """2.5 cs − R c²s."""
-    text = ""
-    for i, (factor, monomial) in enumerate(terms):
-        size = abs(round(factor, 9))
-        sign = ("−" if factor < 0 else "") if i == 0 else (" − " if factor < 0 else " + ")
-        text += sign + ("" if size == 1.0 else f"{size:g} ") + monomial
-    return text
+    return chosen, [i for i in representatives if i not in chosen]
 
 
 def hybrid_jacobian(

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
-from ldbb_bayes.machine.names import ComplianceName, GeometricName, geometric_names
+from ldbb_bayes.machine.chain import ComplianceName, GeometricName, geometric_names
+from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
 
 __all__ = [
     "MAX_ORDER",

@@ -17,9 +17,9 @@ from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.machine.chain import ComplianceName, GeometricName
 from ldbb_bayes.machine.forward import geometric_reading_mm
 from ldbb_bayes.machine.identifiable import kept_compliances
-from ldbb_bayes.machine.names import ComplianceName, GeometricName
 from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import erfc, erfcinv
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.names import ComplianceName, GeometricKind, GeometricName
+from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import Hyper, Scale
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ldbb_bayes as lb
+from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
-from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
 
 ANGLE = np.linspace(0.1, 6.0, 37)
 

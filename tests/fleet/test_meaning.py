@@ -11,8 +11,8 @@ from campaigns import plan
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.fleet.population_prior import same_meaning, stands_for
-from ldbb_bayes.machine.jacobian import compliance_jacobian
-from ldbb_bayes.machine.names import ComplianceName
+from ldbb_bayes.machine.chain import ComplianceName
+from ldbb_bayes.machine.forward import compliance_jacobian
 
 FRAMES = {"X": (10.0, 300.0, -200.0), "Y": (-50.0, 20.0, 400.0)}
 

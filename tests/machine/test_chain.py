@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import PLANES, Circle, Machine
-from ldbb_bayes.machine.names import geometric_names
+from ldbb_bayes.machine.chain import PLANES, Circle, Machine, geometric_names
 
 ANGLE = np.array([0.3, 2.0, 4.5])
 
@@ -16,7 +15,7 @@ def test_the_papers_machine() -> None:
     machine = Machine()
     x, y = machine.joints
     assert (x.axis, x.branch, y.axis, y.branch) == ("X", "tool", "Y", "tool")
-    assert (machine.primary("XY"), machine.secondary("XY")) == (y, x)
+    assert machine.squared("XY") == (y, x)
     assert _labels(machine) == ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
     position = Circle().position_mm(ANGLE)
     np.testing.assert_array_equal(machine.lever_mm(x, Circle(), ANGLE), np.zeros((3, 3)))
@@ -28,7 +27,7 @@ def test_lever_arm_in_the_workpiece_branch() -> None:
     machine, circle = Machine("wXYFZt"), Circle(100.0, (10.0, 20.0, 30.0))
     x, y = machine.joints
     position = circle.position_mm(ANGLE)
-    assert (x.branch, y.branch, machine.primary("XY")) == ("workpiece", "workpiece", y)
+    assert (x.branch, y.branch, machine.squared("XY")[0]) == ("workpiece", "workpiece", y)
     expected = np.column_stack([10.0 - position[:, 0], np.full(3, 20.0), np.full(3, 30.0)])
     np.testing.assert_allclose(machine.lever_mm(y, circle, ANGLE), expected)
     np.testing.assert_allclose(machine.lever_mm(x, circle, ANGLE), [[10.0, 20.0, 30.0]] * 3)
@@ -53,7 +52,7 @@ def test_planes_are_right_handed() -> None:
     assert _labels(Machine("wFXYZt", "ZX"))[:4] == ["E_ZZ1", "E_XZ2", "E_ZX2", "E_XX1"]
     for plane, axes in PLANES.items():
         first, second = np.eye(3)[list(axes.pair)]
-        np.testing.assert_array_equal(np.cross(first, second), np.eye(3)[axes.normal])
+        np.testing.assert_array_equal(np.cross(first, second), np.eye(3)["ABC".index(axes.rotation)])
         assert plane == axes.first + axes.second
 
 

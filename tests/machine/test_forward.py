@@ -7,11 +7,15 @@ import pandas as pd
 import pytest
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.machine.forward import exact_reading_mm, geometric_reading_mm
+from ldbb_bayes.machine.chain import Circle, Machine, geometric_names, joint_names, wrench_names
+from ldbb_bayes.machine.forward import (
+    compliance_jacobian,
+    exact_reading_mm,
+    geometric_jacobian,
+    geometric_reading_mm,
+    wrench_jacobian,
+)
 from ldbb_bayes.machine.identifiable import kept_compliances
-from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian, wrench_jacobian
-from ldbb_bayes.machine.names import geometric_names, joint_names, wrench_names
 
 ANGLE = np.deg2rad(np.arange(0.0, 361.0, 30.0))
 FORCES_N = [0.0, 36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0]

@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.chain import Circle, Machine, geometric_names, joint_names, wrench_names
+from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian, wrench_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
-from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian, wrench_jacobian
-from ldbb_bayes.machine.names import geometric_names, joint_names, wrench_names
 
 ANGLE = np.linspace(-1.0, 8.0, 77)
 C, S, R = np.cos(ANGLE), np.sin(ANGLE), 150.0

@@ -11,9 +11,8 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import Degeneracy, StandingKind, cures, degeneracies, standing_degeneracies
-from ldbb_bayes.machine.forward import geometric_reading_mm
-from ldbb_bayes.machine.jacobian import wrench_jacobian
-from ldbb_bayes.machine.names import wrench_names
+from ldbb_bayes.machine.chain import wrench_names
+from ldbb_bayes.machine.forward import geometric_reading_mm, wrench_jacobian
 from ldbb_bayes.report.wording import alias_sentences, cure_words, standing_words, statement
 
 

@@ -10,7 +10,7 @@ from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.machine.jacobian import wrench_jacobian
+from ldbb_bayes.machine.forward import wrench_jacobian
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel
 

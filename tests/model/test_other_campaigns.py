@@ -12,8 +12,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.inference.posterior import bound_of, record_of
-from ldbb_bayes.machine.jacobian import compliance_jacobian, geometric_jacobian
-from ldbb_bayes.machine.names import geometric_names
+from ldbb_bayes.machine.chain import geometric_names
+from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml
 from ldbb_bayes.model.terms import Columns, Drift

@@ -30,10 +30,9 @@ from ldbb_bayes.inference.predictive import (
     residuals_mm,
     shared_coefficients,
 )
-from ldbb_bayes.machine.chain import PLANES, Circle, Machine
+from ldbb_bayes.machine.chain import PLANES, Circle, Machine, geometric_names, wrench_names
+from ldbb_bayes.machine.forward import geometric_jacobian, wrench_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
-from ldbb_bayes.machine.jacobian import geometric_jacobian, wrench_jacobian
-from ldbb_bayes.machine.names import geometric_names, wrench_names
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, basis
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures.style import (
