@@ -115,10 +115,11 @@ def belonging(
         raise InputError(f"replicates must be at least 1, got {replicates}. Leave it out for the default.")
     if len(campaign.tests) < 2:
         raise InputError("a campaign must have at least two tests to compare them, got one. Add tests.")
+    size = _circles(len(campaign.tests), replicates)
     evidences = Evidences(campaign, tolerance=tolerance)
     weighed = {name: evidences.of(model) for name, model in models.items()}
     left = {name: leave_one_out(nodes, tolerance=tolerance) for name, nodes in weighed.items()}
-    judged = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=replicates)
+    judged = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=size)
     rows = {
         test.name: {
             "force_N": test.force_N,
@@ -141,12 +142,7 @@ def outliers(
     """Return every test against the others, from the nodes of all tests by model, and of all but one by model and test."""
     rng = np.random.default_rng(seed)
     names = next(iter(models.values())).bound.test_names
-    size = replicates or max(_REPLICATES, _EACH * len(names))
-    if (_MORE * size + 1) * FALSE_ALARMS <= len(names):
-        least = int(len(names) / (FALSE_ALARMS * _MORE)) + 1
-        raise InputError(
-            f"replicates must be at least {least} to judge {len(names)} tests, got {size}. Leave them out for the default."
-        )
+    size = _circles(len(names), replicates)
     flagged: dict[str, Outlier] = {}
     reached = 0.0
     while True:
@@ -161,6 +157,17 @@ def outliers(
     adjusted = np.maximum(holm(np.array([own.p_value for own in rest.values()])), reached)
     rest = {name: replace(own, family_wise_p_value=float(p)) for (name, own), p in zip(rest.items(), adjusted, strict=True)}
     return {name: (flagged | rest)[name] for name in names}
+
+
+def _circles(tests: int, replicates: int | None) -> int:
+    """How many to draw in the place of each test."""
+    size = replicates or max(_REPLICATES, _EACH * tests)
+    if (_MORE * size + 1) * FALSE_ALARMS <= tests:
+        least = int(tests / (FALSE_ALARMS * _MORE)) + 1
+        raise InputError(
+            f"replicates must be at least {least} to judge {tests} tests, got {size}. Leave them out for the default."
+        )
+    return size
 
 
 def dropped(nodes: Nodes, left: Mapping[str, Nodes]) -> dict[str, dict[str, Dropped]]:

@@ -11,7 +11,6 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS, _compared
-from ldbb_bayes.errors import InputError
 
 CONSTANT = lb.HybridModel.default(0).without("truncation")
 MODELS = {"constant": CONSTANT, "linear": CONSTANT.with_degree(1)}
@@ -88,13 +87,3 @@ def test_the_worst_order_is_the_farthest_of_those_beyond_all_replicates(rng: np.
     seen = _compared(observed, replicates)
     assert seen.order_p_values[2] == seen.order_p_values[5] == pytest.approx(1.0 / 2001.0)
     assert seen.worst_order == 5
-
-
-def test_too_few_replicates_to_flag_anything_are_refused() -> None:
-    with pytest.raises(InputError, match="replicates must be at least 126 to judge 5 tests, got 100"):
-        lb.belonging({"constant": CONSTANT}, campaign(1), replicates=100)
-
-
-def test_one_test_is_refused() -> None:
-    with pytest.raises(InputError, match="at least two tests"):
-        lb.belonging({"constant": CONSTANT}, campaign(1).select(["f400"]))

@@ -192,25 +192,26 @@ class Work:
 
     def cleaned(self, value: Any) -> Any:
         """Plain and condensed: what depends on the answer."""
-        return condensed(self._plain(value))
+        return condensed(self.plain(value))
 
-    def _plain(self, value: Any) -> Any:
+    def plain(self, value: Any) -> Any:
+        """What depends on the answer, as JSON has it."""
         if isinstance(value, Mapping):
-            return {str(key): self._plain(own) for key, own in value.items() if key not in LEFT_OUT and not _is_code(str(key))}
+            return {str(key): self.plain(own) for key, own in value.items() if key not in LEFT_OUT and not _is_code(str(key))}
         if isinstance(value, (list, tuple)):
-            return [self._plain(own) for own in value]
+            return [self.plain(own) for own in value]
         if isinstance(value, np.ndarray):
-            return self._plain(value.tolist())
+            return self.plain(value.tolist())
         if isinstance(value, (pd.DataFrame, pd.Series)):
             frame = value.to_frame() if isinstance(value, pd.Series) else value
             rows = frame.to_dict(orient="split")
             cells = [dict(zip(map(str, rows["columns"]), row, strict=True)) for row in rows["data"]]
             names = ["/".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in rows["index"]]
-            return self._plain([{"row": name} | row for name, row in zip(names, cells, strict=True)])
+            return self.plain([{"row": name} | row for name, row in zip(names, cells, strict=True)])
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            return self._plain({own.name: getattr(value, own.name) for own in dataclasses.fields(value)})
+            return self.plain({own.name: getattr(value, own.name) for own in dataclasses.fields(value)})
         if isinstance(value, np.generic):
-            return self._plain(value.item())
+            return self.plain(value.item())
         if isinstance(value, str):
             return "\n".join(self.text(value))
         if value is None or isinstance(value, (bool, int, float)):
@@ -541,7 +542,8 @@ def _compare_small(work: Work) -> Any:
 
 @golden("compare_recovered", slow=True, drawn=True, relative=FOUND)
 def _compare_recovered(work: Work) -> Any:
-    return _comparison(work, work.compared)
+    """comparison.json whole: the tests of pages and figures read it from here (fixture ``compared``)."""
+    return work.plain(json.loads((work.compared / "comparison.json").read_text(encoding="utf-8")))
 
 
 def _comparison(work: Work, out: Path) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +22,14 @@ def columns(test: lb.CircularTest, degree: int, reference_force_N: float) -> np.
     return np.column_stack([*powers, *geometry])
 
 
-@pytest.mark.parametrize(("degree", "reference"), [(0, 0.0), (1, 0.0), (1, 300.0), (2, 300.0)])
-def test_against_plain_matrices(degree: int, reference: float) -> None:
+@pytest.mark.parametrize(
+    ("degree", "reference", "fixed"), [(0, 0.0, False), (1, 0.0, True), (1, 300.0, False), (2, 300.0, False)]
+)
+def test_against_plain_matrices(degree: int, reference: float, fixed: bool) -> None:
     campaign = simulated(plan((90, 60, 80, 70), forces_N=(36.0, 200.0, 500.0, 742.0)), seed=2)
-    found = lb.least_squares(campaign, degree, reference_force_N=reference)
+    found = lb.least_squares(campaign, degree, reference_force_N=reference, fixed=fixed)
     jacobian = np.vstack([columns(test, degree, reference) for test in campaign.tests])
+    jacobian = np.delete(jacobian, [5] if fixed else [], axis=1)
     reading = np.concatenate([test.readings_mm() for test in campaign.tests])
     scale = np.linalg.norm(jacobian, axis=0)
     estimate, (square,), *_ = np.linalg.lstsq(jacobian / scale, reading, rcond=None)
@@ -57,16 +61,13 @@ def test_the_papers_numbers(recovered: lb.Campaign, root: Path) -> None:
 
 def test_uncompensated_mount_is_subtracted(recovered: lb.Campaign) -> None:
     """Eq. 32: readings with the mount's deflection left in give the same estimates."""
-    from dataclasses import replace
-
     raw = [test.with_reading_um(np.asarray(test.reading_um) + 2.33 * float(test.pressure_bar or 0.0)) for test in recovered.tests]
     mount = replace(recovered.mount, compensated=False)
     found = lb.least_squares(replace(recovered, tests=tuple(raw), mount=mount))
     np.testing.assert_allclose(found.table["estimate"], lb.least_squares(recovered).table["estimate"], rtol=1e-8)
 
 
-def test_fixed_parameters_and_what_is_not_determined(recovered: lb.Campaign) -> None:
-    assert "C_CCY" not in lb.least_squares(recovered, fixed=("C_CCY",)).estimate
+def test_what_is_not_determined() -> None:
     angle = 60.0 * np.arange(9)  # six places on the circle: rank 12
     few = lb.Campaign(tuple(lb.CircularTest(force, angle, np.cos(np.arange(9.0))) for force in (100.0, 400.0)))
     assert lb.least_squares(few).table[["estimate", "u"]].isna().all(axis=None)
@@ -77,7 +78,7 @@ def test_refused(recovered: lb.Campaign, wrong: str) -> None:
     campaign, degree, message = {
         "plan": (recovered.plan(), 0, "got a plan"),
         "one force": (recovered.select(["f036"]), 0, "two force levels"),
-        "too few forces": (recovered.select(["f036", "f742"]), 1, "at least 3 force levels"),
+        "too few forces": (recovered.select(["f036", "f742"]), 1, "at least (3|three) force levels"),
     }[wrong]
     with pytest.raises(lb.InputError, match=message):
         lb.least_squares(campaign, degree)
