@@ -1,4 +1,4 @@
-"""A report's numbers as tables for files."""
+"""The report as one page: sections composed, written as HTML, its numbers beside it as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +17,128 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES
 from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.design.design import Design
 from ldbb_bayes.analysis.differences import differences
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of, result_json
+from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of, result_json
+from ldbb_bayes.report import figures, wording
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find, sizes_of
-from ldbb_bayes.report.sections import Beside, Document, compose
-from ldbb_bayes.report.wording import verdict_words, with_words
+from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
 from ldbb_bayes.table import json_text
 from ldbb_bayes.units import display_unit, typeset, units_for
 
-__all__ = ["REPORT_FILES", "html_page", "tables", "write_report"]
+__all__ = ["REPORT_FILES", "Document", "compose", "html_page", "tables", "write_report"]
+
+
+@dataclass(frozen=True)
+class Document:
+    """A whole report.
+
+    Attributes
+    ----------
+    title : str
+    lines : tuple of str
+        What it is of, under the title.
+    alerts : tuple of str
+        What a reader must know before any number.
+    sections : tuple of Section
+    further : mapping of name to callable
+        Draws a figure that is not on the page.
+    """
+
+    title: str
+    lines: tuple[str, ...]
+    alerts: tuple[str, ...]
+    sections: tuple[Section, ...]
+    further: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
+
+    @property
+    def pictures(self) -> Iterator[Picture]:
+        """All figures in order."""
+        return (part for section in self.sections for part in section.parts if isinstance(part, Picture))
+
+
+def compose(
+    found: Findings,
+    others: Sequence[Beside] = (),
+    *,
+    same_instrument: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Document:
+    """Return all sections in order.
+
+    Parameters
+    ----------
+    others : sequence of Beside
+        Campaigns to set beside this one.
+    progress : callable, optional
+        Called with the sections done and their number.
+    """
+    report = progress or (lambda done, total: None)
+    report(0, len(SECTIONS))
+    made = {}
+    # The comparison may still be at work elsewhere: what shows it comes last, and figures are drawn as they come.
+    for k, key in enumerate(sorted(SECTIONS, key=lambda key: key in ("summary", "degree"))):
+        title, write = SECTIONS[key]
+        made[key] = Section(key, title, tuple(write(found)))
+        for part in made[key].parts:
+            if isinstance(part, Picture):
+                _ = part.svg
+        report(k + 1, len(SECTIONS))
+    sections = [made[key] for key in SECTIONS]
+    result, seen = found.result, found.seen
+    name = title = str(result["campaign"]["name"])
+    if others:
+        parts = tuple(beside(result, others, same_instrument=same_instrument, ci_prob=found.ci_prob))
+        sections.insert(1, Section("beside", "Campaigns side by side", parts))
+        title = f"{name}, beside {wording.joined([other.name for other in others])}"
+    forces = [test.force_N for test in seen.tests]
+    started, version = result["provenance"]["started"][:10], result["provenance"]["versions"]["ldbb-bayes"]
+    lines = (
+        f"Machine {seen.topology}, plane {seen.plane}. {len(seen.tests)} circular tests at {min(forces):g} to {max(forces):g} N.",
+        f"Fitted {started} with ldbb_bayes {version}.",
+    )
+    alerts = list(wording.alert_sentences(fit_of(found.posterior), result))
+    for other in others:
+        converged, conflict = other.result["sampler"]["converged"], other.differences.attrs.get("conflict")
+        alerts += wording.difference_doubts(name, other.name, converged, conflict)
+    return Document(f"Loaded double ball bar: {title}", lines, tuple(alerts), tuple(sections), _further(found))
+
+
+def _further(found: Findings) -> dict[str, Callable[[], Figure]]:
+    """The analyses' other figures."""
+    own, compared, chosen = found.identifiability, found.comparison, found.design
+    drawn: dict[str, Callable[[], Figure]] = {
+        "corner": partial(figures.corner, found.posterior),
+        "prior_and_posterior": partial(figures.prior_and_posterior, own),
+        "nuisance_costs": partial(figures.nuisance_costs, own),
+        "alias": partial(figures.alias_map, own),
+        "correlation": partial(figures.correlation_map, own),
+    }
+    if isinstance(compared, Comparison) and compared.tests:
+        drawn["predictive_p_values"] = partial(figures.predictive_p_values, compared)
+    if isinstance(compared, Comparison) and not compared.local_fits.empty:
+        drawn["geometry_with_local_fits"] = partial(figures.geometry_with_local_fits, compared)
+    if isinstance(chosen, Design) and not chosen.sensitivity.empty:
+        drawn["expected_widths"] = partial(figures.expected_widths, chosen)
+        drawn["efficiency"] = partial(figures.efficiency, chosen)
+    return drawn
+
+
+def html_page(document: Document) -> str:
+    """Return the page: no script, no request, figures as inline SVG, all text escaped, a policy against loading anything."""
+    loader = jinja2.PackageLoader("ldbb_bayes.report")
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    environment.filters |= {"typeset": typeset, "kind": lambda part: type(part).__name__}
+    style = Markup(loader.get_source(environment, "report.css")[0])
+    return environment.get_template("report.html.j2").render(document=document, style=style)
+
+
+# ---- its numbers
 
 
 def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
@@ -50,8 +160,8 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
     if len(pairs):
         every["measured_pairs"] = _with_units(pairs).rename_axis("tests")
     if others:
-        joined = pd.concat({other.name: other.differences for other in others}, names=["campaign", "parameter"])
-        every["differences"] = joined.reset_index().set_index("campaign")
+        side_by_side = pd.concat({other.name: other.differences for other in others}, names=["campaign", "parameter"])
+        every["differences"] = side_by_side.reset_index().set_index("campaign")
     return every
 
 
@@ -59,7 +169,8 @@ def _results(found: Findings) -> pd.DataFrame:
     """One row per parameter, with its verdict."""
     table = found.summary.copy()
     table["U_k2"] = 2.0 * table["sd"]
-    table["verdict"] = [verdict_words(found.verdicts[name]) if name in found.verdicts else "" for name in table.index]
+    verdicts = found.verdicts
+    table["verdict"] = [wording.verdict_words(verdicts[name]) if name in verdicts else "" for name in table.index]
     factors, labels = zip(*map(display_unit, table["unit"]), strict=True)
     return table.assign(reading_unit=labels, reading_factor=factors)
 
@@ -81,15 +192,6 @@ def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
     named = {name: f"{name}{units[unit]}" for name, unit in (QUANTITIES | BIDIRECTIONAL).items()}
     sizes = ("maximum", "minimum", "peak_to_peak", "median", "sd", "ci_low", "ci_high")
     return frame.rename(columns=named | {name: f"{name}_um" for name in sizes})
-
-
-def html_page(document: Document) -> str:
-    """Return the page: no script, no request, figures as inline SVG, all text escaped, a policy against loading anything."""
-    loader = jinja2.PackageLoader("ldbb_bayes.report")
-    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.filters |= {"typeset": typeset, "kind": lambda part: type(part).__name__}
-    style = Markup(loader.get_source(environment, "report.css")[0])
-    return environment.get_template("report.html.j2").render(document=document, style=style)
 
 
 _ONLY_SOMETIMES = {"tables/differences.csv", "tables/measured_pairs.csv"}
@@ -141,7 +243,6 @@ def write_report(
     InputError
         For a comparison of other readings, results of other machines, or a folder that cannot be written.
     """
-    others = beside_it or {}
     with units_for(sizes_of(posterior)), _place(Path(folder)) as place:
         apart = tuple(
             Beside(
@@ -149,7 +250,7 @@ def write_report(
                 result_json(other, ci_prob=ci_prob),
                 differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob),
             )
-            for name, other in others.items()
+            for name, other in (beside_it or {}).items()
         )
         found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended)
         document = compose(found, apart, same_instrument=same_instrument, progress=progress)
@@ -187,7 +288,6 @@ def _place(folder: Path) -> Iterator[dict[str, str]]:
 
 def _record(found: Findings, document: Document, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
     """One JSON of all tables, with what they are of."""
-    compared = found.comparison
     return {
         "schema": 1,
         "campaign": found.result["campaign"],
@@ -195,10 +295,10 @@ def _record(found: Findings, document: Document, frames: Mapping[str, pd.DataFra
         "alerts": list(document.alerts),
         "provenance": record_of(found.posterior)["provenance"],
         "tables": {name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()},
-        "comparison": with_words(compared) if isinstance(compared, Comparison) else {"missing": compared},
-        "design": _design(found.design),
+        "comparison": _in_words(found.comparison),
+        "design": _in_words(found.design),
     }
 
 
-def _design(chosen: Recommended) -> dict[str, Any]:
-    return {"missing": chosen} if isinstance(chosen, str) else with_words(chosen)
+def _in_words(result: Comparison | Design | str) -> dict[str, Any]:
+    return {"missing": result} if isinstance(result, str) else wording.with_words(result)

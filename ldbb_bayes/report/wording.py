@@ -1,4 +1,4 @@
-"""Every sentence about findings: small functions that take findings and return what is read of them.
+"""Every sentence about findings: templates, and small functions that choose among them and fill them with numbers.
 
 Nothing decides by reading a sentence: what is decided stands in the findings. Where a list is named, `joined` joins it.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import singledispatch
+from functools import cache, singledispatch
 from typing import Any
 
 import numpy as np
@@ -33,96 +33,39 @@ from ldbb_bayes.units import (
     is_direct,
     plus_minus,
     ranked,
-    round_uncertainty,
     stiffness,
     units_for,
     value_and_uncertainty,
 )
 
-_IN_FORCE = ("constant", "linear in force", "quadratic in force")
-_DEGREES = ("constant", "linear", "quadratic")
-_FEW = 3
-# Ratios of expected sds that differ by less are drawn alike.
+DEGREES = ("constant", "linear", "quadratic")
+IN_FORCE = ("constant", "linear in force", "quadratic in force")
+# Ratios of expected sds that differ by less count as equal.
 _ALIKE = 2e-3
-_CONTRADICTED = -13.815510557964274  # ln 1e-6
 
 
 @singledispatch
 def with_words(result: Any) -> dict[str, Any]:
     """Return a result's JSON, its sentences added."""
-    found: dict[str, Any] = result.as_dict()
-    return found
-
-
-# ---- terms and aliases
-
-_COMPANY = 3
-_SMALL = 0.01
-
-
-def unit_words(name: str) -> tuple[float, str]:
-    """Inside value of one unit that a nuisance coefficient is read in, and its label."""
-    return Term.owner(name).unit_of(name)[1:]
-
-
-def company_words(lead: str, amount: float, name: str, change: float) -> str:
-    """0.5 times as much mount deflection; of another unit, how much."""
-    (_, unit), (own, other) = unit_words(lead), unit_words(name)
-    if unit != other:
-        return f"{signed(change / own)} {other} of {nuisance_words(name)}"
-    ratio = change / amount
-    much = {1.0: "as much", -1.0: "minus as much"}.get(round(ratio, 6), f"{signed(ratio)} times as much")
-    return f"{much} {nuisance_words(name)}"
-
-
-def term_words(term: str) -> str:
-    """BallForm → ball form, SetupShift → set-up shift; a parameter's name stays."""
-    spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
-    return Term.kinds[term].words if term in Term.kinds else display_name(term) if "_" in term else spaced
-
-
-def pattern(name: str) -> str:
-    """form_cos2 →  in cos 2θ; empty where the term has a single column."""
-    return Term.owner(name).pattern(name)
-
-
-def nuisance_words(name: str) -> str:
-    """form_cos2 → 2-lobe form (cos 2θ)."""
-    return Term.owner(name).describe(name)
-
-
-def amount_words(name: str, amount: float) -> str:
-    """1.00 µm of bar length; 1 % of force gain."""
-    one, unit = unit_words(name)
-    return f"{f'{amount / one:g}' if unit == '%' else three(amount / one)} {unit} of {nuisance_words(name)}"
-
-
-def change_words(name: str, change: float, unit: str) -> str:
-    """+6.67 µm/m of E_XX1."""
-    factor, label = display_unit(unit)
-    value = abs(change) * factor
-    if value < _SMALL and label.startswith("µ"):
-        value, label = value * 1e3, "n" + label[1:]
-    return f"{'+' if change > 0 else '−'}{three(value)} {label} of {display_name(name)}"
-
-
-def signed(ratio: float) -> str:
-    """Two significant digits."""
-    return f"{ratio:.2g}".replace("-", "−")
-
-
-def three(value: float) -> str:
-    """Three significant digits without an exponent."""
-    if value == 0.0 or not np.isfinite(value):
-        return f"{value:g}"
-    decimals = max(2 - int(np.floor(np.log10(abs(float(f"{value:.2e}"))))), 0)
-    return f"{value:.{decimals}f}" if decimals <= 6 else f"{value:.2e}"
+    record: dict[str, Any] = result.as_dict()
+    return record
 
 
 def joined(parts: Sequence[str], word: str = "and") -> str:
     """a, b and c."""
     return f" {word} ".join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
 
+
+def _shown(names: Sequence[str]) -> str:
+    """Parameters as the paper prints them."""
+    return joined([display_name(name) for name in names])
+
+
+def _lowered(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+# ---- terms and aliases
 
 _CURES = {
     Cure.FORCES: "other force levels",
@@ -134,41 +77,89 @@ _CURES = {
     Cure.REVERSE_ORDER: "the same tests once more in reverse order",
     Cure.FULL_CIRCLES: "full circles of more readings",
 }
+_STANDING = {
+    StandingKind.FRICTION: "Friction in the bar or lost motion in proportion to force looks exactly like {names} in these "
+    "directions. Run both directions at the same forces.",
+    StandingKind.CURVATURE: "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of "
+    "{names}.",
+    StandingKind.LOBES: "{names} and the 4-lobe form of the balls are told apart by force alone.",
+    StandingKind.DRIFT: "The tests record {over}, the model has no drift over it: what changes steadily counts as set-up shift, "
+    "and as compliance where the forces were run in order. Ask for it (--drift {over}).",
+}
+
+
+def unit_words(name: str) -> tuple[float, str]:
+    """Inside value of one unit that a nuisance coefficient is read in, and its label."""
+    return Term.owner(name).unit_of(name)[1:]
+
+
+def nuisance_words(name: str) -> str:
+    """form_cos2 → 2-lobe form (cos 2θ)."""
+    return Term.owner(name).describe(name)
+
+
+def term_words(term: str) -> str:
+    """BallForm → ball form, SetupShift → set-up shift; a parameter's name stays."""
+    spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
+    return Term.kinds[term].words if term in Term.kinds else display_name(term) if "_" in term else spaced
+
+
+def source_words(term: str) -> str:
+    """Return what a term of a budget is called."""
+    return "prior of the parameters" if term == OWN else term_words(term)
+
+
+def _three(value: float) -> str:
+    """Three significant digits without an exponent."""
+    if value == 0.0 or not np.isfinite(value):
+        return f"{value:g}"
+    decimals = max(2 - int(np.floor(np.log10(abs(float(f"{value:.2e}"))))), 0)
+    return f"{value:.{decimals}f}" if decimals <= 6 else f"{value:.2e}"
+
+
+def _change(name: str, change: float, unit: str) -> str:
+    """+6.67 µm/m of E_XX1."""
+    factor, label = display_unit(unit)
+    value = abs(change) * factor
+    if value < 0.01 and label.startswith("µ"):
+        value, label = value * 1e3, "n" + label[1:]
+    return f"{'+' if change > 0 else '−'}{_three(value)} {label} of {display_name(name)}"
+
+
+def _company(lead: str, amount: float, name: str, change: float) -> str:
+    """0.5 times as much mount deflection; of another unit, how much."""
+    (_, unit), (own, other) = unit_words(lead), unit_words(name)
+    ratio = change / own if unit != other else change / amount
+    digits = f"{ratio:.2g}".replace("-", "−")
+    if unit != other:
+        return f"{digits} {other} of {nuisance_words(name)}"
+    much = {1.0: "as much", -1.0: "minus as much"}.get(round(ratio, 6), f"{digits} times as much")
+    return f"{much} {nuisance_words(name)}"
 
 
 def statement(found: Degeneracy) -> str:
     """Return a degeneracy with its exchange rate: what looks like what, and how much of it."""
-    changes = {name: found.combination[name] for name in found.parameters}
-    if found.term:
-        subject = amount_words(found.nuisances[0], found.combination[found.nuisances[0]]) + _company(found)
-        looks = joined([change_words(name, -change, found.units[name]) for name, change in changes.items()])
-        verb, said = "looks exactly like", looks + _difference(found, {name: -change for name, change in changes.items()})
-    else:
-        subject = joined([change_words(name, change, found.units[name]) for name, change in changes.items()])
-        subject += f" in company with {len(found.nuisances)} nuisances" if found.nuisances else ""
-        verb, said = "together change", "no reading"
     left_out = "" if found.modelled else "; the model leaves it out, and the intervals do not cover it"
-    return f"{subject} {verb} {said}{left_out}."
-
-
-def _company(found: Degeneracy) -> str:
-    """The other nuisances in it."""
+    combined, units = found.combination, found.units
+    if not found.term:
+        subject = joined([_change(name, combined[name], units[name]) for name in found.parameters])
+        company = f" in company with {len(found.nuisances)} nuisances" if found.nuisances else ""
+        return f"{subject}{company} together change no reading{left_out}."
     lead, *others = found.nuisances
-    if len(others) > _COMPANY:
-        return f" in company with {len(others)} other nuisances"
-    amounts = [company_words(lead, found.combination[lead], name, found.combination[name]) for name in others]
-    return f" with {joined(amounts)}" if amounts else ""
-
-
-def _difference(found: Degeneracy, changes: Mapping[str, float]) -> str:
-    """Of two that go opposite ways by as much: their difference."""
-    if len(changes) != 2:
-        return ""
-    (first, a), (second, b) = changes.items()
-    if found.units[first] != found.units[second] or not abs(a + b) < 1e-6 * abs(a):
-        return ""
-    factor, unit = display_unit(found.units[first])
-    return f" ({three(abs(a - b) * factor)} {unit} of {display_name(first)} − {display_name(second)})"
+    amount, (one, unit) = combined[lead], unit_words(lead)
+    subject = f"{f'{amount / one:g}' if unit == '%' else _three(amount / one)} {unit} of {nuisance_words(lead)}"
+    if len(others) > 3:
+        subject += f" in company with {len(others)} other nuisances"
+    elif others:
+        subject += f" with {joined([_company(lead, amount, name, combined[name]) for name in others])}"
+    looks = joined([_change(name, -combined[name], units[name]) for name in found.parameters])
+    if len(found.parameters) == 2:
+        (first, second), (a, b) = found.parameters, (-combined[name] for name in found.parameters)
+        # Two that go opposite ways by as much: their difference.
+        if units[first] == units[second] and abs(a + b) < 1e-6 * abs(a):
+            factor, label = display_unit(units[first])
+            looks += f" ({_three(abs(a - b) * factor)} {label} of {display_name(first)} − {display_name(second)})"
+    return f"{subject} looks exactly like {looks}{left_out}."
 
 
 def cure_words(found: Degeneracy, cures: Sequence[Cure]) -> str:
@@ -183,50 +174,49 @@ def alias_sentences(found: Sequence[Degeneracy]) -> tuple[str, ...]:
     by_term: dict[str, list[Degeneracy]] = {}
     for degeneracy in found:
         by_term.setdefault(degeneracy.term, []).append(degeneracy)
-    said = []
+    sentences = []
     for term, members in by_term.items():
         if not term:
-            alone = (joined([display_name(name) for name in member.parameters]) for member in members)
-            said += [f"{together} cannot be told apart by these readings." for together in alone]
+            sentences += [f"{_shown(member.parameters)} cannot be told apart by these readings." for member in members]
             continue
         alike: dict[tuple[str, ...], list[str]] = {}
         for member in members:
-            alike.setdefault(member.parameters, []).append(pattern(member.nuisances[0]))
-        parts = [f"like {joined([display_name(n) for n in names])}{', '.join(p)}" for names, p in alike.items()]
+            name = member.nuisances[0]
+            alike.setdefault(member.parameters, []).append(Term.owner(name).pattern(name).strip())
+        looks = "; ".join(f"like {_shown(names)} {', '.join(patterns)}".strip() for names, patterns in alike.items())
         left_out = "" if members[0].modelled else " The model leaves it out: the intervals do not cover it."
         remedy = Term.kinds.get(term, Term).remedy
-        said.append(
-            f"{term_words(term).capitalize()} looks exactly {'; '.join(parts)}: these readings cannot tell them apart."
-            f"{left_out} {remedy}"
-        )
-    return tuple(said)
+        words = term_words(term).capitalize()
+        sentences.append(f"{words} looks exactly {looks}: these readings cannot tell them apart.{left_out} {remedy}")
+    return tuple(sentences)
 
 
 def standing_words(found: Standing) -> str:
     """Return what holds whatever is measured."""
-    names = joined([display_name(name) for name in found.parameters])
-    return {
-        StandingKind.FRICTION: f"Friction in the bar or lost motion in proportion to force looks exactly like {names} "
-        "in these directions. Run both directions at the same forces.",
-        StandingKind.CURVATURE: "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of "
-        f"{names}.",
-        StandingKind.LOBES: f"{names} and the 4-lobe form of the balls are told apart by force alone.",
-        StandingKind.DRIFT: f"The tests record {found.over}, the model has no drift over it: what changes steadily counts as "
-        f"set-up shift, and as compliance where the forces were run in order. Ask for it (--drift {found.over}).",
-    }[found.kind]
+    return _STANDING[found.kind].format(names=_shown(found.parameters), over=found.over)
 
 
 # ---- fit
 
+_FEW = 3
+_CONTRADICTED = -13.815510557964274  # ln 1e-6
+_CONCERNS = {
+    "not-converged": "Not converged: ESS ≥ {limit:g} and R-hat ≤ {rhat:g} was not reached in {value:.0f} steps. Do not use the "
+    "numbers; {cure}.",
+    "truncation": "The readings {verb} non-negative compliance: ln P(T | y) = {value:.1f} (expected above {limit:.1f}). A "
+    "nuisance may be missing, or a sign, a force or the mount compensation be wrong.",
+    "one-force": "One force level: constant compliance and geometry are told apart by their priors alone.",
+    "forces": "Only {value:.0f} force levels: at degree {degree:.0f} compliance and geometry need {limit:.0f} to be told apart "
+    "by the readings; here their priors do it.",
+    "hyper": "Misfit: {name} = {um:.3g} µm lies far above what its prior expects ({limit_um:.3g} µm at 99.9 %). The model misses "
+    "something in these readings.",
+}
+
 
 def check_words(check: Check) -> str:
     """Return what a check looks at: order 4 of f520."""
-    kinds = {
-        CheckKind.ORDER: f"order {check.order}",
-        CheckKind.NOISE: "white noise",
-        CheckKind.AUTOCORRELATION: "autocorrelation",
-    }
-    return f"{kinds[check.kind]} of {check.test}"
+    kinds = {CheckKind.NOISE: "white noise", CheckKind.AUTOCORRELATION: "autocorrelation"}
+    return f"{kinds.get(check.kind, f'order {check.order}')} of {check.test}"
 
 
 def fit_verdict(fit: Fit) -> str:
@@ -235,68 +225,53 @@ def fit_verdict(fit: Fit) -> str:
     if ConcernKind.NOT_CONVERGED in kinds:
         return "NOT CONVERGED: do not use the numbers."
     moved = f"{len(fit.sensitive)} of {len(fit.sensitivity)} numbers are sensitive to their prior"
-    shown = ", ".join(fit.sensitive[:_FEW]) + (", …" if len(fit.sensitive) > _FEW else "")
+    which = ", ".join(fit.sensitive[:_FEW]) + (", …" if len(fit.sensitive) > _FEW else "")
     doubt = "the readings speak against non-negative compliance" if ConcernKind.TRUNCATION in kinds else expectation(fit)
-    return f"Converged; {doubt}; {moved}{f' ({shown})' if fit.sensitive else ''}."
+    return f"Converged; {doubt}; {moved}{f' ({which})' if which else ''}."
 
 
 def expectation(fit: Fit) -> str:
     """Return whether the model expects readings like these."""
     misfits = [check_words(check) for check in fit.misfits]
     if misfits:
-        shown = ", ".join(misfits[:_FEW]) + (f" and {len(misfits) - _FEW} more" if len(misfits) > _FEW else "")
-        return f"the model does not expect readings like these ({shown})"
-    worst, *others = fit.checks
-    return f"the model expects readings like these ({1 + len(others)} checks, smallest p = {worst.p:.2g}, {check_words(worst)})"
+        more = f" and {len(misfits) - _FEW} more" if len(misfits) > _FEW else ""
+        return f"the model does not expect readings like these ({', '.join(misfits[:_FEW])}{more})"
+    worst, count = fit.checks[0], len(fit.checks)
+    return f"the model expects readings like these ({count} checks, smallest p = {worst.p:.2g}, {check_words(worst)})"
 
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
     """Return a sentence or two on every concern; ``sampler`` is that part of the record."""
-    for concern in concerns:
-        value, limit = concern.value, concern.limit
-        if concern.kind == ConcernKind.NOT_CONVERGED:
-            independent = "ask for more independent draws (a larger --ess)"
-            cure = independent if sampler["kind"] == "independent" else "allow more steps (--max-steps)"
-            target = f"ESS ≥ {limit:g} and R-hat ≤ {sampler['target_rhat']:g}"
-            yield f"Not converged: {target} was not reached in {value:.0f} steps. Do not use the numbers; {cure}."
-        elif concern.kind == ConcernKind.TRUNCATION:
-            verb = "contradict" if value < _CONTRADICTED else "speak against"
-            yield (
-                f"The readings {verb} non-negative compliance: ln P(T | y) = {value:.1f} (expected above {limit:.1f}). "
-                "A nuisance may be missing, or a sign, a force or the mount compensation be wrong."
-            )
-        elif concern.kind == ConcernKind.FORCES and value == 1:
-            yield "One force level: constant compliance and geometry are told apart by their priors alone."
-        elif concern.kind == ConcernKind.FORCES:
-            yield (
-                f"Only {value:.0f} force levels: at degree {limit - 2:.0f} compliance and geometry need {limit:.0f} to be told "
-                "apart by the readings; here their priors do it."
-            )
-        else:
-            yield (
-                f"Misfit: {concern.name} = {value * 1e3:.3g} µm lies far above what its prior expects ({limit * 1e3:.3g} µm at "
-                "99.9 %). The model misses something in these readings."
-            )
+    for own in concerns:
+        more: dict[str, Any] = {"um": own.value * 1e3, "limit_um": own.limit * 1e3, "degree": own.limit - 2}
+        if own.kind == ConcernKind.NOT_CONVERGED:
+            independent = sampler["kind"] == "independent"
+            more["rhat"] = sampler["target_rhat"]
+            more["cure"] = "ask for more independent draws (a larger --ess)" if independent else "allow more steps (--max-steps)"
+        more["verb"] = "contradict" if own.value < _CONTRADICTED else "speak against"
+        template = _CONCERNS["one-force" if own.kind == ConcernKind.FORCES and own.value == 1 else own.kind]
+        yield template.format(value=own.value, limit=own.limit, name=own.name, **more)
 
 
 def fit_sentences(result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what was fitted, how well it went, and every warning."""
-    campaign, model, sampler, fit = result["campaign"], result["model"], result["sampler"], result["fit"]
-    degree = _IN_FORCE[model["degree"]]
-    return (
-        f"Verdict: {fit['verdict']}",
-        f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
-        f"Compliance {degree}, preset {model['preset']}{model_changes(model)}, reference force {model['reference_force_N']:g} N.",
-        f"RMSE {fit['rmse_um']:.2f} µm (machine and shared nuisances); linear for exact geometry costs at most "
-        f"{fit['linearisation_error_um']:.4f} µm. ln P(T | y) = {fit['log_prob_truncation']:.2f}.",
-        f"Sampler {sampler['kind']}: {'' if sampler['converged'] else 'NOT CONVERGED, '}ESS bulk {sampler['ess_bulk_min']:.0f}, "
-        f"tail {sampler['ess_tail_min']:.0f}, R-hat {sampler['rhat_max']:.4f}, {sampler['seconds']:.1f} s.",
-        *(f"Note: {warning}" for warning in fit["warnings"]),
+    model, sampler = result["model"], result["sampler"]
+    text = (
+        "Verdict: {fit[verdict]}\n"
+        "{campaign[name]}: {campaign[tests]} tests, {campaign[readings]} readings.\n"
+        "Compliance {degree}, preset {model[preset]}{changes}, reference force {model[reference_force_N]:g} N.\n"
+        "RMSE {fit[rmse_um]:.2f} µm (machine and shared nuisances); linear for exact geometry costs at most "
+        "{fit[linearisation_error_um]:.4f} µm. ln P(T | y) = {fit[log_prob_truncation]:.2f}.\n"
+        "Sampler {sampler[kind]}: {state}ESS bulk {sampler[ess_bulk_min]:.0f}, tail {sampler[ess_tail_min]:.0f}, R-hat "
+        "{sampler[rhat_max]:.4f}, {sampler[seconds]:.1f} s."
     )
+    state = "" if sampler["converged"] else "NOT CONVERGED, "
+    lines = text.format(**result, degree=IN_FORCE[model["degree"]], changes=_changes(model), state=state).split("\n")
+    return (*lines, *(f"Note: {warning}" for warning in result["fit"]["warnings"]))
 
 
-def model_changes(model: Mapping[str, Any]) -> str:
-    """Return how the model differs from its preset."""
+def _changes(model: Mapping[str, Any]) -> str:
+    """How the model differs from its preset."""
     if model["preset"] == "paper":
         return " (least squares: the intervals cover white noise alone)"
     default = HybridModel.default().terms
@@ -310,30 +285,22 @@ def model_changes(model: Mapping[str, Any]) -> str:
 
 def two_fits_sentences(constant: Mapping[str, Any], linear: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what the two fits say, in three sentences."""
-    direct = [name for name in constant["parameters"] if is_direct(name)]
-    known = []
-    for name in direct:
+    values = []
+    for name in filter(is_direct, constant["parameters"]):
         entry = constant["parameters"][name]
-        value, expanded = value_and_uncertainty(entry["mean"] * 1e3, 2e3 * entry["sd"])
-        known.append(f"{name} = {value} ± {expanded} µm/N")
-    slopes = [name for name in linear["parameters"] if name.endswith("_1")]
-    away = [name for name in slopes if linear["parameters"][name]["ci95"][0] > 0 or linear["parameters"][name]["ci95"][1] < 0]
-    says = (
-        f"the 95 % interval of {', '.join(away)} excludes zero"
-        if away
-        else "the 95 % interval of every force slope contains zero"
-    )
+        values.append(f"{name} = {' ± '.join(value_and_uncertainty(entry['mean'] * 1e3, 2e3 * entry['sd']))} µm/N")
+    slopes = {name: entry["ci95"] for name, entry in linear["parameters"].items() if name.endswith("_1")}
+    away = ", ".join(name for name, (low, high) in slopes.items() if low > 0 or high < 0)
+    says = f"the 95 % interval of {away} excludes zero" if away else "the 95 % interval of every force slope contains zero"
     gain = 100.0 * (1.0 - linear["fit"]["rmse_um"] / constant["fit"]["rmse_um"])
-    rough = [
-        display_name(name)
-        for name, entry in constant["parameters"].items()
-        if name.startswith("E_") and abs(entry["mean"]) < 2.0 * entry["sd"]
-    ]
+    errors = {name: entry for name, entry in constant["parameters"].items() if name.startswith("E_")}
+    rough = [display_name(name) for name, entry in errors.items() if abs(entry["mean"]) < 2.0 * entry["sd"]]
     return (
-        f"With constant compliance {', '.join(known)}: these intervals include what the mount, the force and the balls may hide.",
+        f"With constant compliance {', '.join(values)}: these intervals include what the mount, the force and the balls may "
+        "hide.",
         f"Linear compliance lowers the RMSE by {gain:.0f} %, but {says}: a lower RMSE alone does not show a slope.",
-        f"Geometric errors not told from zero (k = 2): {', '.join(rough) or 'none'}; most of their uncertainty is "
-        "the form of the balls and the length of the bar, which more readings do not reduce.",
+        f"Geometric errors not told from zero (k = 2): {', '.join(rough) or 'none'}; most of their uncertainty is the form of "
+        "the balls and the length of the bar, which more readings do not reduce.",
     )
 
 
@@ -350,73 +317,50 @@ def _frames(frames_mm: Mapping[str, Sequence[float]]) -> str:
     return f"Joint frames stand at {frames} mm."
 
 
-def _spikes(reading: int, angle_deg: float, off_um: float, count: int) -> str:
-    many = "" if count == 1 else f"; {count} readings do so"
-    return f"reading {reading} at {angle_deg:g}° stands {off_um:+.1f} µm off its neighbours{many}"
-
-
-def _mount(deflection_um_per_bar: float, compensated: bool) -> str:
-    state = "already compensated" if compensated else "not compensated: the nominal deflection will be subtracted"
-    return f"Mount (Eq. 32) {deflection_um_per_bar:g} µm/bar, {state}."
-
-
-_SHARED = "the tool ball's offsets are shared"
-_REMARKS: Mapping[RemarkKind, Callable[..., str]] = {
-    RemarkKind.TRAVEL: lambda stated, travel: f"stated {stated}, but the angles run {travel}",
-    RemarkKind.ARC: lambda arc_deg: f"arc of {arc_deg:.0f}° only: harmonics mix",
-    RemarkKind.GAP: lambda gap_deg: f"gap of {gap_deg:.1f}°",
-    RemarkKind.OPEN: lambda start_end_um: (
-        f"start and end differ by {start_end_um:+.1f} µm more than the path does there: drift, or a trace that does not close"
+_REMARKS: Mapping[RemarkKind, str | Callable[..., str]] = {
+    RemarkKind.TRAVEL: "stated {stated}, but the angles run {travel}",
+    RemarkKind.ARC: "arc of {arc_deg:.0f}° only: harmonics mix",
+    RemarkKind.GAP: "gap of {gap_deg:.1f}°",
+    RemarkKind.OPEN: "start and end differ by {start_end_um:+.1f} µm more than the path does there: drift, or a trace that does "
+    "not close",
+    RemarkKind.EQUAL: "all readings equal",
+    RemarkKind.SMALL: "readings hardly exceed the resolution: check their unit",
+    RemarkKind.LARGE: "readings span more than 1 mm: check their unit",
+    RemarkKind.FORCE_LAW: "force {force_N:g} N, but the force law gives {law_N:.0f} N at {pressure_bar:g} bar",
+    RemarkKind.SPIKES: lambda reading, angle_deg, off_um, count: (
+        f"reading {reading} at {angle_deg:g}° stands {off_um:+.1f} µm off its neighbours"
+        f"{'' if count == 1 else f'; {count} readings do so'}"
     ),
-    RemarkKind.EQUAL: lambda: "all readings equal",
-    RemarkKind.SMALL: lambda: "readings hardly exceed the resolution: check their unit",
-    RemarkKind.LARGE: lambda: "readings span more than 1 mm: check their unit",
-    RemarkKind.FORCE_LAW: lambda force_N, law_N, pressure_bar: (
-        f"force {force_N:g} N, but the force law gives {law_N:.0f} N at {pressure_bar:g} bar"
-    ),
-    RemarkKind.SPIKES: _spikes,
-    RemarkKind.STEP: lambda step_um, stated_um: (
-        f"readings go in steps of {step_um:.3g} µm, the campaign states a resolution of {stated_um:g} µm, below whose √12th part "
-        "no noise is looked for: state the step (--resolution-um, or resolution_um in campaign.toml)"
-    ),
-    RemarkKind.ONE_LEVEL: lambda: (
-        "One force level: constant compliance and geometry are told apart by their priors alone; degree 0 only. "
-        "Test a second force."
-    ),
-    RemarkKind.TWO_LEVELS: lambda: (
-        "Two force levels: constant compliance only is checked by the readings; a slope needs a third."
-    ),
-    RemarkKind.SMALL_FORCE: lambda force_N: f"The largest force is {force_N:g} N: check the unit of force_N.",
-    RemarkKind.RADIUS: lambda radius_mm: f"A radius is {radius_mm:g} mm: check the unit of radius_mm.",
-    RemarkKind.COPY: lambda first, second: f"Tests {first} and {second} hold the same readings: a file read twice?",
+    RemarkKind.STEP: "readings go in steps of {step_um:.3g} µm, the campaign states a resolution of {stated_um:g} µm, below "
+    "whose √12th part no noise is looked for: state the step (--resolution-um, or resolution_um in campaign.toml)",
+    RemarkKind.ONE_LEVEL: "One force level: constant compliance and geometry are told apart by their priors alone; degree 0 "
+    "only. Test a second force.",
+    RemarkKind.TWO_LEVELS: "Two force levels: constant compliance only is checked by the readings; a slope needs a third.",
+    RemarkKind.SMALL_FORCE: "The largest force is {force_N:g} N: check the unit of force_N.",
+    RemarkKind.RADIUS: "A radius is {radius_mm:g} mm: check the unit of radius_mm.",
+    RemarkKind.COPY: "Tests {first} and {second} hold the same readings: a file read twice?",
     RemarkKind.ONE_WAY: lambda compliance, plane: (
         f"One direction of travel (or none stated){f' in plane {plane}' if plane else ''}: friction in the bar cannot be told "
         f"from {compliance}."
     ),
-    RemarkKind.SORTED: lambda: (
-        "Angles rise in all tests, those stated CW among them: taken as sorted, and the directions as stated."
-    ),
-    RemarkKind.NO_DIRECTION: lambda test: (
-        f"Test {test} states no direction while others run both ways: a fit will refuse it. State it."
-    ),
-    RemarkKind.CENTRES: lambda setup: (
-        f"Several centres in set-up {setup}: {_SHARED}, as if the work ball had been moved by exactly what the axes say. If it "
-        "was mounted anew, number the set-ups."
-    ),
-    RemarkKind.PLANES: lambda: f"Several planes in one set-up: {_SHARED}. If the bar was mounted anew, number the set-ups.",
+    RemarkKind.SORTED: "Angles rise in all tests, those stated CW among them: taken as sorted, and the directions as stated.",
+    RemarkKind.NO_DIRECTION: "Test {test} states no direction while others run both ways: a fit will refuse it. State it.",
+    RemarkKind.CENTRES: "Several centres in set-up {setup}: the tool ball's offsets are shared, as if the work ball had been "
+    "moved by exactly what the axes say. If it was mounted anew, number the set-ups.",
+    RemarkKind.PLANES: "Several planes in one set-up: the tool ball's offsets are shared. If the bar was mounted anew, number "
+    "the set-ups.",
     RemarkKind.MACHINE: _machine,
     RemarkKind.FRAMES: _frames,
     RemarkKind.SETUPS: lambda setups: f"Set-ups {', '.join(map(str, setups))}: tool offsets of each; everything else is shared.",
     RemarkKind.BOTH_WAYS: lambda planes: f"Both directions of travel in {', '.join(planes)}: hysteresis is a term of the model.",
-    RemarkKind.COVARIATE: lambda over: (
-        f"Tests record {over}s; a drift over them is modelled only when asked for (--drift {over})."
+    RemarkKind.COVARIATE: "Tests record {over}s; a drift over them is modelled only when asked for (--drift {over}).",
+    RemarkKind.READINGS: "Readings are actual ball distance − R; readout resolution {resolution_um:g} µm.",
+    RemarkKind.MOUNT: lambda deflection_um_per_bar, compensated: (
+        f"Mount (Eq. 32) {deflection_um_per_bar:g} µm/bar, "
+        f"{'already compensated' if compensated else 'not compensated: the nominal deflection will be subtracted'}."
     ),
-    RemarkKind.READINGS: lambda resolution_um: f"Readings are actual ball distance − R; readout resolution {resolution_um:g} µm.",
-    RemarkKind.MOUNT: _mount,
-    RemarkKind.FORCES: lambda slope_N_per_bar, offset_N: (
-        f"Force law F = {slope_N_per_bar:g} N/bar · P {offset_N:+g} N, where a test gives only one of the two."
-    ),
-    RemarkKind.REFERENCE: lambda force_N: f"Reference force F0 = {force_N:g} N, the middle of the tested range.",
+    RemarkKind.FORCES: "Force law F = {slope_N_per_bar:g} N/bar · P {offset_N:+g} N, where a test gives only one of the two.",
+    RemarkKind.REFERENCE: "Reference force F0 = {force_N:g} N, the middle of the tested range.",
     RemarkKind.BALLS: lambda clocked: (
         "Balls clocked between tests: two forms."
         if clocked
@@ -427,7 +371,8 @@ _REMARKS: Mapping[RemarkKind, Callable[..., str]] = {
 
 def remark_words(remark: Remark) -> str:
     """Return a remark of a preview in words."""
-    return _REMARKS[remark.kind](**remark.values)
+    words = _REMARKS[remark.kind]
+    return words.format(**remark.values) if isinstance(words, str) else words(**remark.values)
 
 
 def look_sentences(seen: CampaignPreview) -> list[str]:
@@ -437,16 +382,13 @@ def look_sentences(seen: CampaignPreview) -> list[str]:
 
 def preview_sentences(seen: CampaignPreview) -> tuple[str, ...]:
     """Return remarks on the tests, and what a fit will assume."""
-    unstated = ["Directions in brackets are not stated: the angles run so."] * any(
-        test.direction is None and test.travel is not None for test in seen.tests
-    )
-    lines = look_sentences(seen) + [f"Note: {remark_words(remark)}" for remark in seen.remarks]
-    kind = "Plan" if seen.is_plan else "Campaign"
+    unstated = any(test.direction is None and test.travel is not None for test in seen.tests)
     return (
         "",
-        f"{kind} {seen.name}, SHA-256 {seen.sha256[:16]}…",
-        *unstated,
-        *lines,
+        f"{'Plan' if seen.is_plan else 'Campaign'} {seen.name}, SHA-256 {seen.sha256[:16]}…",
+        *(["Directions in brackets are not stated: the angles run so."] if unstated else []),
+        *look_sentences(seen),
+        *(f"Note: {remark_words(remark)}" for remark in seen.remarks),
         "",
         "A fit will assume:",
         *(f"- {remark_words(assumed)}" for assumed in seen.assumptions),
@@ -469,31 +411,26 @@ def _(result: CampaignPreview) -> dict[str, Any]:
 
 def machine_sentences(found: DescribedMachine) -> tuple[str, ...]:
     """Return joints, rank, and what does not show."""
-    lines = [
+    centres = []
+    if any(any(centre) for centre in found.centres_mm):
+        listed = "; ".join(f"({', '.join(f'{x:g}' for x in centre)})" for centre in found.centres_mm)
+        several = " Patterns are those at the first; what can be told apart is of all together."
+        centres = [f"Circles centred at {listed} mm.{several if len(found.centres_mm) > 1 else ''}"]
+    bounded = [display_name(entry.name) for entry in found.compliances if entry.not_negative]
+    dependent = (
+        f"Combinations of several of those above, left out: {', '.join(found.dependent)}. What they are goes into the others."
+    )
+    return (
         f"{found.topology}, plane{'s' if len(found.planes) > 1 else ''} {', '.join(found.planes)}. {'; '.join(found.joints)}.",
         "Patterns: change of the reading per unit, of a compliance per unit and N; c = cos θ, s = sin θ, lengths in mm.",
         "Rotary joints, and slides that no plane here drives, count as rigid.",
-        *_centres(found),
-        f"{found.rank} compliances can be told apart; condition number of their columns {found.condition_number:.6g} "
-        "(mm, N, R = 150 mm).",
-    ]
-    if found.null:
-        lines.append(f"Never seen: {', '.join(found.null)}.")
-    bounded = [display_name(entry.name) for entry in found.compliances if entry.not_negative]
-    lines.append(f"Cannot be negative: {', '.join(bounded) or 'none'}.")
-    if found.dependent:
-        lines.append(
-            f"Combinations of several of those above, left out: {', '.join(found.dependent)}. What they are goes into the others."
-        )
-    return tuple(lines)
-
-
-def _centres(found: DescribedMachine) -> list[str]:
-    if not any(any(centre) for centre in found.centres_mm):
-        return []
-    listed = "; ".join(f"({', '.join(f'{x:g}' for x in centre)})" for centre in found.centres_mm)
-    first = " Patterns are those at the first; what can be told apart is of all together." if len(found.centres_mm) > 1 else ""
-    return [f"Circles centred at {listed} mm.{first}"]
+        *centres,
+        f"{found.rank} compliances can be told apart; condition number of their columns {found.condition_number:.6g} (mm, N, R = "
+        "150 mm).",
+        *([f"Never seen: {', '.join(found.null)}."] if found.null else []),
+        f"Cannot be negative: {', '.join(bounded) or 'none'}.",
+        *([dependent] if found.dependent else []),
+    )
 
 
 def sum_in_words(seen: Seen) -> str:
@@ -511,13 +448,11 @@ def sum_in_words(seen: Seen) -> str:
 
 def verdict_words(entry: ParameterIdentifiability) -> str:
     """Return the verdict with the share of the variance that every partner holds."""
-
-    def share(partner: str) -> str:
-        return f"{100.0 * entry.partner_shares[partner]:.0f} %" if partner in entry.partner_shares else "left out"
-
+    known = entry.partner_shares
+    shares = {p: f"{100.0 * known[p]:.0f} %" if p in known else "left out" for p in entry.partners}
     if entry.verdict is Verdict.CONFOUNDED:
-        return "confounded with " + " and ".join(f"{term_words(partner)} ({share(partner)})" for partner in entry.partners)
-    plain = ", ".join(f"{term_words(partner)} {share(partner)}" for partner in entry.partners)
+        return "confounded with " + " and ".join(f"{term_words(partner)} ({share})" for partner, share in shares.items())
+    plain = ", ".join(f"{term_words(partner)} {share}" for partner, share in shares.items())
     return f"{entry.verdict} ({plain})" if plain else str(entry.verdict)
 
 
@@ -600,7 +535,7 @@ def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     if comparison.differing_priors:
         listed = joined(comparison.differing_priors)
         notes.append(f"The models give {listed} different priors: the Bayes factor compares these too.")
-    return (evidence_sentence(comparison), *notes)
+    return (_evidence(comparison), *notes)
 
 
 @with_words.register
@@ -609,24 +544,23 @@ def _(result: Comparison) -> dict[str, Any]:
     return {**result.as_dict(), "verdict": " ".join(sentences), "sentences": list(sentences)}
 
 
-def evidence_sentence(comparison: Comparison) -> str:
+def _evidence(comparison: Comparison) -> str:
     """What the evidence says, in whose favour."""
     first, second = comparison.pair
     ratio = comparison.sensitivity_of
     value, error = comparison.log_bayes_factor[ratio], comparison.log_bayes_factor_error[ratio]
-    either = abs(value) < _STRENGTHS[0][0]
-    says = (
-        f"{strength_words(value)} either way"
-        if either
-        else f"{strength_words(value)}, in favour of {second if value > 0 else first}"
-    )
+    favour = " either way" if abs(value) < _STRENGTHS[0][0] else f", in favour of {second if value > 0 else first}"
     shares = joined([f"{name} {_share(model.posterior_probability)}" for name, model in comparison.models.items()])
+    says = f"{strength_words(value)}{favour}"
     return f"ln B({ratio}) = {value:+.2f} ± {_error(error)}: {says}. Probabilities at equal prior odds: {shares}."
 
 
-def sign_sentence(comparison: Comparison) -> str:
-    """How robust the sign of the log Bayes factor is."""
-    return _SIGNS[comparison.sign]
+def _share(probability: float) -> str:
+    return f"{probability:.3f}" if 0.001 <= probability <= 0.999 else f"{probability:.2g}" if probability < 0.5 else "> 0.999"
+
+
+def _error(error: float) -> str:
+    return f"{max(error, 1e-3):.1g}"
 
 
 def _second_route(comparison: Comparison) -> Iterator[str]:
@@ -641,40 +575,34 @@ def _second_route(comparison: Comparison) -> Iterator[str]:
 
 
 def _robustness(comparison: Comparison) -> Iterator[str]:
-    turning = comparison.turning()
-    yield sign_sentence(comparison)
-    if comparison.prior_sensitivity:
-        scales = comparison.prior_sensitivity
+    yield _SIGNS[comparison.sign]
+    if scales := comparison.prior_sensitivity:
         values = [scaled.log_bayes_factor for scaled in scales]
         zeros = joined([f"{crossing:.2g}" for crossing in comparison.prior_sensitivity_crossings])
-        sign = f"changing sign at {zeros}" if zeros else "of one sign"
         yield (
-            f"With slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) "
-            f"it lies between {min(values):+.1f} and {max(values):+.1f}, {sign}."
+            f"With slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) it "
+            f"lies between {min(values):+.1f} and {max(values):+.1f}, {f'changing sign at {zeros}' if zeros else 'of one sign'}."
         )
-    better = comparison.preferred_assumption()
-    if better is not None:
+    if (better := comparison.preferred_assumption()) is not None:
         yield (
             f"The readings prefer '{better.assumption}' by {comparison.gain(better):.1f} nats to what the models assume: under "
             f"it ln B is {better.log_bayes_factor:+.1f}. Consider making it the model."
         )
+    turning = comparison.turning()
     for assumed in filter(comparison.allowed, turning):
         yield (
             f"With '{assumed.assumption}' it is {assumed.log_bayes_factor:+.1f}, and the readings do not rule that assumption "
             f"out (its evidence is {comparison.gain(assumed):+.1f} nats against the models' own)."
         )
-    rejected = [assumed for assumed in turning if not comparison.allowed(assumed)]
-    if rejected:
+    if rejected := [assumed for assumed in turning if not comparison.allowed(assumed)]:
         listed = joined([f"'{a.assumption}' ({a.log_bayes_factor:+.0f})" for a in rejected])
-        also = "also " if comparison.sign is Sign.OPEN else ""
-        least = -comparison.gain(rejected[0])
+        also, least = "also " if comparison.sign is Sign.OPEN else "", -comparison.gain(rejected[0])
         yield f"It {also}turns with {listed}, assumptions the readings reject by {least:.0f} nats and more."
-    naive = comparison.assumptions.get(WHITE_NOISE)
-    if naive is not None:
+    if (naive := comparison.assumptions.get(WHITE_NOISE)) is not None:
+        away = abs(comparison.white_noise_overstates_by_nats)
         yield (
-            f"White noise alone, without nuisances and truncation, would say {naive.log_bayes_factor:+.0f}: "
-            f"{abs(comparison.white_noise_overstates_by_nats):.0f} nats away, because it counts every reading as an independent "
-            "fact."
+            f"White noise alone, without nuisances and truncation, would say {naive.log_bayes_factor:+.0f}: {away:.0f} nats "
+            "away, because it counts every reading as an independent fact."
         )
 
 
@@ -688,8 +616,7 @@ def _left_out(comparison: Comparison) -> Iterator[str]:
             f"With one force left out at a time, {better} predicts it better by {abs(found.value):.1f} ± {found.se:.1f} nats: "
             f"{says} ({len(tests)} tests, so the ± is rough itself)."
         )
-    smoothed = [name for name, test in tests.items() if not all(own.trustworthy for own in test.psis_loo.values())]
-    if smoothed:
+    if smoothed := [name for name, test in tests.items() if not all(own.trustworthy for own in test.psis_loo.values())]:
         yield (
             f"Importance sampling (PSIS-LOO) cannot be trusted for {joined(smoothed)} (Pareto k above "
             f"{tests[smoothed[0]].psis_loo_good_k:.2g}); all numbers here are the exact ones."
@@ -712,21 +639,20 @@ def _slopes(comparison: Comparison) -> Iterator[str]:
     subsets = comparison.slope_subsets
     if not subsets:
         return
-    quadratic = any(slope.quadratic_probability is not None for slope in comparison.slopes.values())
-    prior = "none, linear or quadratic with probability ⅓ each" if quadratic else "there or not with probability ½"
-    share = {name: slope.inclusion_probability for name, slope in comparison.slopes.items()}
-    listed = ", ".join(f"{name} {share[name]:.2f}" for name in ranked(share, lambda name: share[name]))
-    sure = joined([name for name, p in share.items() if p >= _SURE])
-    best = subsets[0]
-    none = next(subset.probability for subset in subsets if not subset.varying)
     if (comparison.slope_subsets_possible or 0) > len(subsets):
         yield (
             f"Of {comparison.slope_subsets_possible} sets of slopes the {len(subsets)} found from the best to its neighbours are "
             "weighed: probabilities are among these."
         )
+    quadratic = any(slope.quadratic_probability is not None for slope in comparison.slopes.values())
+    prior = "none, linear or quadratic with probability ⅓ each" if quadratic else "there or not with probability ½"
+    share = {name: slope.inclusion_probability for name, slope in comparison.slopes.items()}
+    listed = ", ".join(f"{name} {share[name]:.2f}" for name in ranked(share, lambda name: share[name]))
+    sure = joined([name for name, p in share.items() if p >= _SURE]) or "none"
+    none = next(subset.probability for subset in subsets if not subset.varying)
     yield (
-        f"Slopes one by one (each {prior} beforehand): {listed}; beyond {_SURE:g}: {sure or 'none'}. No slope at all has "
-        f"probability {none:.2g}, the likeliest set ({joined(subset_words(best))}) {best.probability:.2g}. "
+        f"Slopes one by one (each {prior} beforehand): {listed}; beyond {_SURE:g}: {sure}. No slope at all has probability "
+        f"{none:.2g}, the likeliest set ({joined(subset_words(subsets[0]))}) {subsets[0].probability:.2g}. "
         "A single slope asks for less evidence than all of them at once, which is what the models compared above differ by."
     )
 
@@ -748,49 +674,58 @@ def _fit(comparison: Comparison) -> Iterator[str]:
         )
 
 
-def _share(probability: float) -> str:
-    return f"{probability:.3f}" if 0.001 <= probability <= 0.999 else f"{probability:.2g}" if probability < 0.5 else "> 0.999"
-
-
-def _error(error: float) -> str:
-    return f"{max(error, 1e-3):.1g}"
-
-
 # ---- design
+
+_HELPING = {
+    RemedyKind.LEVELS: "force levels in between",
+    RemedyKind.WORK_BALL: "the work ball clocked at 0, 45 and 90°",
+    RemedyKind.TOOL_BALL: "the tool ball clocked at 0, 45 and 90°",
+    RemedyKind.BOTH_BALLS: "both balls clocked at 0, 45 and 90°",
+}
 
 
 def place_words(row: Mapping[str, Any]) -> str:
     """Return where a test is run, from one row of a design's table or a part of it."""
-    parts = []
-    if row.get("plane"):
-        parts.append(f"plane {row['plane']}")
-    if row.get("direction"):
-        parts.append(str(row["direction"]))
-    if row.get("setup"):
-        parts.append(f"set-up {row['setup']}")
-    centre = [f"{axis} = {row[f'centre_{axis}_mm']:g} mm" for axis in "xyz" if f"centre_{axis}_mm" in row]
-    if centre:
-        parts.append(f"centre {', '.join(centre)}")
-    if "work_ball_deg" in row:
-        parts.append(f"work ball {row['work_ball_deg']:g}°, tool ball {row['tool_ball_deg']:g}°")
-    if "radius_mm" in row:
-        parts.append(f"R {row['radius_mm']:g} mm")
-    return ", ".join(parts)
+    centre = ", ".join(f"{axis} = {row[f'centre_{axis}_mm']:g} mm" for axis in "xyz" if f"centre_{axis}_mm" in row)
+    parts = (
+        f"plane {row['plane']}" if row.get("plane") else "",
+        str(row.get("direction") or ""),
+        f"set-up {row['setup']}" if row.get("setup") else "",
+        f"centre {centre}" if centre else "",
+        f"work ball {row['work_ball_deg']:g}°, tool ball {row['tool_ball_deg']:g}°" if "work_ball_deg" in row else "",
+        f"R {row['radius_mm']:g} mm" if "radius_mm" in row else "",
+    )
+    return ", ".join(filter(None, parts))
 
 
 def design_sentences(design: Design, *, aliases: bool = True) -> tuple[str, ...]:
     """Return the recommendation in words, its notes last; without ``aliases`` those of nuisances are left out."""
-    parts = (_tests_to_run, _quality, _widths, _decision, _over_assumptions)
-    return (*(sentence for part in parts for sentence in part(design)), *design_notes(design, aliases=aliases))
+    parts = (_quality, _decision, _over_assumptions)
+    run = f"Run {_tests_to_run(design)}."
+    return (run, *(sentence for part in parts for sentence in part(design)), *design_notes(design, aliases=aliases))
 
 
 def design_notes(design: Design, *, aliases: bool = True) -> tuple[str, ...]:
     """Return whether the goal is reached, what the tests do not show and what would, and what the numbers rest on."""
-    return (*_goal(design), *_limits(design, aliases=aliases), _basis(design))
+    values = ", ".join(f"{name} {value:.2g}" for name, value in design.hyper_um.items())
+    source = f"what {design.pilot.name!r} leaves likely" if design.measured else "their prior"
+    basis = (
+        f"Parameters are at F0 = {design.reference_force_N:g} N. Averaged over the hyper-parameters, {source} (root mean square "
+        f"{values} µm); model.toml beside a written plan keeps F0 and the slopes' prior for its analysis."
+    )
+    limits = design.limits
+    pairs = zip(limits.degeneracies, limits.cures, strict=True)
+    cures = dict.fromkeys(f"{statement(own)} Cure: {cure_words(own, cure)}" for own, cure in pairs if aliases or not own.term)
+    return (*_goal(design), *_limits(design), *cures, basis)
 
 
-def tests_to_run(design: Design) -> str:
-    """Return the circles of a design in one line: 6 circles: 2 × 36 N and 4 × 742 N."""
+@with_words.register
+def _(result: Design) -> dict[str, Any]:
+    return {**result.as_dict(), "notes": list(design_notes(result)), "sentences": list(design_sentences(result))}
+
+
+def _tests_to_run(design: Design) -> str:
+    """6 circles: 2 × 36 N and 4 × 742 N."""
     table, columns = design.table, list(design.columns)
     clocked = bool((table[columns[:2]] != 0.0).any(axis=None))
     named = [name for name in columns if (clocked if name in columns[:2] else table[name].nunique() > 1)]
@@ -802,8 +737,9 @@ def tests_to_run(design: Design) -> str:
     return f"{table['count'].sum()}{' more' if design.augment else ''} circles: {listed}"
 
 
-def _tests_to_run(design: Design) -> Iterator[str]:
-    yield f"Run {tests_to_run(design)}."
+def _ratios(design: Design) -> dict[str, float]:
+    """Expected sd of every parameter of interest over that of the baseline."""
+    return {name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters}
 
 
 def _quality(design: Design) -> Iterator[str]:
@@ -818,10 +754,7 @@ def _quality(design: Design) -> Iterator[str]:
     if not design.certificate.holds:
         excess = design.certificate.max_sensitivity / design.certificate.bound - 1.0
         yield f"The certificate does NOT hold: a sensitivity exceeds its bound by {excess:.1e}. Better shares may exist."
-
-
-def _widths(design: Design) -> Iterator[str]:
-    ratio = {name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters}
+    ratio = _ratios(design)
     first, last = (ranked(ratio, key, tolerance=_ALIKE)[0] for key in (lambda name: -ratio[name], ratio.__getitem__))
     factor, unit = display_unit(design.expected[first].unit)
     narrow = f"{ratio[first]:.2f} times as wide for {display_name(first)} (u = {design.expected[first].sd * factor:.2g} {unit})"
@@ -854,25 +787,15 @@ def _over_assumptions(design: Design) -> Iterator[str]:
     )
 
 
-_HELPING = {
-    RemedyKind.LEVELS: "force levels in between",
-    RemedyKind.WORK_BALL: "the work ball clocked at 0, 45 and 90°",
-    RemedyKind.TOOL_BALL: "the tool ball clocked at 0, 45 and 90°",
-    RemedyKind.BOTH_BALLS: "both balls clocked at 0, 45 and 90°",
-}
-
-
 def _goal(design: Design) -> Iterator[str]:
     goal = design.goal
     if goal is None:
         return
+    aim = f"a probability of {goal.power or 0.0:g} of decisive evidence (|ln B| > {goal.threshold:g})"
     if goal.power is None:
         units = {name: display_unit(design.expected[name].unit) for name in goal.targets}
-        aim = joined(
-            [f"u({display_name(name)}) ≤ {sd * units[name][0]:.3g} {units[name][1]}" for name, sd in goal.targets.items()]
-        )
-    else:
-        aim = f"a probability of {goal.power:g} of decisive evidence (|ln B| > {goal.threshold:g})"
+        sizes = {name: f"{sd * units[name][0]:.3g} {units[name][1]}" for name, sd in goal.targets.items()}
+        aim = joined([f"u({display_name(name)}) ≤ {size}" for name, size in sizes.items()])
     if goal.outcome is Outcome.ALREADY:
         yield f"The tests already run reach {aim}: no more are needed."
     elif goal.outcome is Outcome.REACHED:
@@ -889,58 +812,33 @@ def _goal(design: Design) -> Iterator[str]:
             yield "Neither clocking the balls, nor a second radius, nor other levels in this range would."
 
 
-def _limits(design: Design, *, aliases: bool) -> Iterator[str]:
+def _limits(design: Design) -> Iterator[str]:
     limits = design.limits
     if limits.clockings_of_budget:
         yield "Efficiency and certificate are among the clockings chosen; more of them would not pay for their set-ups."
     if limits.levels is not None:
         yield (
             f"With {limits.levels} different force{'s' if limits.levels > 1 else ''} the readings cannot show that compliance is "
-            f"not {('constant', 'linear', 'quadratic')[design.degree]} in force: the design trusts the model. Another level "
-            "would tell."
+            f"not {DEGREES[design.degree]} in force: the design trusts the model. Another level would tell."
         )
     for plane, way in limits.one_way.items():
         yield (
-            f"Its circles of plane {plane} all run {way}: they cannot show the hysteresis that is counted here, and "
-            "their analysis would not have it. Take more circles, or both directions of each."
+            f"Its circles of plane {plane} all run {way}: they cannot show the hysteresis that is counted here, and their "
+            "analysis would not have it. Take more circles, or both directions of each."
         )
     if limits.drift:
         yield (
-            "Drift is taken to have nothing to do with what differs between the new circles: run them in the order given, "
-            "which is at random, and record time and temperature."
+            "Drift is taken to have nothing to do with what differs between the new circles: run them in the order given, which "
+            "is at random, and record time and temperature."
         )
     if limits.shared:
-        names = joined([display_name(name) for name in limits.shared])
         yield (
-            f"More circles of this kind, at whatever forces, would narrow {names} by less than a fifth: what is left is shared "
-            "by all circles."
+            f"More circles of this kind, at whatever forces, would narrow {_shown(limits.shared)} by less than a fifth: what is "
+            "left is shared by all circles."
         )
-    pairs = zip(limits.degeneracies, limits.cures, strict=True)
-    shown = [(found, cure) for found, cure in pairs if aliases or not found.term]
-    yield from dict.fromkeys(f"{statement(found)} Cure: {cure_words(found, cure)}" for found, cure in shown)
 
 
-def _basis(design: Design) -> str:
-    values = ", ".join(f"{name} {value:.2g}" for name, value in design.hyper_um.items())
-    source = f"what {design.pilot.name!r} leaves likely" if design.measured else "their prior"
-    return (
-        f"Parameters are at F0 = {design.reference_force_N:g} N. Averaged over the hyper-parameters, {source} "
-        f"(root mean square {values} µm); model.toml beside a written plan keeps F0 and the slopes' prior for its analysis."
-    )
-
-
-@with_words.register
-def _(result: Design) -> dict[str, Any]:
-    return {**result.as_dict(), "notes": list(design_notes(result)), "sentences": list(design_sentences(result))}
-
-
-# ---- budget and circularity
-
-
-def source_words(term: str) -> str:
-    """Return what a term of a budget is called."""
-    return "prior of the parameters" if term == OWN else term_words(term)
-
+# ---- budget
 
 _REMEDIES: Mapping[str, str] = {
     NOISE: "Take more readings per circle, or more circles.",
@@ -956,34 +854,6 @@ def remedy_words(budget: Budget) -> str:
 @with_words.register
 def _(result: Budget) -> dict[str, Any]:
     return {**result.as_dict(), "improve": remedy_words(result)}
-
-
-def budget_introduction() -> str:
-    """Return how budgets are read."""
-    return (
-        "Contributions are independent and come from the model in one go; shares are of the posterior variance and sum to one. "
-        "Type A: evaluated from the scatter of the readings; type B: from what else is known. Sensitivity: change of the "
-        "estimate per unit of the source, with all other sources at work. The last column of the first table is the standard "
-        "uncertainty that would be left if the largest term were known exactly: less than its share alone leaves, where knowing "
-        "it lets the readings say more of the others; – where the largest is noise or a prior, which nothing makes known."
-    )
-
-
-def budget_line(budget: Budget) -> str:
-    """Return a parameter's standard uncertainty."""
-    factor, unit = display_unit(budget.unit)
-    return f"{display_name(budget.parameter)}: u = {round_uncertainty(budget.u * factor)[0]} {unit}"
-
-
-def path_introduction(squareness: Sequence[str], percent: str) -> str:
-    """Return what the circular-test quantities are."""
-    return (
-        "Circular deviation G, radial deviations F_max and F_min about the least-squares circle (ISO 230-4), and from the second "
-        f"harmonic squareness (in the sense and sign of {joined([display_name(name) for name in squareness])}) and scale "
-        "mismatch (gain of the first axis less that of the second), as a circle shows them: under load compliance is in them. Of "
-        f"the machine's own path, without balls, bar, mount and tool offsets: median and {percent} interval; 0 N is geometry "
-        "alone. G is a largest difference: where the path is hardly known it is more often too large than too small."
-    )
 
 
 # ---- population and trend
@@ -1052,28 +922,26 @@ def probability_words(probability: float) -> str:
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return what a trend says, the most important first; its caveats are apart."""
     with units_for(trend.sizes()):
-        said = [*_change(trend), *_outside(trend), *_prediction(trend)]
+        sentences = [*_change_in_time(trend), *_outside(trend), *_prediction(trend)]
     again = " To watch for the next one, take the campaigns since as a series of their own." if trend.changed else ""
-    said.append(f"One lasting step of one parameter is looked for, not several and not a slow drift.{again}")
+    sentences.append(f"One lasting step of one parameter is looked for, not several and not a slow drift.{again}")
     if trend.assumptions["one_instrument"]:
-        said.append(
+        sentences.append(
             "Not modelled: that one bar has the same length and ball form in all campaigns. That is conservative for changes, "
             "not for levels."
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
-def _change(trend: Any) -> Iterator[str]:
+def _change_in_time(trend: Any) -> Iterator[str]:
     whose = f" of {trend.machine}" if trend.machine else ""
     prior, threshold = trend.assumptions["probability"], trend.assumptions["threshold"]
     yield (
         f"Over {len(trend.campaigns)} campaigns{whose} {'a' if trend.changed else 'no'} change is found: its probability is "
         f"{probability_words(trend.probability)} (before the readings {prior:g}; found means above {threshold:g})."
     )
-    differing = [name for name, other in trend.sensitivity.items() if (other > threshold) != trend.changed]
-    if differing:
-        words = [f"{probability_words(trend.sensitivity[name])} with {name}" for name in differing]
-        yield f"That hangs on assumptions: {joined(words)}."
+    if differing := {name: other for name, other in trend.sensitivity.items() if (other > threshold) != trend.changed}:
+        yield f"That hangs on assumptions: {joined([f'{probability_words(p)} with {name}' for name, p in differing.items()])}."
     if not trend.changed:
         return
     name, k, own = trend.most_probable.parameter, trend.most_probable.place, trend.most_probable.change
@@ -1092,11 +960,9 @@ def _change(trend: Any) -> Iterator[str]:
 
 
 def _outside(trend: Any) -> Iterator[str]:
-    out = trend.estimates[trend.estimates["outside"]]
-    if not out.empty:
-        words = [
-            f"{name} ({', '.join(map(display_name, own['parameter']))})" for name, own in out.groupby("campaign", sort=False)
-        ]
+    by_campaign = trend.estimates[trend.estimates["outside"]].groupby("campaign", sort=False)["parameter"]
+    words = [f"{name} ({', '.join(map(display_name, own))})" for name, own in by_campaign]
+    if words:
         more = [f"{len(words) - _JOINED} more"] if len(words) > _JOINED else []
         yield f"Outside the limits drawn from the campaigns before: {joined([*words[:_JOINED], *more])}."
 
@@ -1133,32 +999,33 @@ def population_sentences(found: Any) -> tuple[str, ...]:
     """Return what was pooled, which machines do not belong or which is the farthest out; its caveats are apart."""
     low, high = found.forces_N
     tested = f", tested from {low:g} to {high:g} N" if low <= high else ""
-    said = [f"{len(found.machine)} machines, {found.campaigns} campaigns; compliances at {found.reference_force_N:g} N{tested}."]
-    said += [f"{name} does not belong with the others: {_where(found.machine[name])}." for name in found.not_belonging]
+    sentences = [
+        f"{len(found.machine)} machines, {found.campaigns} campaigns; compliances at {found.reference_force_N:g} N{tested}.",
+        *(f"{name} does not belong with the others: {_how_far(found.machine[name])}." for name in found.not_belonging),
+    ]
     if found.judged and not found.not_belonging:
-        said.append("No machine stands out from the others (Holm, 5 %).")
+        sentences.append("No machine stands out from the others (Holm, 5 %).")
         farthest = ranked(found.machine.values(), lambda own: -float(np.log(own.p_value)))[0]
         if farthest.family_wise_p_value is not None and farthest.family_wise_p_value <= _NAMED_BELOW:
-            said.append(f"The farthest out: {farthest.name}, {_where(farthest)}.")
-    return tuple(said)
+            sentences.append(f"The farthest out: {farthest.name}, {_how_far(farthest)}.")
+    return tuple(sentences)
 
 
 def population_doubts(found: Any) -> tuple[str, ...]:
     """Return what is to be minded of a population, and what it does not model."""
-    said = [caveat_words(caveat) for caveat in found.caveats]
-    said.append(
-        "Not modelled: that compliances cannot be negative, changes of a machine from campaign to campaign, and correlations of "
-        "parameters from machine to machine."
+    one_bar = (
+        "Nor that one bar has the same length and ball form in all campaigns. That is conservative for differences between "
+        "machines, not for the population's mean."
     )
-    if found.instrument:
-        said.append(
-            "Nor that one bar has the same length and ball form in all campaigns. That is conservative for differences between "
-            "machines, not for the population's mean."
-        )
-    return tuple(said)
+    return (
+        *map(caveat_words, found.caveats),
+        "Not modelled: that compliances cannot be negative, changes of a machine from campaign to campaign, and correlations of "
+        "parameters from machine to machine.",
+        *([one_bar] if found.instrument else []),
+    )
 
 
-def _where(own: Any) -> str:
+def _how_far(own: Any) -> str:
     """How far out a machine is, and in what."""
     worst = ranked(own.z, lambda name: abs(own.z[name]))[0]
     p = own.family_wise_p_value
@@ -1168,8 +1035,25 @@ def _where(own: Any) -> str:
 
 # ---- page
 
+_CONFLICT, _WORTH = 0.01, 0.95
 
-def _interval(entry: Mapping[str, Any]) -> tuple[float, float]:
+
+@cache
+def _prose() -> Any:
+    import jinja2
+
+    environment = jinja2.Environment(loader=jinja2.PackageLoader("ldbb_bayes.report"), undefined=jinja2.StrictUndefined)
+    environment.filters |= {"joined": joined, "names": _shown, "term": term_words}
+    return environment.get_template("prose.j2").module
+
+
+def prose(paragraph: str, **values: Any) -> str:
+    """Return a paragraph of the page from ``templates/prose.j2``, filled with its values."""
+    return " ".join(str(getattr(_prose(), paragraph)(**values)).split())
+
+
+def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the credible interval in the JSON of a parameter."""
     low, high = next(value for key, value in entry.items() if key.startswith("ci"))
     return low, high
 
@@ -1182,7 +1066,7 @@ def percent_of(result: Mapping[str, Any]) -> str:
 
 def _value(result: Mapping[str, Any], name: str) -> str:
     entry = result["parameters"][name]
-    return f"{display_name(name)} = {plus_minus(entry['mean'], entry['sd'], _interval(entry), entry['unit'])}"
+    return f"{display_name(name)} = {plus_minus(entry['mean'], entry['sd'], interval_of(entry), entry['unit'])}"
 
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
@@ -1199,13 +1083,6 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def summary_lead(result: Mapping[str, Any]) -> str:
-    """Return whether the page may be used."""
-    if not result["sampler"]["converged"]:
-        return "The sampler has not converged: nothing below may be used."
-    return str(result["fit"]["verdict"])
-
-
 def compliance_summary(
     result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability], budgets: Mapping[str, Budget]
 ) -> Iterator[str]:
@@ -1216,18 +1093,18 @@ def compliance_summary(
     values = []
     for name in names:
         entry, word = result["parameters"][name], verdicts[name].verdict
-        stiff = stiffness(entry["median"], _interval(entry))
+        stiff = stiffness(entry["median"], interval_of(entry))
         doubt = f", {word}" if word is not Verdict.IDENTIFIED else ""
         values.append(f"{_value(result, name)} ({f'stiffness {stiff} N/µm' if stiff else 'negative: no stiffness'}{doubt})")
     terms = dict.fromkeys(line.term for name in names for line in budgets[name].contributions)
-    share = {term: sum(budgets[name].share(term) for name in names) / len(names) for term in terms}
+    share = {term: 100.0 * sum(budgets[name].share(term) for name in names) / len(names) for term in terms}
     first, *others = ranked(share, lambda term: share[term])
-    second = f", then {source_words(others[0])} ({100 * share[others[0]]:.0f} %)" if others and share[others[0]] > 0.1 else ""
+    second = f", then {source_words(others[0])} ({share[others[0]]:.0f} %)" if others and share[others[0]] > 10.0 else ""
     model = result["model"]
     at = f" at {model['reference_force_N']:g} N" if model["degree"] else ""
     yield (
-        f"Compliance{at}, {_DEGREES[model['degree']]} in force, ± expanded uncertainty U (k = 2), brackets {percent_of(result)} "
-        f"intervals: {joined(values)}. Most of the uncertainty is {source_words(first)} ({100 * share[first]:.0f} % of the "
+        f"Compliance{at}, {DEGREES[model['degree']]} in force, ± expanded uncertainty U (k = 2), brackets {percent_of(result)} "
+        f"intervals: {joined(values)}. Most of the uncertainty is {source_words(first)} ({share[first]:.0f} % of the "
         f"variance){second}."
     )
 
@@ -1240,28 +1117,23 @@ def geometry_summary(result: Mapping[str, Any], verdicts: Mapping[str, Parameter
     clear = [name for name, own in entries.items() if abs(own["mean"]) > 2.0 * own["sd"]]
     confounded = [name for name in entries if verdicts[name].verdict is Verdict.CONFOUNDED]
     partners = joined(list(dict.fromkeys(term_words(p) for name in confounded for p in verdicts[name].partners)))
-
-    def listed(names: Sequence[str]) -> str:
-        return joined([_value(result, name) for name in names])
-
+    free, rest = (joined([_value(result, n) for n in clear if (n in confounded) is which]) for which in (False, True))
     if not confounded:
-        shown = f"different from zero (k = 2): {listed(clear)}" if clear else "none differs from zero (k = 2)"
+        shown = f"different from zero (k = 2): {free}" if clear else "none differs from zero (k = 2)"
         yield f"Geometric errors ({len(entries)}, without tool offsets): {shown}."
-        return
-    names = joined([display_name(name) for name in confounded])
-    if flat:
+    elif flat:
         yield (
-            f"Geometric errors: {names} look exactly like {partners}, which these intervals leave out: they are not known as "
-            "well as is printed."
+            f"Geometric errors: {_shown(confounded)} look exactly like {partners}, which these intervals leave out: they are not "
+            "known as well as is printed."
         )
-        return
-    free, rest = [name for name in clear if name not in confounded], [name for name in clear if name in confounded]
-    shown = f" Different from zero (k = 2): {listed(free)}." if free else ""
-    shown += f" Beyond what was assumed of these: {listed(rest)}." if rest else ""
-    yield (
-        f"Geometric errors: {names} are confounded with {partners}; their intervals rest on what was assumed of these, and more "
-        f"readings of the same kind do not narrow them.{shown or ' None differs from zero (k = 2).'}"
-    )
+    else:
+        shown = f" Different from zero (k = 2): {free}." if free else ""
+        shown += f" Beyond what was assumed of these: {rest}." if rest else ""
+        yield (
+            f"Geometric errors: {_shown(confounded)} are confounded with {partners}; their intervals rest on what was assumed of "
+            "these, and more readings of the same kind do not narrow them."
+            f"{shown or ' None differs from zero (k = 2).'}"
+        )
 
 
 def comparison_summary(result: Mapping[str, Any], compared: Comparison | str) -> Iterator[str]:
@@ -1269,7 +1141,7 @@ def comparison_summary(result: Mapping[str, Any], compared: Comparison | str) ->
     if not isinstance(compared, Comparison):
         yield f"Constant or linear compliance could not be compared: {compared}"
         return
-    yield f"Constant or linear compliance: {evidence_sentence(compared)} {sign_sentence(compared)}"
+    yield f"Constant or linear compliance: {_evidence(compared)} {_SIGNS[compared.sign]}"
     best = ranked(compared.models, lambda name: compared.models[name].posterior_probability)[0]
     model, degree = compared.models[best], result["model"]["degree"]
     if model.degree != degree and model.posterior_probability > 0.5:
@@ -1279,148 +1151,53 @@ def comparison_summary(result: Mapping[str, Any], compared: Comparison | str) ->
             if is_direct(name)
         ]
         yield (
-            f"The numbers of this page are of {_DEGREES[degree]} compliance. With {best} compliance, which the readings prefer "
+            f"The numbers of this page are of {DEGREES[degree]} compliance. With {best} compliance, which the readings prefer "
             f"(probability {model.posterior_probability:.3g}): {joined(values)}; to sign these, fit with --degree {model.degree}."
         )
 
 
-def results_introduction(result: Mapping[str, Any]) -> str:
-    """Return how the table of results is read."""
-    model, percent = result["model"], percent_of(result)
-    negative = " Compliances that cannot be negative are held so: read a low one as an upper limit." if model["truncated"] else ""
-    at = f" C_… are values at F0 = {model['reference_force_N']:g} N, C_…_1 slopes there." if model["degree"] else ""
-    return (
-        f"Compliance {_IN_FORCE[model['degree']]}, as it was fitted (whether the readings prefer it: Constant or linear).{at} u "
-        "is the standard uncertainty (posterior standard deviation), U = 2u the expanded one (k = 2, about 95 %); where the "
-        f"distribution is skewed, the distances to the ends of the {percent} credible interval stand in its place. Brackets, of "
-        f"the stiffness too, are {percent} intervals. A compliance stands for the sum of its set.{negative} The last column is "
-        "what the readings tell of the parameter: identified, prior-limited (mostly what was assumed), or confounded with what "
-        "they cannot separate from it; in brackets what knowing a term would take from its variance. Such shares overlap; those "
-        "of the budgets below sum to one."
-    )
-
-
-def limits_sentences(found: Identifiability, flat: bool) -> Iterator[str]:
-    """Return what is read before the degeneracies."""
-    if not found.degeneracies:
-        yield "No combination of parameters and nuisances is unseen."
+def next_summary(budgets: Mapping[str, Budget], flat: bool, design: Design | str, given: bool) -> Iterator[str]:
+    """Return what would help most, and which circles to run next."""
+    if flat:
+        yield "What would help most: fit with the default preset. Least squares sees nothing but white noise."
         return
-    assumed = "The model leaves it out (least squares)." if flat else "Only what was assumed separates it."
-    yield f"However many readings of this kind are taken, what follows looks the same to them. {assumed}"
+    remedies: dict[str, list[str]] = {}
+    for name, budget in budgets.items():
+        if is_direct(name) or (name.startswith("E_") and name[3] != "t"):
+            remedies.setdefault(remedy_words(budget), []).append(name)
+    most = ranked(remedies.items(), lambda pair: len(pair[1]))[:2]
+    yield "What would help most: " + " ".join(f"{_shown(names)}: {_lowered(remedy)}" for remedy, names in most)
+    if isinstance(design, str):
+        return
+    ratio = _ratios(design)
+    best = ranked(ratio, lambda name: -ratio[name], tolerance=_ALIKE)[0]
+    run, steps = _tests_to_run(design), design.compared[0].name
+    if ratio[best] > _WORTH and not given:
+        yield (
+            f"Other forces alone would not help: of as many circles the best ({run}) narrow no interval by more than "
+            f"{100 * (1.0 - _WORTH):.0f} % against {steps}."
+        )
+    else:
+        when = "Recommended next" if given else "If the campaign is run anew"
+        yield f"{when}: run {run}; against {steps} the interval of {display_name(best)} is then {ratio[best]:.2f} times as wide."
 
 
 def degeneracy_items(found: Identifiability) -> tuple[str, ...]:
     """Return every degeneracy with what would separate it."""
-    pairs = [(own, cure_words(own, cures)) for own, cures in zip(found.degeneracies, found.cures, strict=True)]
-    return tuple(f"{statement(own)} What would: {cure[0].lower()}{cure[1:]}" for own, cure in pairs)
-
-
-def effective_sentence(found: Identifiability) -> str:
-    """Return how many parameters the readings determine."""
-    return (
-        f"Effective number of parameters {found.effective_parameters:.1f} of {len(found.parameters)}: how much the readings "
-        "narrow against the priors, in parameters. A confounded one may be narrowed and still not known. "
-        f"{basis_words(found)}"
-    )
-
-
-def fit_introduction(quality: Mapping[str, Any]) -> str:
-    """Return how well the model fits."""
-    return (
-        f"RMSE {quality['rmse_um']:.2f} µm over all readings (Eq. 34; machine and shared nuisances). The linear model differs "
-        f"from the exact geometry by at most {quality['linearisation_error_um']:.4f} µm. ln P(T | y) = "
-        f"{quality['log_prob_truncation']:.2f} (before: {quality['log_prob_truncation_prior']:.2f}), the log probability that "
-        "the compliances restricted to non-negative values would be so without the restriction: far below −4 the readings "
-        "contradict it."
-    )
-
-
-def sampler_sentences(sampler: Mapping[str, Any]) -> str:
-    """Return whether the sampler reached its target, and what its figures mean."""
-    state = "reached its target" if sampler["converged"] else "did NOT reach its target"
-    return (
-        f"Sampler {sampler['kind']} {state} (ESS ≥ {sampler['target_ess']:g}, R-hat ≤ {sampler['target_rhat']:g}): "
-        f"{sampler['draws']} draws, {sampler['steps']} steps, smallest bulk ESS {sampler['ess_bulk_min']:.0f}, smallest tail ESS "
-        f"{sampler['ess_tail_min']:.0f}, largest R-hat {sampler['rhat_max']:.4f}. ESS: independent draws the result is worth. "
-        "R-hat: independent runs compared, 1 when they agree."
-    )
-
-
-def prior_sentences(result: Mapping[str, Any], flat: bool) -> str:
-    """Return terms and priors of a model."""
-    model = result["model"]
-    idle = f" Idle here: {', '.join(map(term_words, model['idle_terms']))}." if model.get("idle_terms") else ""
-    fixed = f" Fixed at zero: {', '.join(model['fixed'])}." if model.get("fixed") else ""
-    terms = (
-        f"Preset {model['preset']}, priors {model['priors']}; terms: {', '.join(map(term_words, model['terms']))}.{idle}{fixed}"
-    )
-    if flat:
-        return f"{terms} Priors are flat (least squares), that of σ half-normal."
-    greek = {"sigma": "σ", "delta": "δ", "kappa": "κ", "tau": "τ"}
-    hypers = joined(list(dict.fromkeys(greek.get(name.split("_")[0], name) for name in result["hyper"])))
-    limited = ", restricted to compliances that are not negative at any tested force" if model["truncated"] else ""
-    about = "the means below" if any(own.get("prior_mean") for own in result["parameters"].values()) else "zero"
-    return f"{terms} Parameters have normal priors about {about}{limited}; {hypers} half-normal ones."
-
-
-def method_sentences(result: Mapping[str, Any]) -> str:
-    """Return the method in short."""
-    nuisances = [term_words(name) for name in result["model"]["terms"] if name not in ("Compliance", "GeometricErrors")]
-    integrated = (
-        f"Nuisances ({joined(nuisances)}) are Gaussian and integrated out; parameters, σ and the scales are sampled."
-        if nuisances
-        else "No nuisance is in the model; parameters and σ are sampled."
-    )
-    return (
-        "Readings are a linear function of joint compliances times force, geometric errors and nuisances (hybrid Jacobian), with "
-        f"white noise. {integrated} Intervals are equal-tailed credible intervals: given model and readings, the parameter lies "
-        "inside with the stated probability. The model is that of 'A Novel Elasto-Geometric Model Exploiting Loaded Circular "
-        "Test on a Machine Tool' (the paper; Eq. and Table are its), with nuisances."
-    )
-
-
-def method_notes() -> tuple[str, ...]:
-    """Return what a reader of the page should know of words and limits."""
-    return (
-        "ln B: logarithm of the Bayes factor, how much more probable one model makes the readings than the other; in nats "
-        "(natural logarithms), 1 to 3 positive, 3 to 5 strong, more very strong evidence.",
-        "Truncation: the condition that compliances are not negative. Discrepancy: what else differs from circle to circle.",
-        "Form of the balls at orders 2 and 3 looks exactly like geometric errors; its size is learnt from the orders the machine "
-        "cannot make. A ball with one strong lobe at order 2 or 3 breaks this.",
-        "Compliance is quasi-static and a polynomial of force; thermal drift counts only where it was asked for.",
-        "Joints that no circle of the campaign moves are taken as rigid.",
-        "Type A and B follow the GUM; budgets hold at the mean hyper-parameters and are scaled to the posterior variance.",
-    )
-
-
-def beside_introduction(first: Mapping[str, Any], others: Sequence[Mapping[str, Any]], same_instrument: bool) -> str:
-    """Return what differences between campaigns rest on; of the JSON of their fits."""
-    shared = (
-        "The instrument was the same (bar, balls, mount, force device): its errors cancel in the differences, as far as both "
-        "campaigns see them alike. Differences are without truncation, so an interval that it had narrowed may be wider here."
-        if same_instrument
-        else "Instruments are taken as independent. If bar, balls, mount and force device were the same, their errors cancel and "
-        "most differences are known better than stated here (--same-instrument)."
-    )
-    degrees = {own["model"]["degree"] for own in (first, *others)}
-    unlike = " The campaigns were fitted with different degrees: only what all have is compared." if len(degrees) > 1 else ""
-    return (
-        f"The first campaign is {first['campaign']['name']}; the rest of the page is about it. Differences are at its reference "
-        f"force {first['model']['reference_force_N']:g} N; offsets of the tool ball, which are the set-up's, are left out. "
-        f"{shared}{unlike}"
-    )
+    pairs = zip(found.degeneracies, found.cures, strict=True)
+    return tuple(f"{statement(own)} What would: {_lowered(cure_words(own, cures))}" for own, cures in pairs)
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float) -> str:
     """Return which parameters of a campaign differ from those of the first."""
     tail = 0.5 - 0.5 * ci_prob
     clear = table[(table["probability_of_increase"] > 1.0 - tail) | (table["probability_of_increase"] < tail)]
-    shown = [
+    sizes = [
         f"{display_name(str(name))} {plus_minus(row['difference'], row['sd'], (row['ci_low'], row['ci_high']), row['unit'])}"
         for name, row in clear.iterrows()
     ]
     differs = (
-        f"differs from {first} (± U, k = 2): {'; '.join(shown)}" if shown else f"does not differ from {first} in any parameter"
+        f"differs from {first} (± U, k = 2): {'; '.join(sizes)}" if sizes else f"does not differ from {first} in any parameter"
     )
     return f"{other} {differs}. {100 * ci_prob:g} % intervals, each parameter by itself."
 
@@ -1434,50 +1211,6 @@ def difference_doubts(first: str, other: str, converged: bool, conflict: tuple[s
             f"Not one instrument: {first} and {other} disagree about the {nuisance_words(conflict[0])} (p = {conflict[1]:.1g}). "
             "Balls turned or changed? Do not use the differences; make the page without --same-instrument."
         )
-
-
-_CONFLICT = 0.01
-
-_AS_WORKED_OUT = (
-    "As many circles in place of this campaign, of the forces between its lowest and highest, that tell most about all "
-    "compliances and geometric errors together (criterion eig, expected information gain: a single interval may be wider). "
-    "ldbb-bayes design has other goals: clockings, radii, directions, costs, adding to the tests already run; its result comes "
-    "here with --design DIR."
-)
-_WORTH = 0.95
-
-
-def design_introduction(given: bool) -> str:
-    """Return where the recommended circles come from."""
-    return "As ldbb-bayes design found it." if given else _AS_WORKED_OUT
-
-
-def next_summary(budgets: Mapping[str, Budget], flat: bool, design: Design | str, given: bool) -> Iterator[str]:
-    """Return what would help most, and which circles to run next."""
-    if flat:
-        yield "What would help most: fit with the default preset. Least squares sees nothing but white noise."
-        return
-    remedies: dict[str, list[str]] = {}
-    for name, budget in budgets.items():
-        if is_direct(name) or (name.startswith("E_") and name[3] != "t"):
-            remedies.setdefault(remedy_words(budget), []).append(display_name(name))
-    most = ranked(remedies.items(), lambda pair: len(pair[1]))[:2]
-    yield "What would help most: " + " ".join(f"{joined(names)}: {remedy[0].lower()}{remedy[1:]}" for remedy, names in most)
-    if isinstance(design, str):
-        return
-    ratio = {name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters}
-    best = ranked(ratio, lambda name: -ratio[name], tolerance=_ALIKE)[0]
-    run, steps = tests_to_run(design), design.compared[0].name
-    against = f"against {steps} the interval of {display_name(best)} is then {ratio[best]:.2f} times as wide"
-    if given:
-        yield f"Recommended next: run {run}; {against}."
-    elif ratio[best] > _WORTH:
-        yield (
-            f"Other forces alone would not help: of as many circles the best ({run}) narrow no interval by more than "
-            f"{100 * (1.0 - _WORTH):.0f} % against {steps}."
-        )
-    else:
-        yield f"If the campaign is run anew: run {run}; {against}."
 
 
 __all__ = sorted(name for name, own in globals().items() if getattr(own, "__module__", "") == __name__ and name[0] != "_")

@@ -84,7 +84,7 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
     assert prior["tau"].startswith("± ")
     for name, tree, words in (("means", fitted, "about the means below"), ("none", plain, "about zero")):
         found = SimpleNamespace(result=full_result(tree, 0.95), posterior=tree, flat=False)
-        paragraph, sheet, _ = assumptions(found).parts  # type: ignore[arg-type]
+        paragraph, sheet, _ = assumptions(found)  # type: ignore[arg-type]
         assert f"normal priors {words}, restricted" in paragraph
         assert ("prior mean" in sheet.heads) == (name == "means")
         assert list(sheet.rows[0]) == (["C_XXX", "0.0510", "0.0040", "µm/N"] if name == "means" else ["C_XXX", "0.10", "µm/N"])

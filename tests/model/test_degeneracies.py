@@ -206,6 +206,15 @@ def test_sentences_name_the_partner_and_the_cure(recovered: lb.Campaign) -> None
     )
 
 
+def test_patterns_of_one_set_are_listed() -> None:
+    """Two orders that look like the same parameters: one list, single blanks."""
+    pair = [
+        Degeneracy("BallForm", {name: 1e-3, "E_XX1": 1e-5}, ("E_XX1",), {"E_XX1": "1"}, True, 1.0, 0.0)
+        for name in ("form_cos2", "form_cos3")
+    ]
+    assert alias_sentences(pair)[0].startswith("Ball form looks exactly like E_XX1 in cos 2θ, in cos 3θ: these readings")
+
+
 def test_what_the_model_leaves_out_is_said_too(recovered: lb.Campaign) -> None:
     every = degeneracies(lb.HybridModel.paper(0).bind(recovered))
     assert not any(d.modelled for d in every)

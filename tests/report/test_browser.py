@@ -12,8 +12,7 @@ from reports import AWKWARD, NOT_COMPARED, awkward, fitted
 
 import ldbb_bayes as lb
 from ldbb_bayes.report.findings import find
-from ldbb_bayes.report.page import html_page
-from ldbb_bayes.report.sections import compose
+from ldbb_bayes.report.page import compose, html_page
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
 BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)

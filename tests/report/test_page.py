@@ -16,8 +16,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.report.figures.style import new_figure
 from ldbb_bayes.report.findings import find, sizes_of
-from ldbb_bayes.report.page import html_page
-from ldbb_bayes.report.sections import Details, Document, Picture, Section, compose
+from ldbb_bayes.report.page import Document, compose, html_page
+from ldbb_bayes.report.sections import Details, Picture, Section
 from ldbb_bayes.table import Table
 from ldbb_bayes.units import typeset, units_for
 

@@ -20,7 +20,8 @@ from ldbb_bayes.fleet.row import Job, Settings, fit_row
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import find
-from ldbb_bayes.report.sections import Details, Picture, compose
+from ldbb_bayes.report.page import compose
+from ldbb_bayes.report.sections import Details, Picture
 from ldbb_bayes.table import Table, json_text
 
 MODEL = lb.HybridModel.default(1)
