@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -9,102 +10,93 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ldbb_bayes.cli.options import (
-    ChosenModel,
-    CiOption,
-    ForceOption,
-    GivenCampaign,
-    JsonOption,
-    Output,
-    PriorFromOption,
-    QuietOption,
-    SeedOption,
-    command,
-    with_population,
-)
+import ldbb_bayes as lb
+from ldbb_bayes.cli import options
+from ldbb_bayes.cli.options import CI, SEED, Output, command, counting_progress, group, option, sampling_progress
 from ldbb_bayes.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import xarray as xr
 
-__all__ = ["demo", "fit", "report", "summarize"]
+__all__ = ["demo", "figure_names", "fit", "report", "summarize", "write_result"]
 
 RESULT_FILES = ("posterior.nc", "summary.json", "model.toml", "report.html", "report.json", "tables")
 
 
+_FIT = group(
+    sampler=option(str, "joint (emcee over everything) or independent (exact draws from weighted nodes).", "joint"),
+    ess=options.ESS,
+    max_steps=option(int, "Steps of each ensemble at which sampling gives up.", 20_000, min=200),
+    seed=SEED,
+    ci=CI,
+)
+
+
 @command
 def fit(
-    campaign: GivenCampaign,
-    model: ChosenModel,
-    output: Output,
-    prior_from: PriorFromOption = None,
-    sampler: Annotated[
-        str, typer.Option(help="joint (emcee over everything) or independent (exact draws from weighted nodes).")
-    ] = "joint",
-    ess: Annotated[
-        float, typer.Option(help="Bulk and tail effective sample size every parameter must reach.", min=100.0)
-    ] = 1000.0,
-    max_steps: Annotated[int, typer.Option(help="Steps of each ensemble at which sampling gives up.", min=200)] = 20_000,
-    seed: SeedOption = 1,
-    ci: CiOption = 0.95,
+    campaign: options.GivenCampaign,
+    model: options.ChosenModel,
+    output: options.OutputOptions,
+    asked: Annotated[dict[str, Any], _FIT],
+    prior_from: options.PriorFromOption = None,
 ) -> None:
     """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the sampler missed its target."""
-    from ldbb_bayes.cli.show import sampling_progress
-    from ldbb_bayes.inference.mcmc import StoppingRule
     from ldbb_bayes.inference.posterior import check_probability
-    from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.report.findings import full_result
 
-    check_probability(ci)
-    chosen, population = with_population(model, prior_from, campaign)
-    output.check(RESULT_FILES)
-    rule = StoppingRule(ess=ess, max_steps=max_steps)
-    with sampling_progress(output.quiet) as progress:
-        posterior = sample(chosen, campaign, sampler=sampler, seed=seed, rule=rule, progress=progress)
-    result = full_result(posterior, ci)
-    if population is not None:
-        result["prior_from"] = population
+    check_probability(asked["ci_prob"])
+    chosen, population = _with_population(model, prior_from, campaign)
+    output.check(*RESULT_FILES)
+    rule = lb.StoppingRule(ess=asked["ess"], max_steps=asked["max_steps"])
+    with sampling_progress(output.quiet, "sampling") as progress:
+        posterior = lb.sample(chosen, campaign, sampler=asked["sampler"], seed=asked["seed"], rule=rule, progress=progress)
+    result = full_result(posterior, asked["ci_prob"]) | population
     written = f"{output.out}/posterior.nc, summary.json, model.toml"
-    output.deliver(result, RESULT_FILES, partial(write_result, posterior, result), partial(_show_fit, result), written)
+    output.deliver(result, _parts_of_fit(result), also=partial(write_result, posterior, result), written=written)
     if not result["sampler"]["converged"]:
-        raise typer.Exit(1)
+        raise typer.Exit(options.EXIT_MISSED)
+
+
+def _with_population(model: lb.HybridModel, path: Path | None, campaign: lb.Campaign) -> tuple[lb.HybridModel, dict[str, Any]]:
+    """The model with the prior that --prior-from names, and what a result says of it; its doubts go to stderr."""
+    if path is None:
+        return model, {}
+    prior = lb.prior_from(path)
+    doubts = prior.doubts(campaign)
+    for doubt in doubts:
+        typer.echo(f"--prior-from: {doubt}", err=True)
+    said = {"path": str(path), "machines": prior.machines, "campaigns": prior.campaigns}
+    return prior.model(model), {"prior_from": said | {"sha256": prior.sha256, "doubts": list(doubts)}}
 
 
 @command
 def summarize(
     result: Annotated[Path, typer.Argument(help="The --out folder of a fit, or its posterior.nc.", metavar="RESULT")],
-    as_json: JsonOption = False,
-    ci: CiOption = 0.95,
+    as_json: options.JsonOption = False,
+    ci: options.CiOption = 0.95,
 ) -> None:
     """Table or JSON of a stored posterior, with intervals of any probability."""
-    from ldbb_bayes.inference.posterior import load
     from ldbb_bayes.report.findings import full_result
 
-    numbers = full_result(load(result), ci)
-    Output(None, False, as_json, False).deliver(numbers, (), lambda _: None, partial(_show_fit, numbers))
+    numbers = full_result(lb.load(result), ci)
+    Output(as_json=as_json).deliver(numbers, _parts_of_fit(numbers))
 
 
 def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:
     """posterior.nc, summary.json and model.toml of a fit, into a folder that is made."""
-    from ldbb_bayes.cli.show import write_files
-    from ldbb_bayes.inference.posterior import record_of, save
+    from ldbb_bayes.inference.posterior import record_of
 
     folder.mkdir(exist_ok=True)
-    save(posterior, folder / "posterior.nc")
-    write_files(folder, {"summary.json": result, "model.toml": record_of(posterior)["model"]["toml"]}, {})
+    lb.save(posterior, folder / "posterior.nc")
+    options.write_files(folder, {"summary.json": result, "model.toml": record_of(posterior)["model"]["toml"]})
 
 
-def _show_fit(result: Mapping[str, Any]) -> None:
-    from ldbb_bayes.cli.show import show
+def _parts_of_fit(result: Mapping[str, Any]) -> tuple[Any, ...]:
     from ldbb_bayes.report.text import parts_of_fit
 
-    show(*parts_of_fit(result))
-    if "prior_from" in result:
-        own = result["prior_from"]
-        machines = f"{own['machines']} machines, {own['campaigns']} campaigns ({own['path']})"
-        typer.echo(f"Prior of the compliances: population of {machines}.")
+    own = result.get("prior_from")
+    said = own and f"population of {own['machines']} machines, {own['campaigns']} campaigns ({own['path']})"
+    return (*parts_of_fit(result), *([f"Prior of the compliances: {said}."] if own else []))
 
 
 _FORMATS = ("svg", "png", "pdf")
@@ -116,7 +108,7 @@ def report(
         list[Path], typer.Argument(help="The --out folder of a fit; more of them are set beside the first.", metavar="RESULT...")
     ],
     out: Annotated[Path | None, typer.Option(help="Folder to write to. Default: RESULT.", metavar="DIR")] = None,
-    force: ForceOption = False,
+    force: options.ForceOption = False,
     comparison: Annotated[
         Path | None, typer.Option(help="The --out folder of an earlier compare of the same readings.", metavar="DIR")
     ] = None,
@@ -131,24 +123,20 @@ def report(
         Path | None,
         typer.Option(help="Folder for the figures of the page and the analyses' others, as SVG, PNG and PDF.", metavar="DIR"),
     ] = None,
-    as_json: JsonOption = False,
-    ci: CiOption = 0.95,
-    quiet: QuietOption = False,
+    as_json: options.JsonOption = False,
+    ci: options.CiOption = 0.95,
+    quiet: options.QuietOption = False,
 ) -> None:
     """One self-contained page: results, what the data cannot tell, budgets, circular-test quantities, next tests.
 
     Writes report.html, report.json and tables (CSV) into RESULT, working out what the fit did not keep. Exit code 1
     when the fit had missed its target; the page then says so at its top.
     """
-    from ldbb_bayes.analysis.comparison import read_comparison
-    from ldbb_bayes.analysis.design.design import read_design
-    from ldbb_bayes.cli.show import counting_progress
     from ldbb_bayes.files import check_target, staged_folder
-    from ldbb_bayes.inference.posterior import check_probability, load, record_of
+    from ldbb_bayes.inference.posterior import check_probability, record_of
     from ldbb_bayes.jobs import process_executor
-    from ldbb_bayes.report.figures import save_figure
     from ldbb_bayes.report.findings import compare_for_report, sizes_of
-    from ldbb_bayes.report.page import REPORT_FILES, write_report
+    from ldbb_bayes.report.page import REPORT_FILES
     from ldbb_bayes.units import units_for
 
     check_probability(ci)
@@ -166,25 +154,25 @@ def report(
     beside = process_executor(1) if comparison is None else nullcontext()
     with beside as executor, counting_progress(quiet, "sections") as progress:
         running = None if executor is None else executor.submit(compare_for_report, result[0])
-        first, *others = (load(path) for path in result)
-        document = write_report(
+        first, *others = (lb.load(path) for path in result)
+        document = lb.write_report(
             first,
             folder,
             beside_it=_named(first, others, result[1:]),
             same_instrument=same_instrument,
             ci_prob=ci,
             tests=tests,
-            comparison=running if comparison is None else read_comparison(comparison),
-            recommended=None if design is None else read_design(design),
+            comparison=running if comparison is None else lb.read_comparison(comparison),
+            recommended=None if design is None else lb.read_design(design),
             progress=progress,
         )
     if figures is not None:
         with staged_folder(figures, force=force, ours=figure_names()) as staging:
             for picture in document.pictures:
-                save_figure(picture.figure, staging, picture.key, formats=_FORMATS)
+                lb.figures.save_figure(picture.figure, staging, picture.key, formats=_FORMATS)
             with units_for(sizes_of(first)):
                 for name, draw in document.further.items():
-                    save_figure(draw(), staging, name, formats=_FORMATS)
+                    lb.figures.save_figure(draw(), staging, name, formats=_FORMATS)
     if as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
     else:
@@ -193,17 +181,14 @@ def report(
         drawn = "" if figures is None else f"; figures: {figures}"
         typer.echo(f"Written: {', '.join(f'{folder}/{name}' for name in REPORT_FILES)}{drawn}")
     if not record_of(first)["sampler"]["converged"]:
-        raise typer.Exit(1)
+        raise typer.Exit(options.EXIT_MISSED)
 
 
 def figure_names() -> tuple[str, ...]:
     """Figures that may be replaced: those of an earlier report."""
-    from ldbb_bayes.cli.show import figure_files
-    from ldbb_bayes.report.figures import FIGURES
-
     others = "budget differences evidence compliance_with_local_fits geometry_with_local_fits predictive_p_values expected_widths"
     others += " information efficiency nuisance_costs prior_and_posterior alias correlation"
-    return figure_files(sorted({*FIGURES, *others.split()}), _FORMATS)
+    return options.figure_files(sorted({*lb.figures.FIGURES, *others.split()}), _FORMATS)
 
 
 def _named(first: xr.DataTree, posteriors: list[xr.DataTree], paths: list[Path]) -> dict[str, xr.DataTree]:
@@ -223,10 +208,10 @@ DEMO_FILES = ("campaign", "constant", "linear", "figures")
 @command
 def demo(
     out: Annotated[Path, typer.Option(help="Folder to write results and figures to.", metavar="DIR")] = Path("ldbb_demo"),
-    force: ForceOption = False,
-    seed: SeedOption = 1,
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    force: options.ForceOption = False,
+    seed: options.SeedOption = 1,
+    as_json: options.JsonOption = False,
+    quiet: options.QuietOption = False,
 ) -> None:
     """Fit constant and linear compliance to the published experiment, and say what it means.
 
@@ -234,40 +219,32 @@ def demo(
     """
     import shutil
 
-    from ldbb_bayes.analysis.identifiability import verdicts
-    from ldbb_bayes.campaign.folder import embedded_campaign, read_campaign
-    from ldbb_bayes.cli.show import print_json, sampling_progress, show
     from ldbb_bayes.files import check_target, staged_folder
-    from ldbb_bayes.inference.sample import sample
     from ldbb_bayes.jobs import process_executor
-    from ldbb_bayes.model.hybrid import HybridModel
-    from ldbb_bayes.report.figures import save_figures
     from ldbb_bayes.report.findings import compare_for_report, full_result
-    from ldbb_bayes.report.page import write_report
     from ldbb_bayes.report.text import results_table
     from ldbb_bayes.report.wording import two_fits_sentences
 
     check_target(out, force=force, ours=DEMO_FILES)
-    source = embedded_campaign()
-    campaign = read_campaign(source)
+    source = lb.embedded_campaign()
+    campaign = lb.read_campaign(source)
     fits = {}
     for name, degree in (("constant", 0), ("linear", 1)):
         with sampling_progress(quiet, name) as progress:
-            fits[name] = sample(HybridModel.default(degree), campaign, seed=seed, progress=progress)
+            fits[name] = lb.sample(lb.HybridModel.default(degree), campaign, seed=seed, progress=progress)
     results = {name: full_result(posterior, 0.95) for name, posterior in fits.items()}
     with process_executor(1) as executor, staged_folder(out, force=force, ours=DEMO_FILES) as staging:
         shutil.copytree(source, staging / "campaign")
         for name, posterior in fits.items():
             write_result(posterior, results[name], staging / name)
         running = executor.submit(compare_for_report, staging / "linear")
-        save_figures(fits["linear"], staging / "figures")
-        write_report(fits["linear"], staging / "linear", comparison=running)
-    if as_json:
-        print_json({"schema": 1, "out": str(out), **results})
-    else:
-        for name, posterior in fits.items():
-            show(f"{name.capitalize()} compliance", results_table(results[name], verdicts(posterior)))
-        show(*two_fits_sentences(results["constant"], results["linear"]), "", f"Report: {out}/linear/report.html")
-        show(f"Files: {out}/campaign, {out}/constant, {out}/linear, {out}/figures (PNG and SVG)")
+        lb.save_figures(fits["linear"], staging / "figures")
+        lb.write_report(fits["linear"], staging / "linear", comparison=running)
+    parts: list[Any] = []
+    for name, posterior in fits.items():
+        parts += [f"{name.capitalize()} compliance", results_table(results[name], lb.verdicts(posterior))]
+    parts += [*two_fits_sentences(results["constant"], results["linear"]), "", f"Report: {out}/linear/report.html"]
+    parts.append(f"Files: {out}/campaign, {out}/constant, {out}/linear, {out}/figures (PNG and SVG)")
+    Output(as_json=as_json).deliver({"schema": 1, "out": str(out), **results}, tuple(parts))
     if not all(result["sampler"]["converged"] for result in results.values()):
-        raise typer.Exit(1)
+        raise typer.Exit(options.EXIT_MISSED)

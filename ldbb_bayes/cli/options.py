@@ -1,4 +1,4 @@
-"""Options shared by the commands, and what they mean."""
+"""Options of the commands, what they mean, and where a result goes: a folder, JSON on stdout, tables; progress on stderr."""
 
 from __future__ import annotations
 
@@ -7,383 +7,128 @@ import inspect
 import math
 import os
 import sys
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn
 
 import typer
 
+import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError, plain_reason
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ldbb_bayes.campaign.campaign import Campaign
+    from ldbb_bayes.inference.mcmc import Progress
     from ldbb_bayes.model.hybrid import HybridModel
 
-__all__ = [
-    "EXIT_INTERRUPTED",
-    "CampaignArgument",
-    "ChosenModel",
-    "CiOption",
-    "ExecutorOption",
-    "ForceOption",
-    "GivenCampaign",
-    "JsonOption",
-    "Output",
-    "PriorFromOption",
-    "QuietOption",
-    "SchedulerOption",
-    "SeedOption",
-    "TableFields",
-    "WorkersOption",
-    "campaign_from",
-    "command",
-    "fail",
-    "names_in",
-    "pairs_in",
-    "three_numbers",
-    "with_population",
-]
-
-EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
-
-CampaignArgument = Annotated[Path, typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN")]
-PriorFromOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--prior-from",
-        help="Result of a population of such machines (folder or population.json), the prior of the compliances. This campaign "
-        "must not be one of the population's.",
-        metavar="POPULATION",
-    ),
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing results.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
-SeedOption = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0, max=2**63 - 1)]
-CiOption = Annotated[float, typer.Option(help="Probability of the credible intervals.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress.")]
-ExecutorOption = Annotated[
-    str,
-    typer.Option("--executor", help="What the jobs run on: process (the cores here) or dask.", metavar="process|dask"),
-]
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler",
-        help="Dask scheduler to use, for example tcp://10.0.0.1:8786. Default: workers on this machine.",
-        metavar="ADDRESS",
-    ),
-]
-WorkersOption = Annotated[
-    int, typer.Option("--workers", help="Processes, one BLAS thread each; 0: one per core. None is started for 1.", min=0)
-]
-
-_CAMPAIGN: Mapping[str, tuple[Any, Any]] = {"campaign": (CampaignArgument, inspect.Parameter.empty)}
-_MODEL: Mapping[str, tuple[Any, Any]] = {
-    "degree": (
-        Annotated[
-            int | None,
-            typer.Option(help="Compliance constant (0), linear (1) or quadratic (2) in force. Default 1.", min=0, max=2),
-        ],
-        None,
-    ),
-    "preset": (
-        Annotated[str | None, typer.Option(help="default: all nuisances and priors. paper: plain least squares (Eq. 31).")],
-        None,
-    ),
-    "without": (
-        Annotated[
-            str,
-            typer.Option(
-                help="Comma-separated terms to leave out: ball-form, bar-length, mount, force-error, setup-shift, discrepancy, "
-                "hysteresis, drift, truncation."
-            ),
-        ],
-        "",
-    ),
-    "drift": (
-        Annotated[
-            str | None,
-            typer.Option(
-                help="Centre and length drift with time or temperature, as the tests record it.", metavar="time|temperature"
-            ),
-        ],
-        None,
-    ),
-    "model": (
-        Annotated[Path | None, typer.Option(help="Model as TOML (priors, terms, degree).", metavar="FILE.toml")],
-        None,
-    ),
-}
+EXIT_MISSED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 
-def _of_table(kind: Any, name: str, text: str, default: Any = None) -> tuple[Any, Any]:
-    return Annotated[kind, typer.Option(name, help=text, rich_help_panel="For a tidy CSV")], default
+# ---- groups of options
 
 
-_TABLE: Mapping[str, tuple[Any, Any]] = {
-    "topology": _of_table(str | None, "--topology", "Joints from workpiece to tool."),
-    "plane": _of_table(str | None, "--plane", "XY, YZ or ZX."),
-    "radius_mm": _of_table(float | None, "--radius-mm", "Nominal radius (mm). Default 150."),
-    "resolution_um": _of_table(float | None, "--resolution-um", "Step of the readout (µm). Default 0.24."),
-    "raw": _of_table(bool, "--raw", "The readings are not compensated for the mount.", False),
-    "mount_um_per_bar": _of_table(float | None, "--mount-um-per-bar", "Deflection of the mount. Default 2.33."),
-    "force_slope": _of_table(float | None, "--force-slope", "Force law, N per bar. Default 126.04."),
-    "force_offset": _of_table(float | None, "--force-offset", "Force law, force at zero pressure (N). Default -14.2."),
-}
-_OUTPUT: Mapping[str, tuple[Any, Any]] = {
-    "out": (
-        Annotated[Path | None, typer.Option(help="Folder to write results to. Without it nothing is written.", metavar="DIR")],
-        None,
-    ),
-    "force": (ForceOption, False),
-    "as_json": (JsonOption, False),
-    "quiet": (QuietOption, False),
-}
+class Kind(NamedTuple):
+    """What is typed, and what it means: ``read`` gets it and the option's name."""
+
+    typed: Any
+    read: Callable[[Any, str], Any]
+    metavar: str | None = None
 
 
 @dataclass(frozen=True)
-class Output:
-    """Where a result goes: files into a folder, all or none, and stdout, as JSON or for reading."""
+class Option:
+    """One option of a group: None is not handed on, so that the function's own default holds.
 
-    out: Path | None
-    force: bool
-    as_json: bool
-    quiet: bool
-
-    def check(self, files: Collection[str]) -> None:
-        """Refuse a folder that must not be replaced, before any work is done; ``files`` may be.
-
-        Raises
-        ------
-        InputError
-        """
-        from ldbb_bayes.files import check_target
-
-        if self.out is not None:
-            check_target(self.out, force=self.force, ours=files)
-
-    def deliver(
-        self,
-        record: Mapping[str, Any],
-        files: Collection[str],
-        write: Callable[[Path], None],
-        show: Callable[[], None],
-        written: str = "",
-    ) -> None:
-        """Write a result into the folder, then print its record or show it, and what was written (default: the files).
-
-        Raises
-        ------
-        InputError
-            When it cannot be written.
-        """
-        from ldbb_bayes.cli.show import print_json
-        from ldbb_bayes.files import staged_folder
-
-        if self.out is not None:
-            with staged_folder(self.out, force=self.force, ours=files) as staging:
-                write(staging)
-        if self.as_json:
-            print_json(record)
-            return
-        show()
-        if self.out is not None and not self.quiet:
-            typer.echo(f"Written: {written or ', '.join(f'{self.out}/{name}' for name in files)}")
-
-
-def model_from(degree: int | None, preset: str | None, without: str, model: Path | None, drift: str | None = None) -> HybridModel:
-    """The model the options describe.
-
-    Raises
-    ------
-    InputError
-        For unknown names, or a preset beside a model file.
+    Attributes
+    ----------
+    to : str
+        Keyword under which it is handed on; default: its own name.
+    more
+        Of `typer.Option`, and the option's ``name`` where it is another.
     """
-    from ldbb_bayes.model.hybrid import HybridModel
-    from ldbb_bayes.model.specification import read_model
-    from ldbb_bayes.model.terms import Drift
 
-    if model is not None and preset is not None:
-        raise InputError("the model must come from --model or --preset, got both. Write preset = … into the file.")
-    if model is None:
-        chosen = HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
-    else:
-        chosen = read_model(model, degree=1)
-        chosen = chosen if degree is None else chosen.with_degree(degree)
-    chosen = chosen.without(*names_in(without))
-    return chosen if drift is None else chosen.including(Drift(drift))  # type: ignore[arg-type]
+    kind: Any
+    help: str
+    default: Any
+    to: str
+    more: Mapping[str, Any]
 
+    def flag(self, name: str) -> str:
+        """What one types."""
+        return str(self.more.get("name", "--" + name.replace("_", "-")))
 
-def with_population(model: HybridModel, population: Path | None, campaign: Campaign) -> tuple[HybridModel, dict[str, Any] | None]:
-    """The model with the prior that --prior-from names, and what a result says of it; its doubts go to stderr.
-
-    Raises
-    ------
-    InputError
-        Where the population does not go with the model or the campaign.
-    """
-    if population is None:
-        return model, None
-    from ldbb_bayes.fleet.population_prior import prior_from
-
-    prior = prior_from(population)
-    doubts = prior.doubts(campaign)
-    for doubt in doubts:
-        typer.echo(f"--prior-from: {doubt}", err=True)
-    said = {"path": str(population), "machines": prior.machines, "campaigns": prior.campaigns}
-    return prior.model(model), said | {"sha256": prior.sha256, "doubts": list(doubts)}
-
-
-def campaign_from(
-    path: Path,
-    *,
-    raw: bool = False,
-    mount_um_per_bar: float | None = None,
-    force_slope: float | None = None,
-    force_offset: float | None = None,
-    **fields: Any,
-) -> Campaign:
-    """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say."""
-    from ldbb_bayes.campaign.folder import read_campaign
-
-    given = campaign_fields(
-        raw=raw, mount_um_per_bar=mount_um_per_bar, force_slope=force_slope, force_offset=force_offset, **fields
-    )
-    if given and (path.is_dir() or path.suffix.lower() == ".toml"):
-        options = ", ".join(_OF_FIELDS.get(name, "--" + name.replace("_", "-")) for name in given)
-        raise InputError(f"{options} must come with a tidy CSV, got {path}. Write what it says into its campaign.toml.")
-    return read_campaign(path, **given)
-
-
-# Options of fields that bear another name.
-_OF_FIELDS = {"mount": "--raw or --mount-um-per-bar", "force_law": "--force-slope or --force-offset"}
-
-
-def campaign_fields(
-    *,
-    raw: bool = False,
-    mount_um_per_bar: float | None = None,
-    force_slope: float | None = None,
-    force_offset: float | None = None,
-    **fields: Any,
-) -> dict[str, Any]:
-    """What the options say of a campaign that no table says: those given, as fields of `Campaign`."""
-    from ldbb_bayes.campaign.campaign import ForceLaw, MountCompensation
-
-    given = {name: value for name, value in fields.items() if value is not None}
-    if given.get("name") == "":
-        raise InputError("--name must not be empty. Leave it out, or give one.")
-    for name in ("radius_mm", "resolution_um"):
-        if name in given and not (math.isfinite(given[name]) and given[name] > 0.0):
-            raise InputError(f"--{name.replace('_', '-')} must be above zero, got {given[name]:g}. Correct it.")
-    for option, number in (
-        ("--mount-um-per-bar", mount_um_per_bar),
-        ("--force-slope", force_slope),
-        ("--force-offset", force_offset),
-    ):
-        if number is not None and (not math.isfinite(number) or (option == "--force-slope" and not number > 0.0)):
-            kind = "above zero" if option == "--force-slope" else "a finite number"
-            raise InputError(f"{option} must be {kind}, got {number:g}. Correct it.")
-    if raw or mount_um_per_bar is not None:
-        given["mount"] = MountCompensation(2.33 if mount_um_per_bar is None else mount_um_per_bar, compensated=not raw)
-    if force_slope is not None or force_offset is not None:
-        default = ForceLaw()
-        slope = default.slope_N_per_bar if force_slope is None else force_slope
-        given["force_law"] = ForceLaw(slope, default.offset_N if force_offset is None else force_offset)
-    return given
+    def parameter(self, name: str) -> inspect.Parameter:
+        """What typer reads."""
+        more = {key: value for key, value in self.more.items() if key != "name"}
+        typed = self.kind.typed if isinstance(self.kind, Kind) else self.kind
+        if isinstance(self.kind, Kind):
+            more.setdefault("metavar", self.kind.metavar)
+        typed = typed | None if self.default is None else typed
+        annotation = Annotated[typed, typer.Option(self.flag(name), help=self.help, **more)]  # type: ignore[valid-type]
+        return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=self.default, annotation=annotation)
 
 
 @dataclass(frozen=True)
-class _Group:
-    """Options that together make one argument of a command."""
+class Group:
+    """Options that together make one argument of a command, after one that is no option where ``first`` is given."""
 
-    options: Mapping[str, tuple[Any, Any]]
+    options: Mapping[str, Option]
     make: Callable[..., Any]
+    first: inspect.Parameter | None
+
+    def parameters(self) -> list[inspect.Parameter]:
+        """What typer reads."""
+        first = [] if self.first is None else [self.first]
+        return [*first, *(option.parameter(name) for name, option in self.options.items())]
+
+    def made(self, typed: dict[str, Any]) -> Any:
+        """The argument; its options are taken out of what was typed."""
+        first = () if self.first is None else (typed.pop(self.first.name),)
+        given = {}
+        for name, option in self.options.items():
+            value = typed.pop(name)
+            if value is not None:
+                read = isinstance(option.kind, Kind)
+                given[option.to or name] = option.kind.read(value, option.flag(name)) if read else value
+        return self.make(*first, **given)
 
 
-# In a command's signature each of these stands for a group of options; the command gets what they make.
-if TYPE_CHECKING:
-    GivenCampaign = Campaign
-    ChosenModel = HybridModel
-    TableFields = dict[str, Any]
-else:
-    GivenCampaign = _Group({**_CAMPAIGN, **_TABLE}, lambda campaign, **table: campaign_from(campaign, **table))
-    ChosenModel = _Group(_MODEL, model_from)
-    TableFields = _Group(_TABLE, campaign_fields)
+def option(kind: Any, help: str, default: Any = None, to: str = "", **more: Any) -> Option:
+    """One option of a `group`."""
+    return Option(kind, help, default, to, more)
+
+
+def group(make: Callable[..., Any] = dict, first: inspect.Parameter | None = None, /, **options: Option) -> Group:
+    """Options that make one argument: by default a dictionary of those given."""
+    return Group(options, make, first)
+
+
+def in_panel(panel: str, **options: Option) -> dict[str, Option]:
+    """The options under a heading of their own."""
+    return {name: replace(own, more={**own.more, "rich_help_panel": panel}) for name, own in options.items()}
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """A function as a command: groups of options spelled out, bad input answered with one message, never a traceback."""
-    groups: dict[str, _Group] = {}
+    groups: dict[str, Group] = {}
     parameters: list[inspect.Parameter] = []
     kinds = inspect.get_annotations(function, eval_str=True)
     for name, own in inspect.signature(function).parameters.items():
-        kind = _Group(_OUTPUT, Output) if kinds[name] is Output else kinds[name]
-        if isinstance(kind, _Group):
-            groups[name] = kind
-        options = kind.options if isinstance(kind, _Group) else {name: (kind, own.default)}
-        parameters += [
-            inspect.Parameter(option, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-            for option, (annotation, default) in options.items()
-        ]
+        found = next((part for part in getattr(kinds[name], "__metadata__", ()) if isinstance(part, Group)), None)
+        if found is None:
+            parameters.append(own.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kinds[name]))
+        else:
+            groups[name] = found
+            parameters += found.parameters()
 
     @functools.wraps(function)
-    def run(**given: Any) -> None:
-        for name, group in groups.items():
-            made = group.make(**{option: given.pop(option) for option in group.options})
-            given[name] = made
-        function(**given)
-
-    guarded = _guarded(run)
-    guarded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    guarded.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return guarded
-
-
-def names_in(text: str | None) -> tuple[str, ...]:
-    """Comma-separated names."""
-    return tuple(name.strip() for name in (text or "").split(",") if name.strip())
-
-
-def pairs_in(entries: list[str] | None, option: str, form: str) -> dict[str, str]:
-    """NAME=VALUE of an option that may be repeated, each name once."""
-    pairs: dict[str, str] = {}
-    for entry in entries or ():
-        name, sign, value = entry.partition("=")
-        if not (name and sign and value):
-            raise InputError(f"{option} must be {form}, got {entry!r}. Put a name, '=' and what belongs to it.")
-        if name in pairs:
-            raise InputError(f"{option} must give each name once, got {name!r} again. Remove one.")
-        pairs[name] = value
-    return pairs
-
-
-def three_numbers(text: str, option: str) -> tuple[float, float, float]:
-    """X,Y,Z of an option [mm]."""
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        x = y = z = math.nan
-    if not all(math.isfinite(value) for value in (x, y, z)):
-        raise InputError(f"{option} must hold three finite numbers X,Y,Z in mm, got {text!r}. For example 0,-200,350.")
-    return x, y, z
-
-
-def fail(message: str, code: int) -> NoReturn:
-    """Say one thing on stderr and leave."""
-    print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201
-    raise typer.Exit(code)
-
-
-def _guarded(command: Callable[..., None]) -> Callable[..., None]:
-    """Answer bad input with one message and exit code 2, an interruption with 130; never a traceback for either."""
-
-    @functools.wraps(command)
-    def run(*args: Any, **kwargs: Any) -> None:
+    def run(**typed: Any) -> None:
         try:
-            command(*args, **kwargs)
+            function(**{name: group.made(typed) for name, group in groups.items()}, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115
@@ -395,4 +140,315 @@ def _guarded(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:
             fail("interrupted; nothing was written.", EXIT_INTERRUPTED)
 
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
+
+
+def fail(message: str, code: int) -> NoReturn:
+    """Say one thing on stderr and leave."""
+    print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201
+    raise typer.Exit(code)
+
+
+# ---- what is typed
+
+
+def names_in(text: str, _: str = "") -> tuple[str, ...]:
+    """Comma-separated names."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def pairs_in(entries: Iterable[str], option: str, form: str) -> dict[str, str]:
+    """NAME=VALUE of an option that may be repeated, each name once."""
+    pairs: dict[str, str] = {}
+    for entry in entries:
+        name, sign, value = entry.partition("=")
+        if not (name and sign and value):
+            raise InputError(f"{option} must be {form}, got {entry!r}. Put a name, '=' and what belongs to it.")
+        if name in pairs:
+            raise InputError(f"{option} must give each name once, got {name!r} again. Remove one.")
+        pairs[name] = value
+    return pairs
+
+
+def finite_number(text: str, option: str) -> float:
+    """A finite number of an option."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{option} must be made of numbers, got {text!r}. Write them like 36 or 2e-6.")
+    return value
+
+
+def points_in(entries: Iterable[str], option: str) -> list[tuple[float, ...]]:
+    """X,Y,Z of an option that may be repeated [mm]."""
+    points: list[tuple[float, ...]] = []
+    for text in entries:
+        try:
+            point = tuple(float(part) for part in text.split(","))
+        except ValueError:
+            point = ()
+        if len(point) != 3 or not all(map(math.isfinite, point)):
+            raise InputError(f"{option} must hold three finite numbers X,Y,Z in mm, got {text!r}. For example 0,-200,350.")
+        points.append(point)
+    return points
+
+
+NAMES = Kind(str, names_in, "LIST")
+NEGATED = Kind(bool, lambda value, _: not value)
+POINTS = Kind(list[str], points_in, "X,Y,Z")
+
+
+# ---- campaign and model
+
+
+def campaign_from(path: Path, **options: Any) -> Campaign:
+    """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say."""
+    given = campaign_fields(**options)
+    if given and (path.is_dir() or path.suffix.lower() == ".toml"):
+        named = {"mount": "--raw or --mount-um-per-bar", "force_law": "--force-slope or --force-offset"}
+        said = ", ".join(named.get(name, "--" + name.replace("_", "-")) for name in given)
+        raise InputError(f"{said} must come with a tidy CSV, got {path}. Write what it says into its campaign.toml.")
+    return lb.read_campaign(path, **given)
+
+
+def campaign_fields(*, raw: bool = False, **given: Any) -> dict[str, Any]:
+    """What the options say of a campaign that no table says: those given, as fields of `Campaign`."""
+    if given.get("name") == "":
+        raise InputError("--name must not be empty. Leave it out, or give one.")
+    for name in ("radius_mm", "resolution_um", "force_slope", "mount_um_per_bar", "force_offset"):
+        positive = name in ("radius_mm", "resolution_um", "force_slope")
+        number = given.get(name, 1.0)
+        if not math.isfinite(number) or (positive and number <= 0.0):
+            kind = "above zero" if positive else "a finite number"
+            raise InputError(f"--{name.replace('_', '-')} must be {kind}, got {number:g}. Correct it.")
+    deflection, slope, offset = (given.pop(name, None) for name in ("mount_um_per_bar", "force_slope", "force_offset"))
+    if raw or deflection is not None:
+        given["mount"] = lb.MountCompensation(2.33 if deflection is None else deflection, compensated=not raw)
+    if slope is not None or offset is not None:
+        usual = lb.ForceLaw()
+        slope = usual.slope_N_per_bar if slope is None else slope
+        given["force_law"] = lb.ForceLaw(slope, usual.offset_N if offset is None else offset)
+    return given
+
+
+def model_from(
+    degree: int | None = None,
+    preset: str | None = None,
+    without: tuple[str, ...] = (),
+    model: Path | None = None,
+    drift: str | None = None,
+) -> HybridModel:
+    """The model the options describe."""
+    if model is not None and preset is not None:
+        raise InputError("the model must come from --model or --preset, got both. Write preset = … into the file.")
+    if model is None:
+        chosen = lb.HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
+    else:
+        chosen = lb.read_model(model, degree=1)
+        chosen = chosen if degree is None else chosen.with_degree(degree)
+    chosen = chosen.without(*without)
+    return chosen if drift is None else chosen.including(lb.Drift(drift))  # type: ignore[arg-type]
+
+
+_TABLE = in_panel(
+    "For a tidy CSV",
+    topology=option(str, "Joints from workpiece to tool."),
+    plane=option(str, "XY, YZ or ZX."),
+    radius_mm=option(float, "Nominal radius (mm). Default 150."),
+    resolution_um=option(float, "Step of the readout (µm). Default 0.24."),
+    raw=option(bool, "The readings are not compensated for the mount.", False),
+    mount_um_per_bar=option(float, "Deflection of the mount. Default 2.33."),
+    force_slope=option(float, "Force law, N per bar. Default 126.04."),
+    force_offset=option(float, "Force law, force at zero pressure (N). Default -14.2."),
+)
+_TERMS = "ball-form, bar-length, mount, force-error, setup-shift, discrepancy, hysteresis, drift, truncation"
+_MODEL = group(
+    model_from,
+    degree=option(int, "Compliance constant (0), linear (1) or quadratic (2) in force. Default 1.", min=0, max=2),
+    preset=option(str, "default: all nuisances and priors. paper: plain least squares (Eq. 31)."),
+    without=option(NAMES, f"Comma-separated terms to leave out: {_TERMS}.", metavar=None),
+    drift=option(str, "Centre and length drift with time or temperature, as the tests record it.", metavar="time|temperature"),
+    model=option(Path, "Model as TOML (priors, terms, degree).", metavar="FILE.toml"),
+)
+CampaignArgument = Annotated[Path, typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN")]
+_PATH = inspect.Parameter("campaign", inspect.Parameter.KEYWORD_ONLY, annotation=CampaignArgument)
+GivenCampaign = Annotated["Campaign", group(campaign_from, _PATH, **_TABLE)]
+TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE)]
+ChosenModel = Annotated["HybridModel", _MODEL]
+
+
+# ---- options that several commands have
+
+CI = option(float, "Probability of the credible intervals.", 0.95, "ci_prob")
+SEED = option(int, "Seed of all random numbers.", 1, min=0, max=2**63 - 1)
+SAMPLER = option(str, "independent or joint.", "independent")
+ESS = option(float, "Bulk and tail effective sample size every parameter must reach.", 1000.0, min=100.0)
+FORCE = option(bool, "Replace existing results.", False)
+ForceOption = Annotated[bool, typer.Option("--force", help=FORCE.help)]
+SeedOption = Annotated[int, typer.Option(help=SEED.help, min=0, max=2**63 - 1)]
+CiOption = Annotated[float, typer.Option(help=CI.help)]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress.")]
+PriorFromOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--prior-from",
+        help="Result of a population of such machines (folder or population.json), the prior of the compliances. This campaign "
+        "must not be one of the population's.",
+        metavar="POPULATION",
+    ),
+]
+PoolOptions = Annotated[
+    dict[str, Any],
+    group(
+        executor=option(
+            str, "What the jobs run on: process (the cores here) or dask.", "process", "kind", metavar="process|dask"
+        ),
+        scheduler=option(
+            str, "Dask scheduler to use, for example tcp://10.0.0.1:8786. Default: workers on this machine.", metavar="ADDRESS"
+        ),
+        workers=option(int, "Processes, one BLAS thread each; 0: one per core. None is started for 1.", 0, min=0),
+    ),
+]
+
+
+# ---- where a result goes
+
+
+def show(*parts: Any) -> None:
+    """Print tables (a blank line after each) and sentences on stdout, 120 columns wide when it is no terminal."""
+    from rich.console import Console
+
+    from ldbb_bayes.table import Table
+
+    class Terminal(Console):
+        """rich ends the program when a reader closes the pipe; that is for the command to answer."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    console = Terminal(width=None if sys.stdout.isatty() else 120, highlight=False)
+    for part in parts:
+        if isinstance(part, str):
+            console.print(part, markup=False, soft_wrap=len(part) < console.width)
+        else:
+            console.print(part.rich() if isinstance(part, Table) else part)
+            console.print()
+
+
+def figure_files(names: Iterable[str], kinds: Collection[str] = ("png", "svg")) -> tuple[str, ...]:
+    """Names of the files of figures."""
+    return tuple(f"{name}.{kind}" for name in names for kind in kinds)
+
+
+def write_files(folder: Path, contents: Mapping[str, Any], figures: Mapping[str, Callable[[], Figure]] | None = None) -> None:
+    """Write records as JSON, tables as CSV (by their files' names), text as it is and figures (PNG and SVG) into a folder."""
+    from ldbb_bayes.table import json_text
+
+    for name, content in contents.items():
+        text = json_text(content) if name.endswith(".json") else content
+        (folder / name).write_text(text if isinstance(text, str) else text.to_csv(index=False), encoding="utf-8")
+    for name, draw in (figures or {}).items():
+        lb.figures.save_figure(draw(), folder, name)
+
+
+@dataclass
+class Output:
+    """Where a result goes: files into a folder, all or none, and stdout, as JSON or for reading."""
+
+    out: Path | None = None
+    force: bool = False
+    as_json: bool = False
+    quiet: bool = True
+    files: tuple[str, ...] = ()
+
+    def check(self, *files: str, figures: Iterable[str] = ()) -> None:
+        """Refuse a folder that must not be replaced, before any work is done; these files and figures may be."""
+        from ldbb_bayes.files import check_target
+
+        self.files = (*files, *figure_files(figures))
+        if self.out is not None:
+            check_target(self.out, force=self.force, ours=self.files)
+
+    def deliver(
+        self,
+        record: Mapping[str, Any],
+        result: Any,
+        contents: Mapping[str, Any] | None = None,
+        figures: Mapping[str, Callable[[], Figure]] | None = None,
+        *,
+        also: Callable[[Path], object] | None = None,
+        written: str = "",
+    ) -> None:
+        """Write into the folder, then print the record or the result (or these parts of it), and what was written.
+
+        ``also`` writes what is neither JSON nor table nor figure; default of ``written``: the files.
+        """
+        from ldbb_bayes.files import staged_folder
+        from ldbb_bayes.report.text import parts_of
+        from ldbb_bayes.table import json_text
+
+        if self.out is not None:
+            with staged_folder(self.out, force=self.force, ours=self.files) as staging:
+                write_files(staging, contents or {}, figures or {})
+                if also is not None:
+                    also(staging)
+        if self.as_json:
+            sys.stdout.write(json_text(record))
+            return
+        show(*(result if isinstance(result, tuple) else parts_of(result)))
+        if self.out is not None and not self.quiet:
+            typer.echo(f"Written: {written or ', '.join(f'{self.out}/{name}' for name in self.files)}")
+
+
+OutputOptions = Annotated[
+    Output,
+    group(
+        Output,
+        out=option(Path, "Folder to write results to. Without it nothing is written.", metavar="DIR"),
+        force=FORCE,
+        as_json=option(bool, "Print the result as JSON on stdout, and nothing else there.", False, name="--json"),
+        quiet=option(bool, "No progress.", False),
+    ),
+]
+
+
+# ---- progress
+
+
+@contextmanager
+def _progress(words: Callable[..., tuple[float, str]], quiet: bool, what: str) -> Iterator[Callable[..., None] | None]:
+    """A bar on stderr, whose ``words`` make share and text of what it is told; none when quiet or stderr is no terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (TextColumn(what), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=1.0)
+
+        def update(*told: Any, **more: Any) -> None:
+            share, text = words(*told, **more)
+            bar.update(task, completed=share, description=text)
+
+        yield update
+
+
+def _counted(done: int, total: int, failed: int = 0) -> tuple[float, str]:
+    return done / max(total, 1), f"{done}/{total}" + (f", {failed} failed" if failed else "")
+
+
+def _sampled(state: Progress) -> tuple[float, str]:
+    ess = min(state.assessment.ess_bulk_min, state.assessment.ess_tail_min)
+    text = f"{state.steps} steps, ESS {ess:.0f} of {state.target_ess:.0f}, R-hat {state.assessment.rhat_max:.3f}"
+    return min(ess / state.target_ess, 1.0), text
+
+
+counting_progress = functools.partial(_progress, _counted)
+sampling_progress = functools.partial(_progress, _sampled)

@@ -12,8 +12,7 @@ import pytest
 from campaigns import Invoke, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import comparison
-from ldbb_bayes.analysis.design import design as designing
+from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.fleet.population import digest_of
 from ldbb_bayes.model.specification import model_to_toml
 
@@ -252,9 +251,9 @@ def test_compare(three: Path, tmp_path: Path, invoke: Invoke) -> None:
 
 
 def test_compare_that_misses_its_tolerance(
-    three: Path, compared: comparison.Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+    three: Path, compared: Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(comparison, "compare", lambda *_, **__: replace(compared, largest_error=1.0))
+    monkeypatch.setattr(lb, "compare", lambda *_, **__: replace(compared, largest_error=1.0))
     code, shown, _ = invoke("compare", three, "--json")
     assert (code, json.loads(shown)["largest_error"]) == (1, 1.0)
 
@@ -310,7 +309,7 @@ def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None
 def test_design_without_certificate(folder: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     design = lb.design(lb.HybridModel.default(1), lb.read_campaign(folder), tests=3, forces_N=(36.0, 742.0))
     broken = replace(design, certificate=replace(design.certificate, max_sensitivity=2.0 * design.certificate.bound, holds=False))
-    monkeypatch.setattr(designing, "design", lambda *_, **__: broken)
+    monkeypatch.setattr(lb, "design", lambda *_, **__: broken)
     code, shown, _ = invoke("design", folder)
     assert code == 1
     assert "The certificate does NOT hold" in " ".join(shown.split())
