@@ -8,10 +8,11 @@ import re
 import warnings
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,15 +38,12 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-# Cells of a text, and of a workbook, which takes three times as much memory for each; signs of a line.
-_LARGEST_TEXT, _LARGEST_WORKBOOK, _LARGEST_LINE = 4_000_000, 1_200_000, 100_000
-_SHOWN = 60
-_DAY_S = 86_400.0
-_MINUS = str.maketrans("−–", "--")
+Rows = list[tuple[int, list[str]]]
+# Cells of a text, and of a workbook, which takes three times as much memory for each; signs of a line, and of a cell in a message.
+_LARGEST_TEXT, _LARGEST_WORKBOOK, _LARGEST_LINE, _SHOWN = 4_000_000, 1_200_000, 100_000, 60
 _GAP = r"[ '\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
 _NUMBER = re.compile(rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})")
-_GROUPED = {mark: re.compile(rf"[+\-]?\d{{1,3}}(?:{sign}\d{{3}})+") for mark, sign in ((",", ","), (".", r"\."), (" ", _GAP))}
 # 12:00:01.250, 00:01,25 (minutes, seconds), 2026-03-04T12:00:01Z, 12:00:01 PM.
 _DATE = r"(?:\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{4})[T ]"
 _ZONE = r"Z|[+-]\d\d:\d\d|\s?([AaPp])\.?[Mm]\.?"
@@ -73,7 +71,7 @@ class Sheet:
 
     path: Path
     name: str
-    rows: list[tuple[int, list[str]]]
+    rows: Rows
     only: bool = False
     encoding: str = ""
     separator: str = ""
@@ -93,13 +91,7 @@ class Sheet:
 class Unusable(str):
     """A cell that holds no value of its own (a formula, an error, a date), and what to say if it is used."""
 
-    __slots__ = ("why",)
     why: str
-
-    def __new__(cls, text: str, why: str) -> Self:
-        cell = super().__new__(cls, text)
-        cell.why = why
-        return cell
 
 
 def looks_like_number(cell: str) -> bool:
@@ -122,41 +114,40 @@ def could_be_thousands(cell: str) -> bool:
     return re.fullmatch(r"[+\-−–]?[1-9]\d{0,2}[.,]\d{3}", cell) is not None
 
 
+def _in_thousands(text: str, mark: str) -> bool:
+    return re.fullmatch(rf"[+\-]?\d{{1,3}}(?:{mark}\d{{3}})+", text) is not None
+
+
 def number(cell: str, decimal: str = ".") -> float:
     """The number in a cell; thousands may stand apart by the other of comma and point, blanks or an apostrophe."""
     if "_" in cell:
         raise ValueError(cell)
     if decimal == ".":
-        try:
+        with suppress(ValueError):
             return float(cell)
-        except ValueError:
-            pass
-    text = cell.strip().translate(_MINUS)
-    for mark, sign in ((" ", _GAP), ("," if decimal == "." else ".", None)):
-        pattern = sign or re.escape(mark)
-        if re.search(pattern, text):
-            if not _GROUPED[mark].fullmatch(text.partition(decimal)[0]):
+    text = cell.strip().translate(str.maketrans("−–", "--"))
+    for mark in (_GAP, "," if decimal == "." else r"\."):
+        if re.search(mark, text):
+            if not _in_thousands(text.partition(decimal)[0], mark):
                 raise ValueError(cell)
-            text = re.sub(pattern, "", text)
+            text = re.sub(mark, "", text)
     return float(text.replace(decimal, ".").replace("D", "E").replace("d", "e"))
 
 
-def _number_or_nan(cell: str, decimal: str) -> float:
-    try:
-        return number(cell, decimal)
-    except ValueError:
-        return float("nan")
-
-
-def numbers_of(place: str, what: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None) -> Array:
-    """One column of numbers."""
-    values = np.array([_number_or_nan(cell, decimal or ".") for cell in cells])
+def numbers_of(
+    place: str, what: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None, *, strict: bool = False
+) -> Array:
+    """One column of finite numbers; a strict table has no marks between thousands."""
+    values = np.full(len(cells), np.nan)
+    for k, cell in enumerate(cells):
+        with suppress(ValueError):
+            values[k] = float(cell.replace(decimal or ".", ".")) if strict else number(cell, decimal or ".")
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         cell = cells[bad[0]]
         if isinstance(cell, Unusable):
             raise InputError(cell.why)
-        cure = "Give --decimal" if re.fullmatch(r"[+\-−–]?\d+[.,]\d+", cell) else "Correct or remove the line"
+        cure = "Give --decimal" if not strict and re.fullmatch(r"[+\-−–]?\d+[.,]\d+", cell) else "Correct or remove the line"
         raise InputError(f"{place}, line {lines[bad[0]]}: {what} must be a finite number, got {cell[:_SHOWN]!r}. {cure}.")
     return values
 
@@ -183,13 +174,11 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     other = "." if sure == "," else ","
     if wrong is None and sure is None and len(alone) == 2:
         wrong = max(alone.values())
-    if wrong is None and sure and other in alone and not _GROUPED[other].fullmatch(alone[other][1]):
+    if wrong is None and sure and other in alone and not _in_thousands(alone[other][1], re.escape(other)):
         wrong = alone[other]
     if wrong is not None:
-        raise InputError(
-            f"{place}, line {wrong[0]}: the decimal mark must be the same in all rows, got {wrong[1][:_SHOWN]!r}. "
-            "Correct it, or give --decimal."
-        )
+        got = f"the decimal mark must be the same in all rows, got {wrong[1][:_SHOWN]!r}"
+        raise InputError(f"{place}, line {wrong[0]}: {got}. Correct it, or give --decimal.")
     return sure or next(iter(alone), None)
 
 
@@ -199,13 +188,12 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
     for k, cell in enumerate(cells):
         match = _CLOCK.fullmatch(cell)
         if match is None:
-            raise InputError(
-                f"{place}, line {lines[k]}: time must be as in 12:00:01.25, got {cell[:_SHOWN]!r}. Correct the line."
-            )
+            got = f"time must be as in 12:00:01.25, got {cell[:_SHOWN]!r}"
+            raise InputError(f"{place}, line {lines[k]}: {got}. Correct the line.")
         hours = int(match[1] or 0)
         if match[4]:
             hours = hours % 12 + 12 * (match[4] in "pP")
-        round_s = _DAY_S if match[1] else round_s
+        round_s = 86_400.0 if match[1] else round_s
         times[k] = 3600.0 * hours + 60.0 * int(match[2]) + number(match[3].replace(",", "."))
     return times + round_s * np.concatenate([[0.0], np.cumsum(np.diff(times) < -0.5 * round_s)])
 
@@ -220,9 +208,9 @@ def constant(
             f"{place}, line {lines[other]}: {name} must be the same in all rows of test {test!r}, "
             f"got {cells[other][:_SHOWN]!r} after {cells[0][:_SHOWN]!r}. Correct it."
         )
-    if not cells[0]:
-        return None
-    return cells[0] if name == "plane" else float(numbers_of(place, name, lines[:1], cells[:1], decimal)[0])
+    if not cells[0] or name in ("plane", "direction"):
+        return cells[0] or None
+    return float(numbers_of(place, name, lines[:1], cells[:1], decimal)[0])
 
 
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
@@ -253,18 +241,17 @@ def read_sheets(
     if raw.startswith(_ZIP) or path.suffix.lower() in _WORKBOOKS:
         return _sheets_of_workbook(path, raw, sheets)
     if sheets:
-        raise InputError(
-            f"{path} must be a workbook to have sheets, got a text file with sheet {sheets[0]!r} asked for. Leave it out."
-        )
-    text, encoding = _decoded(path, raw, encoding)
+        got = f"a text file with sheet {sheets[0]!r} asked for"
+        raise InputError(f"{path} must be a workbook to have sheets, got {got}. Leave it out.")
     if separator is not None and separator not in _SEPARATORS.values():
         check_known("separator", [separator], _SEPARATORS)
         separator = _SEPARATORS[separator]
+    text, encoding = _decoded(path, raw, encoding)
     sign = separator or _separator_of(text.split("\n"))
     return [Sheet(path, "", _rows_of_text(path, text, sign), True, encoding, sign)]
 
 
-def read_strict_table(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
+def read_strict_table(path: Path) -> tuple[Rows, str]:
     """Lines and cells of a table in UTF-8 whose first line is its header; and the separator: comma, semicolon or tab."""
     text, _ = _decoded(path, _bytes_of(path), "utf-8")
     sign = max(",;\t", key=text.partition("\n")[0].count)
@@ -281,7 +268,7 @@ def _bytes_of(path: Path) -> bytes:
 def _decoded(path: Path, raw: bytes, encoding: str | None) -> tuple[str, str]:
     """The text of a file and its encoding."""
     mark, marked = next(((sign, name) for sign, name in _MARKS if raw.startswith(sign)), (b"", ""))
-    encoding = encoding or marked or _encoding_of(raw)
+    encoding, cure = encoding or marked or _encoding_of(raw), "Save it as 'CSV UTF-8', or import it with --encoding"
     try:
         text = raw[len(mark) :].rstrip(b"\x1a").decode(encoding)
     except LookupError:
@@ -289,17 +276,15 @@ def _decoded(path: Path, raw: bytes, encoding: str | None) -> tuple[str, str]:
         raise InputError(f"{path}: encoding must be one Python knows, got {encoding!r}. For example {known}.") from None
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
-        cure = "Save it as 'CSV UTF-8', or import it with --encoding"
         raise InputError(f"{path}, line {line}: text must be {encoding}, got other bytes. {cure}.") from None
-    strange = next((k for k, sign in enumerate(text) if sign < " " and sign not in "\t\r\n\f"), None)
+    strange = re.search(r"[^ -\U0010ffff\t\r\n\f]", text)
     if strange is not None:
-        line = text.count("\n", 0, strange) + 1
-        cure = "Save it as 'CSV UTF-8', or import it with --encoding"
+        line = text.count("\n", 0, strange.start()) + 1
         raise InputError(f"{path}, line {line}: a table must be text, got binary data. {cure}.")
     return text.replace("\r\n", "\n").replace("\r", "\n"), encoding
 
 
-def columns_of(place: str, rows: Sequence[tuple[int, list[str]]], width: int) -> tuple[list[int], list[list[str]]]:
+def columns_of(place: str, rows: Rows, width: int) -> tuple[list[int], list[list[str]]]:
     """Lines and columns of rows that are equally wide."""
     for line, cells in rows:
         if len(cells) < width or any(cells[width:]):
@@ -316,37 +301,35 @@ def _encoding_of(raw: bytes) -> str:
     for encoding, half in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
         if half.count(0) > 0.2 * len(head):
             return encoding
-    try:
+    with suppress(UnicodeDecodeError):
         raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
+        return "utf-8"
+    return "cp1252"
 
 
-def _rows_of_text(path: Path, text: str, sign: str) -> list[tuple[int, list[str]]]:
+def _rows_of_text(path: Path, text: str, sign: str) -> Rows:
     if text.count("\n") + text.count(sign) > _LARGEST_TEXT:
         raise InputError(f"{path} must hold at most {_LARGEST_TEXT} cells, got more. Split it.")
-    lines = text.split("\n")
-    long = next((k for k, line in enumerate(lines, start=1) if len(line) > _LARGEST_LINE), None)
-    if long is not None:
-        raise InputError(
-            f"{path}, line {long}: a line must hold at most {_LARGEST_LINE} signs, got {len(lines[long - 1])}. Export it again."
-        )
-    return [(k, _cells(path, k, line, sign)) for k, line in enumerate(lines, start=1) if line.strip()]
+    rows = []
+    for k, line in enumerate(text.split("\n"), start=1):
+        if len(line) > _LARGEST_LINE:
+            got = f"a line must hold at most {_LARGEST_LINE} signs, got {len(line)}"
+            raise InputError(f"{path}, line {k}: {got}. Export it again.")
+        if line.strip():
+            rows.append((k, _cells(path, k, line, sign)))
+    return rows
 
 
 def _cells(path: Path, k: int, line: str, sign: str) -> list[str]:
     """Cells without the blanks around them; quoted cells may not run over a line's end."""
     if sign == " ":
         return line.split()
-    if '"' not in line:
-        return [cell.strip() for cell in line.split(sign)]
     try:
-        return [cell.strip() for cell in next(csv.reader(io.StringIO(line), delimiter=sign, strict=True))]
+        cells = next(csv.reader(io.StringIO(line), delimiter=sign, strict=True)) if '"' in line else line.split(sign)
     except (csv.Error, StopIteration):
-        raise InputError(
-            f"{path}, line {k}: quotes must be closed in their cell, got {line[:_SHOWN]!r}. Correct the line."
-        ) from None
+        got = f"quotes must be closed in their cell, got {line[:_SHOWN]!r}"
+        raise InputError(f"{path}, line {k}: {got}. Correct the line.") from None
+    return [cell.strip() for cell in cells]
 
 
 def _separator_of(lines: Sequence[str]) -> str:
@@ -369,11 +352,14 @@ def _separator_of(lines: Sequence[str]) -> str:
 _MOST_EMPTY_ROWS, _MOST_SHEETS, _MOST_PARTS = 50_000, 200, 2000
 # Of a workbook: what its parts may unpack to, and how much more than it takes on disk.
 _LARGEST_UNPACKED, _LARGEST_RATIO, _LARGEST_STRINGS = 256 * 2**20, 200.0, 16 * 2**20
-_CHUNK, _LONGEST_TAG = 2**20, 400
-# Between two ends of tags: a cell's text has at most 32 767 signs.
-_LONGEST_PART = 300_000
+# Bytes read at once, of a tag, and between two ends of tags: a cell's text has at most 32 767 signs.
+_CHUNK, _LONGEST_TAG, _LONGEST_PART = 2**20, 400, 300_000
 _HIDDEN_ROW = re.compile(rb'<row\b[^>]{0,300}\shidden="(?:1|true)"[^>]{0,300}>')
-_BEWARE = "Do not open it unless you know where it comes from."
+
+
+def _damaged(place: str, what: str, error: Exception) -> InputError:
+    got = f"a damaged one ({type(error).__name__})"
+    return InputError(f"{place} must hold {what} that can be read, got {got}. Open and save it again.")
 
 
 def _sheets_of_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
@@ -382,10 +368,8 @@ def _sheets_of_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[S
     try:
         import openpyxl
     except ImportError:
-        raise InputError(
-            f"{path} must be read with openpyxl, which is not installed. Save it as 'CSV UTF-8', "
-            "or pip install 'ldbb-bayes[excel]'."
-        ) from None
+        cure = "Save it as 'CSV UTF-8', or pip install 'ldbb-bayes[excel]'"
+        raise InputError(f"{path} must be read with openpyxl, which is not installed. {cure}.") from None
     try:
         with warnings.catch_warnings(action="ignore"):
             book = openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=False, keep_links=False)
@@ -399,9 +383,8 @@ def _sheets_of_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[S
         for k, texts in _rows_of(path, name, book[name]):
             cells += len(texts) + 1
             if cells > _LARGEST_WORKBOOK:
-                raise InputError(
-                    f"{path}, sheet {name!r}: a workbook must hold at most {_LARGEST_WORKBOOK} cells, got more. Split it."
-                )
+                got = f"a workbook must hold at most {_LARGEST_WORKBOOK} cells, got more"
+                raise InputError(f"{path}, sheet {name!r}: {got}. Split it.")
             if any(texts):
                 rows.append((k, texts))
         if rows:
@@ -423,42 +406,37 @@ def _rows_of(path: Path, name: str, sheet: Any) -> Iterator[tuple[int, list[str]
         for k, row in enumerate(sheet.iter_rows(), start=1):
             empty = 0 if row else empty + 1
             if empty > _MOST_EMPTY_ROWS:
-                raise InputError(
-                    f"{path}, sheet {name!r}: rows must follow each other, got {empty} empty ones above row {k}. Delete them."
-                )
-            yield k, [_text_of(path, name, cell) for cell in row]
+                got = f"rows must follow each other, got {empty} empty ones above row {k}"
+                raise InputError(f"{path}, sheet {name!r}: {got}. Delete them.")
+            yield k, [_text_of(f"{path}, sheet {name!r}", cell) for cell in row]
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001  # whatever a damaged sheet makes of the library
         raise _damaged(f"{path}, sheet {name!r}, below row {k}", "rows", error) from None
 
 
-def _damaged(place: str, what: str, error: Exception) -> InputError:
-    return InputError(
-        f"{place} must hold {what} that can be read, got a damaged one ({type(error).__name__}). Open and save it again."
-    )
-
-
-def _text_of(path: Path, sheet: str, cell: Any) -> str:
+def _text_of(place: str, cell: Any) -> str:
     """A cell as text; what holds no value of its own says so if it is used."""
     value = cell.value
-    if value is None:
-        return ""
-    place = f"{path}, sheet {sheet!r}, cell {cell.coordinate}: cells must hold"
-    if cell.data_type == "f":
-        return Unusable("formula", f"{place} values, got the formula {str(value)[:40]!r}. Paste the values in its place.")
-    if cell.data_type == "e":
-        return Unusable("error", f"{place} values, got the error {value}. Correct it.")
-    if cell.data_type == "d":
-        text = value.isoformat(" ") if isinstance(value, datetime) else str(value)
-        advice = "The spreadsheet took a number for a date: format the column as number."
-        return Unusable(text, f"{place} numbers or text, got the date {text}. {advice}")
-    return repr(value) if isinstance(value, float) else str(value).strip()
+    if value is None or cell.data_type not in "fed":
+        return "" if value is None else repr(value) if isinstance(value, float) else str(value).strip()
+    date = value.isoformat(" ") if isinstance(value, datetime) else str(value)
+    text, why = {
+        "f": ("formula", f"values, got the formula {str(value)[:40]!r}. Paste the values in its place."),
+        "e": ("error", f"values, got the error {value}. Correct it."),
+        "d": (
+            date,
+            f"numbers or text, got the date {date}. The spreadsheet took a number for a date: format the column as number.",
+        ),
+    }[cell.data_type]
+    found = Unusable(text)
+    found.why = f"{place}, cell {cell.coordinate}: cells must hold {why}"
+    return found
 
 
 def _check_archive(path: Path, raw: bytes) -> int:
     """How many rows a workbook hides. Nothing is unpacked whose directory promises too much; no part may define entities."""
-    hidden = 0
+    hidden, beware = 0, "Do not open it unless you know where it comes from."
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             parts = archive.infolist()
@@ -468,16 +446,16 @@ def _check_archive(path: Path, raw: bytes) -> int:
             if size > largest or strings > _LARGEST_STRINGS or len(parts) > _MOST_PARTS:
                 raise InputError(
                     f"{path} must unpack to at most {_LARGEST_UNPACKED / 2**20:.0f} MB and {_LARGEST_RATIO:.0f} times its "
-                    f"size, got {len(parts)} parts and {size / 2**20:.0f} MB from {packed / 2**20:.2f} MB. {_BEWARE}"
+                    f"size, got {len(parts)} parts and {size / 2**20:.0f} MB from {packed / 2**20:.2f} MB. {beware}"
                 )
             for part in parts:
-                if part.filename.startswith(("/", "\\")) or ".." in part.filename.replace("\\", "/").split("/"):
-                    raise InputError(f"{path} must hold parts inside itself, got {part.filename[:60]!r}. {_BEWARE}")
+                if part.filename.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", part.filename):
+                    raise InputError(f"{path} must hold parts inside itself, got {part.filename[:60]!r}. {beware}")
                 if part.filename.endswith((".xml", ".rels")):
                     with archive.open(part) as stream:
                         rows = _hidden_rows(stream)
                     if rows is None:
-                        raise InputError(f"{path}: {part.filename[:60]!r} must define no entities, got some. {_BEWARE}")
+                        raise InputError(f"{path}: {part.filename[:60]!r} must define no entities, got some. {beware}")
                     hidden += rows
     except InputError:
         raise
