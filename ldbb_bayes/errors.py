@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
-__all__ = ["InputError", "check_known", "nearest", "plain_reason", "require"]
+__all__ = ["InputError", "check_known", "nearest", "placed", "plain_reason", "require"]
 
 
 LONGEST_MESSAGE = 1200
@@ -28,6 +29,15 @@ def require(holds: object, message: str) -> None:
     """Refuse input with this message unless the condition holds."""
     if not holds:
         raise InputError(message)
+
+
+@contextmanager
+def placed(place: object) -> Iterator[None]:
+    """A message inside names the place."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

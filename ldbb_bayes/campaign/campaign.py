@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from itertools import count
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,6 @@ from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.table import table_html
 
 __all__ = [
-    "LARGEST_LENGTH_MM",
     "PER_TEST",
     "Campaign",
     "CircularTest",
@@ -29,9 +28,19 @@ __all__ = [
     "MountCompensation",
     "Plan",
     "check_campaign",
-    "check_positive",
     "distinct_forces",
 ]
+
+Array = NDArray[np.float64]
+Direction = Literal["CW", "CCW"]
+MINIMUM_READINGS, MINIMUM_ARC_DEG, LARGEST_READING_MM, LARGEST_SETUP = 9, 180.0, 100.0, 1000
+LARGEST_FORCE_N, LARGEST_LENGTH_MM = 1e6, 1e5
+# A regulator repeats a force no better than to this share of the largest.
+SAME_FORCE = 1e-3
+_CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
+# Fields of a test that a table may hold in columns, and campaign.toml in its [[test]], by these very names.
+PER_TEST = ("work_ball_deg", "tool_ball_deg", "radius_mm", "plane", *_CENTRE, "setup", "temperature_C", "time_s")
+_SAFE_NAME = re.compile(r"[\w+\-][\w+\-. ]{0,99}")
 
 
 @dataclass(frozen=True)
@@ -69,25 +78,6 @@ class MountCompensation:
             raise InputError(
                 f"mount deflection must be a number ≥ 0 in µm/bar, got {self.deflection_um_per_bar}. Correct the [mount] table."
             )
-
-
-Array = NDArray[np.float64]
-Direction = Literal["CW", "CCW"]
-MINIMUM_READINGS = 9
-MINIMUM_ARC_DEG = 180.0
-LARGEST_READING_UM = 1e5
-LARGEST_FORCE_N = 1e6
-LARGEST_LENGTH_MM = 1e5
-LARGEST_SETUP = 1000
-# A regulator repeats a force no better than to this share of the largest.
-SAME_FORCE = 1e-3
-_CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
-# Fields of a test that a table may hold in columns, and campaign.toml in its [[test]], by these very names.
-PER_TEST = (
-    *("work_ball_deg", "tool_ball_deg", "radius_mm", "plane", "centre_x_mm", "centre_y_mm", "centre_z_mm"),
-    *("setup", "temperature_C", "time_s"),
-)
-SAFE_NAME = re.compile(r"[\w+\-][\w+\-. ]{0,99}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,47 +133,64 @@ class CircularTest:
     reading_mm: Any = None
 
     def __post_init__(self) -> None:
-        angle = _one_of(self, "angle_deg", "angle_rad", np.rad2deg)
-        reading = _one_of(self, "reading_um", "reading_mm", lambda x: x * 1e3)
-        if angle is None:
-            raise InputError(f"{self.label} must have angles, got none. Give angle_deg (or angle_rad).")
-        if len(angle) < MINIMUM_READINGS:
-            self._refuse(f"at least {MINIMUM_READINGS} readings, got {len(angle)}. Leave the test out or record more.")
-        if reading is not None and len(reading) != len(angle):
-            got = f"{len(angle)} angles and {len(reading)} readings"
-            self._refuse(f"one reading per angle, got {got}. Check the two columns.")
-        if self.force_N is None and self.pressure_bar is None:
-            self._refuse("a force or a pressure, got neither. Give force_N or pressure_bar.")
-        if _arc_deg(angle) < MINIMUM_ARC_DEG:
-            raise InputError(
-                f"{self.label} must cover an arc of at least {MINIMUM_ARC_DEG:g}°, got {_arc_deg(angle):.3g}°. "
-                "Check the unit of the angle (degrees or radians) or leave the test out."
-            )
-        check_positive(self, "force_N", self.force_N, "N", LARGEST_FORCE_N)
-        check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
-        if self.pressure_bar is not None and self.pressure_bar < 0:
-            self._refuse(f"pressure_bar ≥ 0, got {self.pressure_bar}. Correct it.")
-        if reading is not None and (largest := np.abs(reading).max()) > LARGEST_READING_UM:
-            got = f"{largest * 1e-3:.4g} mm"
-            self._refuse(f"readings below {LARGEST_READING_UM * 1e-3:g} mm, got {got}. Check the unit of the readings.")
-        if self.name and not SAFE_NAME.fullmatch(self.name):
+        angle = self._column("angle_deg", "angle_rad", np.rad2deg)
+        reading = self._column("reading_um", "reading_mm", lambda mm: mm * 1e3)
+        for fault in self._faults(angle, reading):
+            raise InputError(f"{self.label} must {fault}")
+        if self.name and not _SAFE_NAME.fullmatch(self.name):
             raise InputError(
                 f"a test's name must be letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot, "
                 f"got {self.name!r}. Rename it: the name becomes a file's."
             )
+        setup = None if self.setup is None else int(self.setup)
+        self.__dict__.update(setup=setup, angle_deg=angle, reading_um=reading, angle_rad=None, reading_mm=None)
+
+    def _column(self, plain: str, other: str, convert: Callable[[Array], Array]) -> Array | None:
+        """The column as one of two units gives it, in the first."""
+        given = {name: value for name in (plain, other) if (value := getattr(self, name)) is not None}
+        if len(given) > 1:
+            raise InputError(f"{self.label} must have {plain} or {other}, got both. Keep one of them.")
+        for name, value in given.items():
+            array = np.array(value, dtype=float)
+            if array.ndim != 1:
+                got = f"{name} of shape (n,), got shape {array.shape}"
+                raise InputError(f"{self.label} must have {got}. Pass one value per reading.")
+            bad = np.flatnonzero(~np.isfinite(array))
+            if bad.size:
+                got = f"{array[bad[0]]} at reading {bad[0] + 1}"
+                raise InputError(f"{self.label} must have finite {name}, got {got}. Remove or correct that reading.")
+            array = array if name == plain else convert(array)
+            array.setflags(write=False)
+            return array
+        return None
+
+    def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
+        if angle is None:
+            yield "have angles, got none. Give angle_deg (or angle_rad)."
+            return
+        if len(angle) < MINIMUM_READINGS:
+            yield f"have at least {MINIMUM_READINGS} readings, got {len(angle)}. Leave the test out or record more."
+        if reading is not None and len(reading) != len(angle):
+            yield f"have one reading per angle, got {len(angle)} angles and {len(reading)} readings. Check the two columns."
+        if self.force_N is None and self.pressure_bar is None:
+            yield "have a force or a pressure, got neither. Give force_N or pressure_bar."
+        if _arc_deg(angle) < MINIMUM_ARC_DEG:
+            cure = "Check the unit of the angle (degrees or radians) or leave the test out"
+            yield f"cover an arc of at least {MINIMUM_ARC_DEG:g}°, got {_arc_deg(angle):.3g}°. {cure}."
+        yield from _not_positive("force_N", self.force_N, "N", LARGEST_FORCE_N)
+        yield from _not_positive("radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
+        if self.pressure_bar is not None and self.pressure_bar < 0:
+            yield f"have pressure_bar ≥ 0, got {self.pressure_bar}. Correct it."
+        if reading is not None and (largest := np.abs(reading).max() * 1e-3) > LARGEST_READING_MM:
+            yield f"have readings below {LARGEST_READING_MM:g} mm, got {largest:.4g} mm. Check the unit of the readings."
         for key in ("pressure_bar", "work_ball_deg", "tool_ball_deg", *_CENTRE, "temperature_C", "time_s"):
             value = getattr(self, key)
             if value is not None and not abs(value) <= (LARGEST_LENGTH_MM if key in _CENTRE else np.finfo(float).max):
-                self._refuse(f"a finite {key}, got {value}. Correct or remove it.")
+                yield f"have a finite {key}, got {value}. Correct or remove it."
         if self.setup is not None and (self.setup != int(self.setup) or not 1 <= self.setup <= LARGEST_SETUP):
-            self._refuse(f"a setup of 1, 2, …, got {self.setup}. Number the set-ups, or leave it out.")
+            yield f"have a setup of 1, 2, …, got {self.setup}. Number the set-ups, or leave it out."
         if self.direction not in (None, "CW", "CCW"):
-            self._refuse(f"direction CW or CCW, got {self.direction!r}. Correct or remove it.")
-        setup = None if self.setup is None else int(self.setup)
-        _set(self, setup=setup, angle_deg=angle, reading_um=reading, angle_rad=None, reading_mm=None)
-
-    def _refuse(self, what: str) -> NoReturn:
-        raise InputError(f"{self.label} must have {what}")
+            yield f"have direction CW or CCW, got {self.direction!r}. Correct or remove it."
 
     @property
     def label(self) -> str:
@@ -236,35 +243,12 @@ def _arc_deg(angle_deg: Array) -> float:
     return 360.0 if largest <= 3.0 * float(np.median(gaps)) else 360.0 - largest
 
 
-def _one_of(test: CircularTest, plain: str, other: str, convert: Callable[[Array], Array]) -> Array | None:
-    """The column as one of two units gives it, in the first."""
-    given = {name: value for name in (plain, other) if (value := getattr(test, name)) is not None}
-    if len(given) > 1:
-        raise InputError(f"{test.label} must have {plain} or {other}, got both. Keep one of them.")
-    for name, value in given.items():
-        array = np.array(value, dtype=float)
-        if array.ndim != 1:
-            raise InputError(f"{test.label} must have {name} of shape (n,), got shape {array.shape}. Pass one value per reading.")
-        bad = np.flatnonzero(~np.isfinite(array))
-        if bad.size:
-            got = f"{array[bad[0]]} at reading {bad[0] + 1}"
-            raise InputError(f"{test.label} must have finite {name}, got {got}. Remove or correct that reading.")
-        array = array if name == plain else convert(array)
-        array.setflags(write=False)
-        return array
-    return None
-
-
-def _set(frozen: object, **values: Any) -> None:
-    frozen.__dict__.update(values)
-
-
-def check_positive(owner: Any, field: str, value: float | None, unit: str, largest: float) -> None:
-    """Refuse a field of ``owner`` that is not a positive number, or absurdly large."""
+def _not_positive(key: str, value: float | None, unit: str, largest: float) -> Iterator[str]:
+    """What is wrong with a value that must be positive, and of sensible size."""
     if value is not None and value > largest:
-        raise InputError(f"{owner.label} must have {field} ≤ {largest:g} {unit}, got {value}. Check the unit.")
+        yield f"have {key} ≤ {largest:g} {unit}, got {value}. Check the unit."
     if value is not None and not (np.isfinite(value) and value > 0):
-        raise InputError(f"{owner.label} must have {field} > 0 {unit}, got {value}. Correct it.")
+        yield f"have {key} > 0 {unit}, got {value}. Correct it."
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:
@@ -330,41 +314,42 @@ class Campaign:
             raise InputError("campaign must have at least one test, got none. Add a circular test.")
         if not self.name.isprintable():
             raise InputError(f"campaign must have a name that can be printed, got {self.name[:80]!r}. Correct it.")
-        _check_origin(self.machine_id, self.date)
+        if self.machine_id is not None and not (self.machine_id.strip() and self.machine_id.isprintable()):
+            got = f"{self.machine_id[:80]!r}"
+            raise InputError(f"machine_id must be a name that can be printed, got {got}. Correct it or leave it out.")
+        try:
+            datetime.fromisoformat(self.date or "2026-11-20")
+        except ValueError:
+            got = f"{str(self.date)[:80]!r}"
+            raise InputError(f"date must be a date as ISO 8601, got {got}. For example 2026-11-20.") from None
         if not (np.isfinite(self.resolution_um) and self.resolution_um > 0):
             raise InputError(f"resolution_um must be a positive number, got {self.resolution_um}. Give the readout's step in µm.")
-        check_positive(self, "radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
+        for fault in _not_positive("radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM):
+            raise InputError(f"campaign must {fault}")
         foreseen = tuple(self._resolved(replace(test.with_reading_um(None), name="")) for test in self.foreseen)
-        _set(self, tests=_named([self._resolved(test) for test in tests]), foreseen=foreseen)
+        self.__dict__.update(tests=_named([self._resolved(test) for test in tests]), foreseen=foreseen)
         planned = [test.name for test in self.tests if test.reading_um is None]
         if 0 < len(planned) < len(self.tests):
             raise InputError(
                 f"campaign must have readings in all tests or in none, got test {planned[0]!r} without. "
                 "Add its file or plan it apart."
             )
-        _set(self, frames_mm=dict(self.machine().frames_mm))
-
-    label = "campaign"
+        self.__dict__.update(frames_mm=dict(self.machine().frames_mm))
 
     def _resolved(self, test: CircularTest) -> CircularTest:
-        default = zip(_CENTRE, (*self.centre_mm, 0.0)[:3], strict=True)
-        centre: dict[str, Any] = {key: usual if (own := getattr(test, key)) is None else float(own) for key, usual in default}
+        """The test with everything that it leaves to the campaign."""
+        usual: dict[str, Any] = {"radius_mm": self.radius_mm, "plane": self.plane, "setup": 1}
+        usual |= dict(zip(_CENTRE, (*self.centre_mm, 0.0)[:3], strict=True))
+        usual = {key: value if (own := getattr(test, key)) is None else own for key, value in usual.items()}
         force, pressure = test.force_N, test.pressure_bar
         if force is None:
             force = self.force_law.force_N(float(pressure or 0.0))
             if force <= 0:
-                raise InputError(
-                    f"{test.label} must have a force > 0, got {force:.4g} N from {pressure} bar. Check pressure_bar and [force]."
-                )
-        return replace(
-            test,
-            force_N=float(force),
-            pressure_bar=self.force_law.pressure_bar(force) if pressure is None else float(pressure),
-            radius_mm=self.radius_mm if test.radius_mm is None else float(test.radius_mm),
-            plane=self.plane if test.plane is None else test.plane,
-            setup=1 if test.setup is None else test.setup,
-            **centre,
-        )
+                got = f"{force:.4g} N from {pressure} bar"
+                raise InputError(f"{test.label} must have a force > 0, got {got}. Check pressure_bar and [force].")
+        usual |= {"force_N": force, "pressure_bar": self.force_law.pressure_bar(force) if pressure is None else pressure}
+        numbers: dict[str, Any] = {key: value if key in ("plane", "setup") else float(value) for key, value in usual.items()}
+        return replace(test, **numbers)
 
     def machine(self) -> Machine:
         """The machine and the planes of all tests, run or foreseen."""
@@ -421,17 +406,9 @@ class Campaign:
         return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
 
     def _repr_html_(self) -> str:
-        shown = {
-            "test": "name",
-            "force (N)": "force_N",
-            "pressure (bar)": "pressure_bar",
-            "arc (°)": "arc_deg",
-            "direction": "direction",
-            "plane": "plane",
-            "radius (mm)": "radius_mm",
-            "work ball (°)": "work_ball_deg",
-            "tool ball (°)": "tool_ball_deg",
-        }
+        shown = {"test": "name", "force (N)": "force_N", "pressure (bar)": "pressure_bar", "arc (°)": "arc_deg"}
+        shown |= {"direction": "direction", "plane": "plane", "radius (mm)": "radius_mm"}
+        shown |= {"work ball (°)": "work_ball_deg", "tool ball (°)": "tool_ball_deg"}
         rows = [
             {head: getattr(test, key) for head, key in shown.items()} | {"readings": len(test.angle_deg)} for test in self.tests
         ]
@@ -468,26 +445,14 @@ def check_campaign(campaign: object) -> None:
         )
 
 
-def _check_origin(machine_id: str | None, date: str | None) -> None:
-    if machine_id is not None and not (machine_id.strip() and machine_id.isprintable()):
-        raise InputError(f"machine_id must be a name that can be printed, got {machine_id[:80]!r}. Correct it or leave it out.")
-    try:
-        datetime.fromisoformat(date or "2026-11-20")
-    except ValueError:
-        raise InputError(f"date must be a date as ISO 8601, got {str(date)[:80]!r}. For example 2026-11-20.") from None
-
-
 def _digested(test: CircularTest) -> list[Any]:
     """What the model uses of a test beside its readings, numbers as floats."""
     always = ("force_N", "pressure_bar", "direction", "work_ball_deg", "tool_ball_deg", "radius_mm", "plane", *_CENTRE[:2])
     unless = {"centre_z_mm": 0.0, "setup": 1.0, "temperature_C": None, "time_s": None}
-    fields = {key: _plain(getattr(test, key)) for key in (*always, *unless)}
+    values = {key: getattr(test, key) for key in (*always, *unless)}
+    fields = {key: value if value is None or isinstance(value, str) else float(value) for key, value in values.items()}
     extra = [[key, fields[key]] for key, usual in unless.items() if fields[key] != usual]
     return [test.name, *(fields[key] for key in always), *extra]
-
-
-def _plain(value: Any) -> Any:
-    return value if value is None or isinstance(value, str) else float(value)
 
 
 def _named(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
@@ -498,10 +463,8 @@ def _named(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
         raise InputError(f"test names must differ, got {repeated!r} twice. Give each test its own name.")
     named, used = [], set(given)
     for test in tests:
-        if not test.name:
-            stem = f"f{test.force_N:03.0f}"
-            name = next(name for k in count(1) if (name := stem if k == 1 else f"{stem}_{k}") not in used)
-            used.add(name)
-            test = replace(test, name=name)
-        named.append(test)
+        stem = test.name or f"f{test.force_N:03.0f}"
+        free = (name for k in count(1) if (name := stem if k == 1 else f"{stem}_{k}") not in used)
+        named.append(test if test.name else replace(test, name=next(free)))
+        used.add(named[-1].name)
     return tuple(named)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime as dt
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, fields
 from importlib.resources import files
 from pathlib import Path
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, ForceLaw, MountCompensation
-from ldbb_bayes.campaign.spreadsheet import columns_of, read_strict_table
-from ldbb_bayes.errors import InputError, check_known, nearest
+from ldbb_bayes.campaign.spreadsheet import columns_of, numbers_of, read_strict_table
+from ldbb_bayes.errors import InputError, check_known, nearest, placed
 from ldbb_bayes.files import read_toml, staged_folder, validated
 
 __all__ = [
@@ -77,10 +76,8 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
         raise InputError(f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them into {path.name}.")
     else:
         tests, options = _tests_of_folder(path)
-    try:
+    with placed(path):
         return Campaign(tests, **options)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
@@ -168,56 +165,46 @@ def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, An
             f"{path}: a plan must have at most {LARGEST_PLAN} readings, got {planned}. Plan fewer readings a circle."
         )
     tests = tuple(_test(path, i, entry) for i, entry in enumerate(file.test, start=1))
-    options = file.model_dump(exclude={"schema_", "mount", "force", "test"}) | {
+    with placed(path):
+        law = ForceLaw(**file.force.model_dump())
+    return tests, file.model_dump(exclude={"schema_", "mount", "force", "test"}) | {
         "name": file.name or path.resolve().parent.name,
         "date": iso(file.date),
         "mount": MountCompensation(**file.mount.model_dump()),
-        "force_law": _placed(path, ForceLaw, **file.force.model_dump()),
+        "force_law": law,
         "frames_mm": {axis: tuple(frame) for axis, frame in file.frames_mm.items()},
     }
-    return tests, options
-
-
-def _placed(place: object, make: Any, **given: Any) -> Any:
-    """What is made of what was given; a message names the place."""
-    try:
-        return make(**given)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
 
 
 def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
-    own = entry.model_dump(exclude={"file", "name", "readings", "start_deg", "arc_deg"})
-    name = entry.name or (Path(entry.file).stem if entry.file else "")
-    if entry.file is None:
-        n, arc = entry.readings or PLANNED_READINGS, entry.arc_deg or 360.0
-        angle = (entry.start_deg or 0.0) + arc * (np.arange(n) / (n if abs(arc) == 360.0 else n - 1))
-        return _placed(f"{toml}, test {k}", CircularTest, name=name, angle_deg=angle, **own)
+    own: dict[str, Any] = entry.model_dump(exclude={"file", "name", "readings", "start_deg", "arc_deg"})
+    own["name"] = entry.name or (Path(entry.file).stem if entry.file else "")
     planned = [key for key in ("readings", "start_deg", "arc_deg") if getattr(entry, key) is not None]
-    if planned:
-        raise InputError(
-            f"{toml}, test {k}: {planned[0]} must stand in planned tests only, got it beside 'file'. Remove one of them."
-        )
-    path = _inside(toml, k, entry.file)
-    return _placed(path, CircularTest, name=name, **_checked(path, _read_columns(path, _READINGS)), **own)
+    if entry.file is None:
+        path, n, arc = Path(f"{toml}, test {k}"), entry.readings or PLANNED_READINGS, entry.arc_deg or 360.0
+        own["angle_deg"] = (entry.start_deg or 0.0) + arc * (np.arange(n) / (n if abs(arc) == 360.0 else n - 1))
+    elif planned:
+        got = f"{planned[0]} must stand in planned tests only, got it beside 'file'"
+        raise InputError(f"{toml}, test {k}: {got}. Remove one of them.")
+    else:
+        path = _inside(toml, k, entry.file)
+        own |= _checked(path, _read_columns(path, _READINGS))
+    with placed(path):
+        return CircularTest(**own)
 
 
 def _inside(toml: Path, k: int, file: str) -> Path:
     """The referenced file, which must lie inside the campaign's folder, links followed."""
-    root = toml.parent.resolve()
+    root, place = toml.parent.resolve(), f"{toml}, test {k}: file must"
     try:
         path = (root / file).resolve()
     except (OSError, RuntimeError, ValueError):
-        raise InputError(
-            f"{toml}, test {k}: file must be the name of one, got {file[:80]!r}, which leads nowhere. Check the name."
-        ) from None
+        raise InputError(f"{place} be the name of one, got {file[:80]!r}, which leads nowhere. Check the name.") from None
     if Path(file).is_absolute() or not path.is_relative_to(root):
-        raise InputError(
-            f"{toml}, test {k}: file must lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name."
-        )
+        raise InputError(f"{place} lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name.")
     if not path.is_file():
         got = "is no ordinary file" if path.exists() else f"is not in {toml.parent}"
-        raise InputError(f"{toml}, test {k}: file must exist, got {file!r}, which {got}. Check the name.")
+        raise InputError(f"{place} exist, got {file!r}, which {got}. Check the name.")
     return toml.parent / file
 
 
@@ -239,7 +226,8 @@ def _tests_of_table(path: Path) -> tuple[CircularTest, ...]:
                     "Split the test or correct the rows."
                 )
             own[key] = (values[0] or None) if key in _TEXTS else float(values[0])
-        tests.append(_placed(path, CircularTest, name=name, **own))
+        with placed(path):
+            tests.append(CircularTest(name=name, **own))
     return tuple(tests)
 
 
@@ -272,22 +260,9 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
     points = any("." in cell for name in names if name not in _TEXTS for cell in columns[name])
     decimal = "," if separator != "," and not points else "."
     return {
-        name: np.array(own, dtype=object) if name in _TEXTS else _numbers(path, name, lines, own, decimal)
+        name: np.array(own, dtype=object) if name in _TEXTS else numbers_of(str(path), name, lines, own, decimal, strict=True)
         for name, own in columns.items()
     }
-
-
-def _numbers(path: Path, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str) -> Array:
-    """One column of finite numbers; unlike in an import, marks between thousands are refused."""
-    values = np.full(len(cells), np.nan)
-    for k, cell in enumerate(cells):
-        with suppress(ValueError):
-            values[k] = float(cell.replace(decimal, "."))
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        got = f"{name} must be a finite number, got {cells[bad[0]][:60]!r}"
-        raise InputError(f"{path}, line {lines[bad[0]]}: {got}. Correct or remove the line.")
-    return values
 
 
 def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
@@ -302,14 +277,11 @@ def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
     (angle, values), _ = found.items()
     span = float(np.ptp(values))
     if angle == "angle_deg" and span < 7.0:
-        raise InputError(
-            f"{path}: angle_deg must span more than 7°, got {span:.3g}°. If the angles are radians, name the column angle_rad."
-        )
-    if angle == "angle_rad" and span > 4 * 2 * np.pi:
-        raise InputError(
-            f"{path}: angle_rad must span at most 4 turns, got {span:.4g} rad. "
-            "If the angles are degrees, name the column angle_deg."
-        )
+        cure = "If the angles are radians, name the column angle_rad"
+        raise InputError(f"{path}: angle_deg must span more than 7°, got {span:.3g}°. {cure}.")
+    if angle == "angle_rad" and span > 8.0 * np.pi:
+        cure = "If the angles are degrees, name the column angle_deg"
+        raise InputError(f"{path}: angle_rad must span at most 4 turns, got {span:.4g} rad. {cure}.")
     return found
 
 

@@ -48,8 +48,8 @@ _SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
     "overshoot_deg": (r"(?:angular overshoot|overshoot|run-in|überlauf)(?: angle)?", "deg", UNITS["angle"]),
 }
 _ANOTHER = re.compile(
-    r"\b(?:max|maximum|min|minimum|limit|ambient|supply|preload|range|rated|case|no|nr|number|clamping|spring|gravity|cutting|"
-    r"air|atmospheric|barometric|system|hydraulic|oil|ball|tool|corner|nose)\b",
+    r"\b(?:max|maximum|min|minimum|limit|ambient|supply|preload|range|rated|case|no|nr|number|clamping|spring|gravity|cutting|air"
+    r"|atmospheric|barometric|system|hydraulic|oil|ball|tool|corner|nose)\b",
     re.IGNORECASE,
 )
 _IN_NAME = re.compile(rf"(?<![\d.,A-Za-z])({_NUMBER})[ _]?(kN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])", re.IGNORECASE)
@@ -152,29 +152,19 @@ def loads_not_understood(above: Lines) -> str:
 
 
 def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str] | None:
-    """Field, value and the name that says it: ``238N``, ``2.5 bar``, ``f238``; None where none says one thing alone.
-
-    Parameters
-    ----------
-    kind : {"force_N", "pressure_bar", ""}
-        Whether of this alone.
-    """
+    """Field (of one kind if asked), value and the name that says it alone: ``238N``, ``2.5 bar``, ``f238``."""
     for name in names:
         said = []
         for text, word in _IN_NAME.findall(name[:_LONGEST]):
-            key, units = (
-                ("force_N", UNITS["force"]) if unit_named(word) in UNITS["force"] else ("pressure_bar", UNITS["pressure"])
-            )
+            key, role = ("force_N", "force") if unit_named(word) in UNITS["force"] else ("pressure_bar", "pressure")
             if kind in ("", key):
-                said.append((key, text, units[unit_named(word)]))
-        if len(said) == 1:
-            key, text, one = said[0]
-            if _CUT.search(name) or (key == "force_N" and _may_be_thousands(key, text)):
-                continue
-            return key, abs(_value(text)) * one, name
+                said.append((key, text, UNITS[role][unit_named(word)]))
         short = _AS_F.findall(name[:_LONGEST])
         if not said and len(short) == 1:
             return "force_N", float(short[0]), name
+        for key, text, one in said if len(said) == 1 and not _CUT.search(name) else ():
+            if key != "force_N" or not _may_be_thousands(key, text):
+                return key, abs(_value(text)) * one, name
     return None
 
 

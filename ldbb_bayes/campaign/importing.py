@@ -6,7 +6,6 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,10 +18,10 @@ from ldbb_bayes.campaign import heading as headings
 from ldbb_bayes.campaign import spreadsheet
 from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, ForceLaw
 from ldbb_bayes.campaign.heading import Heading, Said, find_headings, load_in_name, note_heading, said_above
-from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes, TestLayout, in_ours
+from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes, in_ours
 from ldbb_bayes.campaign.preparation import angles_from_time, average_laps, direction_run, on_the_circle
 from ldbb_bayes.campaign.spreadsheet import Sheet, Unusable, numbers_of, read_sheets
-from ldbb_bayes.errors import InputError, nearest
+from ldbb_bayes.errors import InputError, nearest, placed
 from ldbb_bayes.result import Result
 
 __all__ = ["Imported", "import_campaign"]
@@ -38,23 +37,19 @@ _LARGEST_DEVIATION_MM, _NEAR_RADIUS, _SMALLEST_RADIUS_MM, _LARGEST_IN_MM = 1.5, 
 _MORE_THAN_A_TURN = 1.02
 # Shares by which force and pressure may miss the force law, and by which a value may be rounded: in a line, in a name.
 _OFF_THE_LAW, _IN_LINE, _IN_NAME = 0.05, 1e-3, 0.02
-# By key: unit, and how to say it.
-_KEYS = {
-    "force_N": ("N", "--forces-N"),
-    "pressure_bar": ("bar", "--pressures-bar"),
-    "radius_mm": ("mm", "--radius-mm"),
-    "feed_mm_per_min": ("mm/min", "--feed-mm-per-min"),
-    "start_deg": ("°", "--start-deg"),
-    "overshoot_deg": ("°", "--overshoot-deg"),
-}
+_UNIT = {"force_N": "N", "pressure_bar": "bar", "radius_mm": "mm", "feed_mm_per_min": "mm/min"}
 _LOADS = {"force_N": ("force", "forces_N"), "pressure_bar": ("pressure", "pressures_bar")}
 _SENSES = {"CW": ("CLOCKWISE", "-", "G2", "G02"), "CCW": ("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03")}
+
+
+def _option(key: str) -> str:
+    return f"--{_LOADS[key][1] if key in _LOADS else key}".replace("_", "-")
 
 
 def _sense(word: str) -> str:
     """CW or CCW, or the word itself."""
     word = word.upper()
-    return next((own for own, words in _SENSES.items() if re.sub(r"(?<=\w)[-_ ]", "", word) in words), word)
+    return next((sense for sense, words in _SENSES.items() if re.sub(r"(?<=\w)[-_ ]", "", word) in words), word)
 
 
 @dataclass
@@ -69,7 +64,7 @@ class _Table:
     words: Mapping[str, int]  # in the column of directions, and where each first stands
     above: Mapping[str, Sequence[Said]]
     layout: Layout
-    stated: TestLayout | None
+    stated: dict[str, Any]  # in a [[test]] of the layout
     campaign: Mapping[str, Any]  # fields of the campaign that were given
     notes: Notes
     fields: dict[str, Any]  # of the test, from columns that hold one value for it
@@ -91,46 +86,36 @@ class _Table:
     def note(self, what: str, value: str, because: str, option: str) -> None:
         self.notes.add(self.place, what, value, because, option)
 
-    @contextmanager
-    def placed(self) -> Iterator[None]:
-        """A message inside names the test."""
-        try:
-            yield
-        except InputError as error:
-            raise InputError(f"{self.place}: {error}") from None
-
     def given(self, key: str) -> Any:
         """As an option or the layout gives it, of the test before of all; None where neither does."""
-        sources = (getattr(self.stated, key, None), getattr(self.layout, key, None), self.campaign.get(key))
+        sources = (self.stated.get(key), getattr(self.layout, key, None), self.campaign.get(key))
         return next((value for value in sources if value is not None), None)
 
     def circle(self, loads: Mapping[str, float]) -> CircularTest:
         """The circular test: load, direction, angles, readings, laps."""
         if loads:
-            update = {"force_N": None, "pressure_bar": None} | dict(loads)
-            self.stated = (self.stated or TestLayout(file=self.label)).model_copy(update=update)
-        stated = {} if self.stated is None else self.stated.model_dump(exclude_none=True)
-        self._note_against_columns(stated)
-        self.fields |= {key: value for key, value in stated.items() if key not in ("file", "start_deg")}
+            self.stated = {key: value for key, value in self.stated.items() if key not in _LOADS} | dict(loads)
+        self._note_against_columns()
+        self.fields |= {key: value for key, value in self.stated.items() if key not in ("file", "start_deg")}
         if "name" not in self.fields:
             self.fields["name"] = self.name_of_file(self.label or self.sheet.own_name or self.sheet.path.stem)
         self.fields["direction"] = self._direction()
         self.fields |= self._load()
-        if self.fields.get("radius_mm") is None and (radius := self.quantity("radius_mm")) is not None:
-            self.fields["radius_mm"] = radius
+        if self.fields.get("radius_mm") is None:
+            self.fields["radius_mm"] = self.quantity("radius_mm")
         angle, reading = self._angle(), self._reading()
-        with self.placed():
+        with placed(self.place):
             angle, reading = self._laps(angle, reading)
             fields = {key: value for key, value in self.fields.items() if value is not None}
             return CircularTest(angle_deg=angle, reading_um=reading, **fields)
 
-    def _note_against_columns(self, stated: Mapping[str, Any]) -> None:
+    def _note_against_columns(self) -> None:
         """Where a [[test]] of the layout, or an option, and a column of the file differ."""
         for key, value in self.fields.items():
-            if value is not None and stated.get(key, value) != value:
-                self.note(key, f"{stated[key]}, as given", f"its column says {value}", "a [[test]] in --layout")
+            if value is not None and self.stated.get(key, value) != value:
+                self.note(key, f"{self.stated[key]}, as given", f"its column says {value}", "a [[test]] in --layout")
         for key, option in (("radius_mm", "--radius-mm"), ("plane", "--plane")):
-            own, given = stated.get(key, self.fields.get(key)), self.campaign.get(key)
+            own, given = self.stated.get(key, self.fields.get(key)), self.campaign.get(key)
             if own and given and own != given:
                 self.note(key, str(own), f"said of this test; {given} is for the others", option)
             above = next((said for said in self.above.get(key, ()) if own and not np.isclose(said.value, float(own))), None)
@@ -146,7 +131,7 @@ class _Table:
 
     def quantity(self, key: str, column: float | None = None) -> float | None:
         """A quantity of the test: as given, by its column, the lines above the table, the name; None where none says it."""
-        unit, option = _KEYS[key]
+        unit, option = _UNIT.get(key, "°"), _option(key)
         given, above = self.given(key), self.above.get(key, ())
         said = [(own.value, f"line {own.line}", _IN_LINE) for own in above]
         named = load_in_name(self.names(), key) if key in _LOADS else None
@@ -161,21 +146,17 @@ class _Table:
                 if not (math.isnan(value) or np.isclose(value, first, rtol=within)):
                     self.note(key, f"{first:g} {unit}, {how}", f"{where} says {value:g} {unit}", option)
             return float(first)
-        if not said:
-            return None
         unclear = next((where for value, where, _ in said if math.isnan(value)), None)
         if unclear is not None:
-            raise InputError(
-                f"{self.place}: {key} must be one number, got a mark in {unclear} that may stand between thousands. "
-                f"Give {option}."
-            )
-        value, where, _ = said[0]
+            got = f"a mark in {unclear} that may stand between thousands"
+            raise InputError(f"{self.place}: {key} must be one number, got {got}. Give {option}.")
         for other, there, within in said[1:]:
-            if not np.isclose(other, value, rtol=within):
-                raise InputError(
-                    f"{self.place}: {key} must be said once, got {value:g} {unit} in {where} and {other:g} {unit} in {there}. "
-                    f"Give {option}."
-                )
+            if not np.isclose(other, said[0][0], rtol=within):
+                got = f"{said[0][0]:g} {unit} in {said[0][1]} and {other:g} {unit} in {there}"
+                raise InputError(f"{self.place}: {key} must be said once, got {got}. Give {option}.")
+        if not said:
+            return None
+        value, where, _ = said[0]
         self.note(key, f"{value:g} {unit}", where + (", no unit there" if above and not above[0].unit else ""), option)
         return value
 
@@ -184,27 +165,24 @@ class _Table:
         given: str | None = self.given("direction")
         lines = {_sense(word): line for word, line in sorted(self.words.items(), key=lambda own: -own[1]) if word}
         senses, beside = set(lines), headings.directions_said(self.heading.above, self.names())
-        if given is None and (len(senses) > 1 or senses - {"CW", "CCW"}):
-            raise InputError(
-                f"{self.place}, line {max(lines.values())}: direction must be CW or CCW in all rows of a test, "
-                f"got {', '.join(sorted(senses))[:60]!r}. Correct it, or give --direction."
-            )
         said = senses or beside
         if given is not None:
             if said - {given}:
                 self.note("direction", f"{given}, as given", "the file says the other", "--direction")
             return given
-        if len(said) > 1:
+        if len(senses) > 1 or senses - {"CW", "CCW"}:
             raise InputError(
-                f"{self.place}: direction must be said once, got CW and CCW above the table or in names. Give --direction."
+                f"{self.place}, line {max(lines.values())}: direction must be CW or CCW in all rows of a test, "
+                f"got {', '.join(sorted(senses))[:60]!r}. Correct it, or give --direction."
             )
-        if not said:
-            line = headings.direction_not_understood(self.heading.above)
-            if line is not None:
-                self.note("direction", "none", f"line {line} is not understood", "--direction")
-            return None
-        (direction,) = said
-        if not senses:
+        if len(said) > 1:
+            got = "CW and CCW above the table or in names"
+            raise InputError(f"{self.place}: direction must be said once, got {got}. Give --direction.")
+        direction = next(iter(said), None)
+        line = headings.direction_not_understood(self.heading.above)
+        if direction is None and line is not None:
+            self.note("direction", "none", f"line {line} is not understood", "--direction")
+        elif direction and not senses:
             self.note("direction", direction, "a line above the table, or the name", "--direction")
         elif beside - senses:
             self.note("direction", f"{direction}, its column", "a line above or a name says the other", "--direction")
@@ -212,33 +190,30 @@ class _Table:
 
     def _load(self) -> dict[str, float]:
         """Force, pressure, or both."""
-        found: dict[str, float] = {}
         given = any(self.given(key) is not None for key in _LOADS)
-        for key in _LOADS:
-            value = self.quantity(key, self._one_value(key, may_change=given))
-            if value is not None:
-                found[key] = value
-        if not found:
+        found = {key: self.quantity(key, self._one_value(key, may_change=given)) for key in _LOADS}
+        loads = {key: value for key, value in found.items() if value is not None}
+        if not loads:
             raise InputError(
                 f"{self.place}: force or pressure must be known, got neither from a column, the lines above the table "
                 f"or the name.{headings.loads_not_understood(self.heading.above)} "
                 "Give --forces-N or --pressures-bar, one for each test in the order of files and sheets, or a "
                 "[[test]] in --layout."
             )
-        if len(found) == 2:
-            law = (self.campaign.get("force_law") or ForceLaw()).force_N(found["pressure_bar"])
-            if abs(law - found["force_N"]) > _OFF_THE_LAW * max(law, found["force_N"]):
-                both = f"{found['force_N']:g} N and {found['pressure_bar']:g} bar"
+        if len(loads) == 2:
+            law = (self.campaign.get("force_law") or ForceLaw()).force_N(loads["pressure_bar"])
+            if abs(law - loads["force_N"]) > _OFF_THE_LAW * max(law, loads["force_N"]):
+                both = f"{loads['force_N']:g} N and {loads['pressure_bar']:g} bar"
                 self.note("force and pressure", both, f"the force law gives {law:.0f} N", "--forces-N, --force-slope")
-        return found
+        return loads
 
     def _one_value(self, key: str, *, may_change: bool) -> float | None:
         """The one value of a column of loads; one that changes is left out, and told, where a load is given."""
-        role, usual = _LOADS[key][0], _KEYS[key][0]
+        role, unit = _LOADS[key][0], _UNIT[key]
         if role not in self.numbers:
             return None
         try:
-            values = self.numbers[role] * self._unit(role, usual)
+            values = self.numbers[role] * self._unit(role, unit)
         except InputError as error:
             if not may_change:
                 raise
@@ -246,22 +221,21 @@ class _Table:
             return None
         if np.ptp(values) <= 1e-9 * max(float(np.abs(values).max()), 1.0):
             return float(values[0])
-        span = f"{values.min():g} to {values.max():g} {usual}"
+        span = f"{values.min():g} to {values.max():g} {unit}"
         if may_change:
             self.note(f"column of the {role}", "not used", f"it changes, {span}", f"--{role}-column")
             return None
         line = self.lines[int(np.flatnonzero(values != values[0])[0])]
         raise InputError(
             f"{self.place}, line {line}: {role} must be the same in all rows of a test, got {span}. "
-            f"Name the test of each row in a column (--test-column), or give the nominal value ({_KEYS[key][1]})."
+            f"Name the test of each row in a column (--test-column), or give the nominal value ({_option(key)})."
         )
 
     def _unit(self, role: str, default: str, because: str = "no unit in the header") -> float:
         """Of one unit in ours: the unit that was given, else the one the header names, else the default, told."""
         header: str = self.heading.units[self.heading.roles[role]]
         given: str | None = getattr(self.layout, f"{role}_unit")
-        named = given or header
-        option = "--unit" if role == "reading" else f"--{role}-unit"
+        named, option = given or header, "--unit" if role == "reading" else f"--{role}-unit"
         one = in_ours(role, named or default)
         if one is None:
             raise InputError(
@@ -277,24 +251,23 @@ class _Table:
         self.notes.keep(**{f"{role}_unit": None if header else named or default})
         return one
 
-    def _column_missing(self, what: str, option: str) -> InputError:
-        seen = f"{', '.join(map(repr, self.heading.headers))[:_LONGEST_LIST]} in line {self.heading.line}"
-        return InputError(f"{self.place}: a column must hold the {what}, got {seen}. Say which: {option}.")
+    def _column(self, role: str, what: str) -> Array:
+        if role not in self.numbers:
+            seen = f"{', '.join(map(repr, self.heading.headers))[:_LONGEST_LIST]} in line {self.heading.line}"
+            raise InputError(f"{self.place}: a column must hold the {what}, got {seen}. Say which: --{role}-column.")
+        return self.numbers[role]
 
     def _angle(self) -> Array:
         """Angle of every reading, as the plane counts it, shape (n,) [deg]."""
-        if "angle" not in self.numbers:
-            if "time" not in self.numbers:
-                raise self._column_missing("angle, or the time", "--angle-column")
+        if "angle" not in self.numbers and "time" in self.numbers:
             return self._from_time()
+        raw = self._column("angle", "angle, or the time")
         unused = [key for key in ("feed_mm_per_min", "start_deg", "overshoot_deg") if self.given(key)]
         if unused:
-            options = ", ".join(_KEYS[key][1] for key in unused)
-            self.note("not used", options, "a column holds the angle", "--time-column")
+            self.note("not used", ", ".join(map(_option, unused)), "a column holds the angle", "--time-column")
         for key in ("feed_mm_per_min", "overshoot_deg"):
             if key in self.above and key not in unused:
                 self.note("not used", key, f"line {self.above[key][0].line}; a column holds the angle", "--time-column")
-        raw = self.numbers["angle"]
         span = float(np.ptp(raw))
         as_gon = span > _TURN + 1.0 and abs(span + np.median(np.abs(np.diff(raw))) - _TURN_GON) < 1.0
         because = f"it spans {span:.4g}" + (": gon are as likely" if as_gon else "")
@@ -311,7 +284,7 @@ class _Table:
         for key in ("start_deg", "overshoot_deg"):
             value = self.quantity(key)
             if value is None:
-                self.note(key, "0°", "nothing says otherwise", _KEYS[key][1])
+                self.note(key, "0°", "nothing says otherwise", _option(key))
             where[key] = value or 0.0
         self.note("feed", "constant from the first reading on", "a log holds no more", "--overshoot-deg")
         if self.fields["direction"] is None:
@@ -319,45 +292,33 @@ class _Table:
             self.fields["direction"] = "CCW"
         back = np.flatnonzero(np.diff(self.numbers["time"]) <= 0.0)
         if back.size:
-            raise InputError(
-                f"{self.place}, line {self.lines[back[0] + 1]}: time must increase from row to row. Sort or split the log."
-            )
+            line = self.lines[back[0] + 1]
+            raise InputError(f"{self.place}, line {line}: time must increase from row to row. Sort or split the log.")
         sense = -1 if self.fields["direction"] == "CW" else 1
-        with self.placed():
+        with placed(self.place):
             time_s = self.numbers["time"] * self._unit("time", "s")
             angle = angles_from_time(time_s, feed_mm_per_min=feed, radius_mm=self.radius_mm, sense=sense, **where)
         kept = on_the_circle(angle, start_deg=where["start_deg"], sense=sense)
-        left = int(np.count_nonzero(~kept))
-        if left:
-            self.note("run-in and run-out", f"{left} readings left out", "outside whole turns", "--overshoot-deg")
+        if not kept.all():
+            left = f"{np.count_nonzero(~kept)} readings left out"
+            self.note("run-in and run-out", left, "outside whole turns", "--overshoot-deg")
         self.numbers = {role: values[kept] for role, values in self.numbers.items()}
         return angle[kept]
 
     def _reading(self) -> Array:
         """Actual ball distance − R, shape (n,) [µm]."""
-        if "reading" not in self.numbers:
-            raise self._column_missing("reading", "--reading-column")
-        raw = self.numbers["reading"]
+        raw = self._column("reading", "reading")
         if np.ptp(raw) == 0.0:
+            got = f"{raw[0]:g} in all"
             raise InputError(
-                f"{self.place}: the reading must change from row to row, got {raw[0]:g} in all. "
-                "Say which column it is: --reading-column."
+                f"{self.place}: the reading must change from row to row, got {got}. Say which column it is: --reading-column."
             )
         largest, by_radius = float(np.abs(raw).max()), abs(np.median(raw) / self.radius_mm - 1.0) < _NEAR_RADIUS
         usual = "mm" if by_radius or largest < _LARGEST_IN_MM else "um"
         reading = raw * self._unit("reading", usual, f"the largest is {largest:.4g}")
-        zero, median_mm = self._zero(reading)
-        if self.layout.zero is None:
-            self.notes.keep(zero=zero)
-        if zero == "distance" and self.layout.zero is None:
-            why = f"its median is {median_mm:.4g} mm"
-            self.note("reading", f"distance of the balls, {self.radius_mm:g} mm subtracted", why, "--zero")
-        return self.layout.sign * (reading - 1e3 * self.radius_mm if zero == "distance" else reading)
-
-    def _zero(self, reading_um: Array) -> tuple[str, float]:
-        """Distance or deviation, and the median [mm]; distances on another radius are no deviations of this one."""
-        median_mm = float(np.median(reading_um)) * 1e-3
-        scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
+        # Distances on another radius are no deviations of this one.
+        median_mm = float(np.median(reading)) * 1e-3
+        scatter_mm = float(np.median(np.abs(reading - 1e3 * median_mm))) * 1e-3
         near = abs(median_mm - self.radius_mm) < _LARGEST_DEVIATION_MM
         far = median_mm > _SMALLEST_RADIUS_MM and scatter_mm < 0.01 * median_mm
         given = self.layout.zero
@@ -366,7 +327,13 @@ class _Table:
                 f"{self.place}: readings must be deviations from {self.radius_mm:g} mm, or distances near it, got "
                 f"{median_mm:.5g} mm{f' as {given} (--zero)' if given else ''}. Give --radius-mm, or --unit, or --zero."
             )
-        return given or ("distance" if near else "deviation"), median_mm
+        zero = given or ("distance" if near else "deviation")
+        if given is None:
+            self.notes.keep(zero=zero)
+        if zero == "distance" and given is None:
+            why = f"its median is {median_mm:.4g} mm"
+            self.note("reading", f"distance of the balls, {self.radius_mm:g} mm subtracted", why, "--zero")
+        return self.layout.sign * (reading - 1e3 * self.radius_mm if zero == "distance" else reading)
 
     def _laps(self, angle: Array, reading: Array) -> tuple[Array, Array]:
         if len(angle) < 2:
@@ -376,18 +343,15 @@ class _Table:
             self.note("direction", f"{stated}, as stated", f"the angles run {travel}: taken as sorted", "--direction")
         # A full circle whose last reading stands one step before the first is one.
         laps = float(abs(angle[-1] - angle[0]) + np.median(np.abs(np.diff(angle)))) / _TURN
-        if laps < _MORE_THAN_A_TURN:
-            return angle, reading
-        if self.layout.laps is None:
+        if laps >= _MORE_THAN_A_TURN and self.layout.laps is None:
             self.note("laps", f"all {laps:.2f} kept in one test", "longer than a turn", "--laps")
             self.notes.keep(laps="keep")
-        return average_laps(angle, reading) if self.layout.laps == "average" else (angle, reading)
+        average = laps >= _MORE_THAN_A_TURN and self.layout.laps == "average"
+        return average_laps(angle, reading) if average else (angle, reading)
 
 
-def _tests_in(
-    sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[str, Any], notes: Notes
-) -> Iterator[tuple[_Table, set[str]]]:
-    """The tests of one sheet, in the order of their first rows, and the entries of the layout that speak of them."""
+def _tests_in(sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[str, Any], notes: Notes) -> Iterator[_Table]:
+    """The tests of one sheet, in the order of their first rows."""
     rows = sheet.rows[heading.first :]
     while rows and not any(spreadsheet.looks_like_number(cell) or spreadsheet.is_missing(cell) for cell in rows[-1][1]):
         rows.pop()  # what is no row of numbers may only stand below the table
@@ -402,38 +366,66 @@ def _tests_in(
             raise InputError(f"{sheet.place}: times of day have no unit, got {layout.time_unit!r}. Leave --time-unit out.")
         numbers["time"] = spreadsheet.seconds_of(sheet.place, lines, columns[clock])
         heading.units[clock] = "s"
-    per_test, above = _per_test(sheet, heading, columns, notes), said_above(heading.above)
+    labels = columns[heading.roles["test"]] if "test" in heading.roles else [""] * len(lines)
+    groups = _groups(sheet, heading, lines, labels)
+    per_test, above = _per_test(sheet, heading, columns, labels, notes), said_above(heading.above)
     for own in heading.each():
         for c in own.readings:
             numbers["reading"] = numbers_of(sheet.place, "reading", lines, columns[c], decimal)
-        for label, mine in _rows_of_tests(sheet, own, lines, columns).items():
+        for label, mine in groups.items():
+            at, name = [lines[k] for k in mine], label or own.label
             blocks = 1 + int(np.count_nonzero(np.diff(mine) > 1))
             if blocks > 1:
                 place = f"{sheet.place}, test {label!r}"
                 notes.add(place, "rows", f"{blocks} blocks joined", "others stand between", "--test-column")
             words = {columns[own.roles["direction"]][k]: lines[k] for k in reversed(mine)} if "direction" in own.roles else {}
-            names = (label, sheet.own_name, sheet.path.name, sheet.path.stem, str(sheet.path), sheet.name)
-            stated, entries = layout.of(*filter(None, names))
-            own_lines = [lines[k] for k in mine]
-            fields = {
-                name: spreadsheet.constant(sheet.place, label, name, own_lines, [columns[c][k] for k in mine], decimal)
-                for name, c in per_test.items()
-            }
             several = len(mine) < len(lines) or len(heading.readings) > 1 or bool(sheet.own_name)
-            of_file = [entry for entry in layout.test if entry.file in entries - {label, sheet.own_name}]
-            if several and any(entry.force_N or entry.pressure_bar for entry in of_file):
-                raise InputError(
-                    f"{sheet.place}: a force or pressure given for the file must be of one test, got several in it. "
-                    "Give --forces-N with one for each, a [[test]] for each in --layout, or a column."
-                )
+            stated = _stated(sheet, name, layout, several)
+            fields = {
+                key: spreadsheet.constant(sheet.place, name, key, at, [columns[c][k] for k in mine], decimal)
+                for key, c in per_test.items()
+            }
             part = {role: values[mine] for role, values in numbers.items()}
-            yield _Table(sheet, own, label, own_lines, part, words, above, layout, stated, campaign, notes, fields), entries
+            yield _Table(sheet, own, name, at, part, words, above, layout, stated, campaign, notes, fields)
 
 
-def _per_test(sheet: Sheet, heading: Heading, columns: Sequence[Sequence[str]], notes: Notes) -> dict[str, int]:
+def _groups(sheet: Sheet, heading: Heading, lines: Sequence[int], labels: Sequence[str]) -> dict[str, list[int]]:
+    """Rows of each test, by its label, in the order of their first rows."""
+    groups: dict[str, list[int]] = {}
+    for k, label in enumerate(labels):
+        if isinstance(label, Unusable):
+            raise InputError(label.why)
+        if not label and "test" in heading.roles:
+            raise InputError(f"{sheet.place}, line {lines[k]}: rows must name their test, got none. Complete or remove the line.")
+        groups.setdefault(label, []).append(k)
+    return groups
+
+
+def _names(sheet: Sheet, label: str) -> list[str]:
+    """By which a [[test]] of the layout may call a test."""
+    return [name for name in (label, sheet.own_name, sheet.path.name, sheet.path.stem, str(sheet.path), sheet.name) if name]
+
+
+def _stated(sheet: Sheet, label: str, layout: Layout, several: bool) -> dict[str, Any]:
+    """What the layout says of a test, by any of its names, the first of them before the others."""
+    names = _names(sheet, label)
+    of_file = [entry for entry in layout.test if entry.file in names and entry.file not in (label, sheet.own_name)]
+    if several and any(entry.force_N or entry.pressure_bar for entry in of_file):
+        raise InputError(
+            f"{sheet.place}: a force or pressure given for the file must be of one test, got several in it. "
+            "Give --forces-N with one for each, a [[test]] for each in --layout, or a column."
+        )
+    stated: dict[str, Any] = {}
+    for entry in sorted((own for own in layout.test if own.file in names), key=lambda own: -names.index(own.file)):
+        stated |= entry.model_dump(exclude_none=True)
+    return stated
+
+
+def _per_test(
+    sheet: Sheet, heading: Heading, columns: Sequence[Sequence[str]], labels: Sequence[str], notes: Notes
+) -> dict[str, int]:
     """Columns that hold one value for each test; times and temperatures of every reading are left out, and told."""
     found = {header: c for c, header in enumerate(heading.headers) if header in PER_TEST and c not in heading.roles.values()}
-    labels = columns[heading.roles["test"]] if "test" in heading.roles else [""] * len(columns[0])
     for header in sorted(set(found) & {"time_s", "temperature_C"}):
         if len(set(zip(labels, columns[found[header]], strict=True))) > len(set(labels)):
             notes.add(sheet.place, "columns not used", header, "it changes within a test", "a [[test]] in --layout")
@@ -446,36 +438,20 @@ def _decimal(sheet: Sheet, lines: Sequence[int], columns: Sequence[Sequence[str]
     cells = [(line, column[k]) for k, line in enumerate(lines) for column in columns if not isinstance(column[k], Unusable)]
     decimal = layout.decimal or spreadsheet.decimal_mark(sheet.place, cells)
     marked = [cell for _, cell in cells if decimal and decimal in cell]
-    because = ""
+    value, because = str(decimal), ""
     if layout.decimal is not None:
         other = "," if decimal == "." else "."
         if not marked and any(other in cell for _, cell in cells):
-            notes.add(sheet.place, "decimal mark", f"{decimal}, as given", f"cells have {other!r} alone: thousands", "--decimal")
+            value, because = f"{decimal}, as given", f"cells have {other!r} alone: thousands"
     elif marked and all(spreadsheet.could_be_thousands(cell) for cell in marked):
         because = "thousands are as likely: three digits behind each"
     elif decimal == ",":
         because = "no cell has a point"
     if because:
-        notes.add(sheet.place, "decimal mark", str(decimal), because, "--decimal")
+        notes.add(sheet.place, "decimal mark", value, because, "--decimal")
     if decimal and layout.decimal is None:
         notes.keep(decimal=decimal)
     return decimal
-
-
-def _rows_of_tests(
-    sheet: Sheet, heading: Heading, lines: Sequence[int], columns: Sequence[Sequence[str]]
-) -> dict[str, list[int]]:
-    """Labels and rows of the tests in a table, in the order of their first rows."""
-    if "test" not in heading.roles:
-        return {heading.label: list(range(len(lines)))}
-    places: dict[str, list[int]] = {}
-    for k, label in enumerate(columns[heading.roles["test"]]):
-        if isinstance(label, Unusable):
-            raise InputError(label.why)
-        if not label:
-            raise InputError(f"{sheet.place}, line {lines[k]}: rows must name their test, got none. Complete or remove the line.")
-        places.setdefault(label, []).append(k)
-    return places
 
 
 _Summary = Annotated[Campaign, PlainSerializer(lambda own: {"name": own.name, "tests": len(own.tests), "readings": own.readings})]
@@ -527,61 +503,50 @@ def import_campaign(
     if not paths:
         raise InputError("files must be given, got none. Name the tables to read.")
     tests: list[CircularTest] = []
-    used: set[str] = set()
+    tables = []
     for path in paths:
         sheets = read_sheets(path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets)
         for sheet, heading in find_headings(sheets, layout, notes):
-            for table, entries in _tests_in(sheet, heading, layout, campaign, notes):
-                used |= entries
-                test = table.circle(_loads_in_order(layout, len(tests), table.place))
-                if table.label and test.name in [own.name for own in tests]:
-                    name = table.name_of_file(f"{sheet.own_name or path.stem} {test.name}")
-                    table.note("name of the test", name, f"{test.name!r} stands elsewhere too", "a [[test]] in --layout")
-                    test = replace(test, name=name)
-                tests.append(test)
-                if len(tests) > LARGEST_TESTS:
-                    raise InputError(
-                        f"{path}: a campaign must have at most {LARGEST_TESTS} tests, got more. Import fewer at once."
-                    )
-    _check_tests(paths, layout, tests)
-    known = {path.name for path in paths} | {test.name for test in tests}
-    for entry in layout.test:
-        if entry.file not in used:
-            why = f"no file, sheet or label of that name; did you mean {nearest(entry.file, sorted(known))!r}?"
-            notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], why, "--layout")
-    _note_machine(campaign, tests, notes)
-    campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
-    return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told())
-
-
-def _loads_in_order(layout: Layout, k: int, place: str) -> dict[str, float]:
-    """Of the k-th test, from 0, where loads were given for all in their order."""
-    given = {key: values for key, (_, name) in _LOADS.items() if (values := getattr(layout, name))}
-    for key, values in given.items():
-        if k >= len(values):
-            raise InputError(
-                f"{place}: {_KEYS[key][1]} must hold one number for each test, got {len(values)} and this is test {k + 1}. "
-                "Give all, in the order of files and sheets."
-            )
-    return {key: values[k] for key, values in given.items()}
-
-
-def _check_tests(paths: Sequence[Path], layout: Layout, tests: Sequence[CircularTest]) -> None:
-    """One force or pressure for each test, and names that differ."""
+            tables += list(_tests_in(sheet, heading, layout, campaign, notes))
+        if len(tables) > LARGEST_TESTS:
+            raise InputError(f"{path}: a campaign must have at most {LARGEST_TESTS} tests, got more. Import fewer at once.")
+    loads = _loads_in_order(layout, tables)
+    for k, table in enumerate(tables):
+        test = table.circle({key: values[k] for key, values in loads.items()})
+        if table.label and test.name in [own.name for own in tests]:
+            name = table.name_of_file(f"{table.sheet.own_name or table.sheet.path.stem} {test.name}")
+            table.note("name of the test", name, f"{test.name!r} stands elsewhere too", "a [[test]] in --layout")
+            test = replace(test, name=name)
+        tests.append(test)
     names = [test.name for test in tests]
-    for key, (_, field_name) in _LOADS.items():
-        given = getattr(layout, field_name)
-        if given and len(given) != len(tests):
-            raise InputError(
-                f"{_KEYS[key][1]} must hold one number for each test, got {len(given)} for {len(tests)} tests "
-                f"({', '.join(names)[:_LONGEST_LIST]}). Give all, in that order."
-            )
     twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
     if twice is not None:
         raise InputError(
             f"{', '.join(map(str, paths))[:_LONGEST_LIST]}: tests must bear different names, got {twice!r} twice. "
             "A file or sheet named twice? Else rename one, or give it a name in a [[test]] of --layout."
         )
+    used = {name for table in tables for name in _names(table.sheet, table.label)}
+    known = sorted({path.name for path in paths} | set(names))
+    for entry in layout.test:
+        if entry.file not in used:
+            why = f"no file, sheet or label of that name; did you mean {nearest(entry.file, known)!r}?"
+            notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], why, "--layout")
+    _note_machine(campaign, tests, notes)
+    campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
+    return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told())
+
+
+def _loads_in_order(layout: Layout, tables: Sequence[_Table]) -> dict[str, list[float]]:
+    """Loads that were given for all tests in their order."""
+    given = {key: values for key, (_, name) in _LOADS.items() if (values := getattr(layout, name))}
+    for key, values in given.items():
+        if len(values) != len(tables):
+            names = ", ".join(table.label or table.sheet.own_name or table.sheet.path.stem for table in tables)
+            raise InputError(
+                f"{_option(key)} must hold one number for each test, got {len(values)} for {len(tables)} tests "
+                f"({names[:_LONGEST_LIST]}). Give all, in the order of files and sheets."
+            )
+    return given
 
 
 def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], notes: Notes) -> None:

@@ -242,14 +242,6 @@ class Layout(_Keys):
             option = options.get(name, "--" + name.replace("_", "-"))
             raise InputError(f"{option} must be valid, got {first['input']!r}: {why}. Correct it.") from None
 
-    def of(self, *names: str) -> tuple[TestLayout | None, set[str]]:
-        """What is said of a test, by any of its names, the first of them before the others; and the entries that say it."""
-        own = sorted((entry for entry in self.test if entry.file in names), key=lambda entry: -names.index(entry.file))
-        said: dict[str, Any] = {}
-        for entry in own:
-            said |= entry.model_dump(exclude_none=True)
-        return (TestLayout.model_validate(said) if own else None), {entry.file for entry in own}
-
 
 def layout_to_toml(layout: Layout) -> str:
     """What was found out and said, so that the next import needs no guess."""

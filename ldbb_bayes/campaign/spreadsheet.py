@@ -39,7 +39,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Rows = list[tuple[int, list[str]]]
-# Cells of a text, and of a workbook, which takes three times as much memory for each; signs of a line, and of a cell in a message.
+# Cells of a text, and of a workbook, which takes three times as much memory for each; signs of a line, of a cell shown.
 _LARGEST_TEXT, _LARGEST_WORKBOOK, _LARGEST_LINE, _SHOWN = 4_000_000, 1_200_000, 100_000, 60
 _GAP = r"[ '\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"

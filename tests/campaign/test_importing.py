@@ -504,7 +504,7 @@ def test_one_force_for_each_sheet(tmp_path: Path) -> None:
     assert loads_of(path, **each) == expected
     with pytest.raises(lb.InputError, match="must be of one test, got several in it"):
         loads_of(path, test=[{"file": "two.xlsx", "force_N": 36.0}])
-    with pytest.raises(lb.InputError, match=r"'Versuch 2': --forces-N must hold one number for each test, got 1"):
+    with pytest.raises(lb.InputError, match=r"--forces-N must hold one number for each test, got 1 for 2 tests"):
         loads_of(path, forces_N=[36.0])
     with pytest.raises(lb.InputError, match=r"--forces-N must hold one number for each test, got 3 for 2 tests"):
         loads_of(path, forces_N=[36.0, 742.0, 9.0])

@@ -80,7 +80,7 @@ def test_loads_are_given_in_the_order_of_the_files(files: list[str], tmp_path: P
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--forces-N", "1,2"], "one number for each test, got 2 and this is test 3"),
+        (["--forces-N", "1,2"], "one number for each test, got 2 for 3 tests"),
         (["--pressures-bar", "1;2;3"], "numbers separated by commas"),
         (["--sign", "3"], "sign must be valid, got 3"),
         (["--start-deg", "nan"], "--start-deg must be valid, got nan"),
