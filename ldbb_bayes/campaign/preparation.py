@@ -41,11 +41,9 @@ def compensate_mount(campaign: Campaign) -> Campaign:
             "mount compensation must be applied once, got readings marked compensated. "
             "Set [mount] compensated = false if they are raw."
         )
-    tests = tuple(
-        test.with_reading_um(test.reading_um - campaign.mount.deflection_um_per_bar * (test.pressure_bar or 0.0))
-        for test in campaign.tests
-    )
-    return replace(campaign, tests=tests, mount=replace(campaign.mount, compensated=True))
+    deflection = campaign.mount.deflection_um_per_bar
+    tests = [test.with_reading_um(test.reading_um - deflection * (test.pressure_bar or 0.0)) for test in campaign.tests]
+    return replace(campaign, tests=tuple(tests), mount=replace(campaign.mount, compensated=True))
 
 
 def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
@@ -100,27 +98,24 @@ def trim_overshoot(test: CircularTest, *, start_deg: float | None = None, arc_de
     InputError
         When the recording is shorter than the pass, or its angles do not run in one direction.
     """
-    angle = test.angle_deg
-    steps = np.diff(angle)
+    angle, steps = test.angle_deg, np.diff(test.angle_deg)
     if not (np.all(steps > 0) or np.all(steps < 0)):
         raise InputError(
             f"angles must run in one direction to be trimmed, got test {test.name!r} with changes of direction. "
             "Unwrap the angles past 360° first."
         )
-    travel = 1.0 if steps[0] > 0 else -1.0
+    travel, step, tolerance = np.sign(steps[0]), abs(np.median(steps)), 1e-6 * arc_deg
     along = travel * angle
     span = along[-1] - along[0]
-    if span + abs(np.median(steps)) < arc_deg:
+    if span + step < arc_deg:
         raise InputError(f"recording must span {arc_deg:g}°, got {span:g}° in test {test.name!r}. Give a shorter arc_deg.")
     start = along[0] + max(span - arc_deg, 0.0) / 2 if start_deg is None else travel * start_deg
-    tolerance = 1e-6 * arc_deg
-    if start < along[0] - tolerance or start + arc_deg > along[-1] + abs(np.median(steps)) + tolerance:
+    if start < along[0] - tolerance or start + arc_deg > along[-1] + step + tolerance:
         raise InputError(
             f"start_deg must leave {arc_deg:g}° of recording, got {start_deg} in test {test.name!r}, which runs from "
             f"{angle[0]:g}° to {angle[-1]:g}°. Start elsewhere or give a shorter arc_deg."
         )
-    keep = (along >= start - tolerance) & (along < start + arc_deg - tolerance)
-    return test.select(keep)
+    return test.select((along >= start - tolerance) & (along < start + arc_deg - tolerance))
 
 
 def angles_from_time(
@@ -129,12 +124,7 @@ def angles_from_time(
     """Angle of every reading of a log over time, shape (n,) [deg], not modulo 360°.
 
     The axes run at constant feed along the circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0 the first
-    reading's time. Acceleration at the ends is inside the overshoot, or neglected.
-
-    Parameters
-    ----------
-    sense : {1, -1}
-        Counter-clockwise, clockwise.
+    reading's time and sense 1 counter-clockwise, −1 clockwise. Acceleration at the ends is inside the overshoot, or neglected.
 
     Raises
     ------
@@ -163,9 +153,7 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
 
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
-    """The mean of the whole laps, at the angles of the first; readings beyond the last whole lap are left out.
-
-    Readings of later laps are interpolated between their neighbours where their angles differ from those of the first.
+    """The mean of the whole laps at the angles of the first, later ones interpolated; readings beyond the last are left out.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from itertools import combinations
 from typing import Any
@@ -66,6 +66,12 @@ class Remark:
 
     kind: RemarkKind
     values: dict[str, Any]
+
+
+class _Remarks(list[Remark]):
+    def add(self, kind: RemarkKind, seen: object = True, **values: Any) -> None:
+        if seen:
+            self.append(Remark(kind, values))
 
 
 @dataclass(frozen=True)
@@ -149,32 +155,31 @@ _SHOWN = ("name", "force_N", "pressure_bar", "arc_deg", "direction", "plane", "s
 
 
 def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
-    angle, kinds = np.asarray(test.angle_deg), RemarkKind
+    angle, stated, remarks, kinds = np.asarray(test.angle_deg), campaign.resolution_um, _Remarks(), RemarkKind
     around, steps = np.sort(np.mod(angle, 360.0)), np.diff(angle)
     between, step = np.diff(np.append(around, around[0] + 360.0)), float(np.median(np.abs(steps)))
     gap, usual = float(between.max()), max(float(np.median(between)), step)
     travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
-    closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * step
-    remarks = []
-    if not campaign.is_plan and test.direction and travel and test.direction != travel and not _sorted(campaign):
-        remarks.append(Remark(kinds.TRAVEL, {"stated": test.direction, "travel": travel}))
-    if test.arc_deg < _FULL_DEG:
-        remarks.append(Remark(kinds.ARC, {"arc_deg": test.arc_deg}))
-    elif gap > 10.0 * usual:
-        remarks.append(Remark(kinds.GAP, {"gap_deg": gap}))
+    against = test.direction and travel and test.direction != travel and not campaign.is_plan and not _sorted(campaign)
+    remarks.add(kinds.TRAVEL, against, stated=test.direction, travel=travel)
+    remarks.add(kinds.ARC, test.arc_deg < _FULL_DEG, arc_deg=test.arc_deg)
+    remarks.add(kinds.GAP, test.arc_deg >= _FULL_DEG and gap > 10.0 * usual, gap_deg=gap)
     force, pressure = float(test.force_N or 0.0), float(test.pressure_bar or 0.0)
     law = campaign.force_law.force_N(pressure)
-    if abs(law - force) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max())):
-        remarks.append(Remark(kinds.FORCE_LAW, {"force_N": force, "law_N": law, "pressure_bar": pressure}))
+    off = abs(law - force) > 0.02 * campaign.force_law.force_N(float(campaign.pressures_bar.max()))
+    remarks.add(kinds.FORCE_LAW, off, force_N=force, law_N=law, pressure_bar=pressure)
     seen: dict[str, Any] = {"resolution_um": None, "spikes": 0, "noise_um": None, "start_end_um": None, "peak_to_peak_um": None}
     if test.reading_um is not None:
-        reading = np.asarray(test.reading_um)
-        seen |= {"resolution_um": resolution_of(reading), "peak_to_peak_um": float(np.ptp(reading))}
+        reading, span, digit = test.reading_um, float(np.ptp(test.reading_um)), resolution_of(test.reading_um)
+        closes = travel is not None and abs(abs(angle[-1] - angle[0]) - 360.0) <= 2.0 * step
+        seen |= {"resolution_um": digit, "peak_to_peak_um": span}
         seen |= {"start_end_um": float(reading[-1] - reading[0]) if closes else None}
         if len(reading) in _FITTED:
-            seen["noise_um"], seen["spikes"], odd = _path(test, campaign.resolution_um, closes)
-            remarks += odd
-        remarks += _sizes(seen["peak_to_peak_um"], seen["resolution_um"], campaign.resolution_um)
+            seen["noise_um"], seen["spikes"] = _path(test, stated, closes, remarks)
+        remarks.add(kinds.EQUAL, span == 0.0)
+        remarks.add(kinds.SMALL, 0.0 < span < 3.0 * stated)
+        remarks.add(kinds.LARGE, span > 1000.0)
+        remarks.add(kinds.STEP, digit and not 0.5 * stated < digit < 1.5 * stated, step_um=digit, stated_um=stated)
     return TestPreview(
         **{key: getattr(test, key) for key in _SHOWN},
         readings=len(angle),
@@ -194,8 +199,8 @@ def _sorted(campaign: Campaign) -> bool:
     return rising and {"CW", "CCW"} <= {test.direction for test in campaign.tests}
 
 
-def _path(test: CircularTest, resolution_um: float, closes: bool) -> tuple[float, int, list[Remark]]:
-    """Scatter off a Fourier fit to order 12 [µm], the number of spikes, and what looks odd.
+def _path(test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks) -> tuple[float, int]:
+    """Scatter off a Fourier fit to order 12 [µm], and the number of spikes; what looks odd is remarked.
 
     Where the circle closes, a drift linear in the angle is fitted too: last and first reading are a step of the path apart.
     """
@@ -204,15 +209,13 @@ def _path(test: CircularTest, resolution_um: float, closes: bool) -> tuple[float
     columns = np.column_stack([path, turn]) if closes else path
     kept = _without_spikes(columns, reading)
     coefficients, off, scatter = _fit(columns, reading, kept)
-    remarks, spikes = [], np.flatnonzero(~kept)
     jump = float(off[-1] - off[0] + (turn[-1] - turn[0]) * coefficients[-1]) if closes else 0.0
-    if abs(jump) > 10.0 * max(scatter, resolution_um):
-        remarks.append(Remark(RemarkKind.OPEN, {"start_end_um": jump}))
-    if len(spikes):
-        worst = int(ranked(spikes, lambda k: abs(off[k]))[0])
-        values = {"reading": worst + 1, "angle_deg": float(test.angle_deg[worst]), "off_um": float(off[worst])}
-        remarks.append(Remark(RemarkKind.SPIKES, values | {"count": len(spikes)}))
-    return _fit(path, reading, kept)[2], len(spikes), remarks
+    remarks.add(RemarkKind.OPEN, abs(jump) > 10.0 * max(scatter, resolution_um), start_end_um=jump)
+    spikes = ranked(np.flatnonzero(~kept).tolist(), lambda k: abs(off[k]))
+    for k in spikes[:1]:
+        at = float(test.angle_deg[k])
+        remarks.add(RemarkKind.SPIKES, reading=k + 1, angle_deg=at, off_um=float(off[k]), count=len(spikes))
+    return _fit(path, reading, kept)[2], len(spikes)
 
 
 def _fit(columns: Array, reading: Array, kept: NDArray[np.bool_]) -> tuple[Array, Array, float]:
@@ -258,71 +261,50 @@ def resolution_of(reading_um: Array) -> float | None:
     return step if float(off.max()) < 0.05 else None
 
 
-def _sizes(span: float, step: float | None, stated: float) -> list[Remark]:
-    kinds = RemarkKind
-    remarks = [Remark(kind, {}) for kind, odd in ((kinds.EQUAL, span == 0.0), (kinds.LARGE, span > 1000.0)) if odd]
-    if 0.0 < span < 3.0 * stated:
-        remarks.append(Remark(kinds.SMALL, {}))
-    if step is not None and not 0.5 * stated < step < 1.5 * stated:
-        remarks.append(Remark(kinds.STEP, {"step_um": step, "stated_um": stated}))
-    return remarks
-
-
 def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
-    mount, law, forces, machine = campaign.mount, campaign.force_law, campaign.forces_N, campaign.machine()
-    radii = sorted({float(test.radius_mm or 0.0) for test in campaign.tests})
-    setups = sorted({test.setup or 1 for test in campaign.tests})
-    both = [plane for plane in machine.planes if {"CW", "CCW"} <= _directions(campaign, plane)]
-    clocked = len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in campaign.tests}) > 1
-    recorded = {"time": [t.time_s for t in campaign.tests], "temperature": [t.temperature_C for t in campaign.tests]}
-    kinds = RemarkKind
-    return (
-        Remark(kinds.MACHINE, {"topology": campaign.topology, "plane": machine.plane, "radii_mm": radii}),
-        *([Remark(kinds.FRAMES, {"frames_mm": dict(campaign.frames_mm)})] if campaign.frames_mm else []),
-        *([Remark(kinds.SETUPS, {"setups": setups})] if len(setups) > 1 else []),
-        *([Remark(kinds.BOTH_WAYS, {"planes": both})] if both else []),
-        *(Remark(kinds.COVARIATE, {"over": over}) for over, v in recorded.items() if None not in v and len(set(v)) > 1),
-        Remark(kinds.READINGS, {"resolution_um": campaign.resolution_um}),
-        Remark(kinds.MOUNT, {"deflection_um_per_bar": mount.deflection_um_per_bar, "compensated": mount.compensated}),
-        Remark(kinds.FORCES, {"slope_N_per_bar": law.slope_N_per_bar, "offset_N": law.offset_N}),
-        Remark(kinds.REFERENCE, {"force_N": float(forces.min() + forces.max()) / 2}),
-        Remark(kinds.BALLS, {"clocked": clocked}),
-    )
+    tests, machine, law, forces, kinds = campaign.tests, campaign.machine(), campaign.force_law, campaign.forces_N, RemarkKind
+    setups, both = sorted({test.setup or 1 for test in tests}), [plane for plane in machine.planes if _both_ways(campaign, plane)]
+    remarks = _Remarks()
+    radii = sorted({test.circle.radius_mm for test in tests})
+    remarks.add(kinds.MACHINE, topology=campaign.topology, plane=machine.plane, radii_mm=radii)
+    remarks.add(kinds.FRAMES, campaign.frames_mm, frames_mm=dict(campaign.frames_mm))
+    remarks.add(kinds.SETUPS, len(setups) > 1, setups=setups)
+    remarks.add(kinds.BOTH_WAYS, both, planes=both)
+    for over, values in (("time", [t.time_s for t in tests]), ("temperature", [t.temperature_C for t in tests])):
+        remarks.add(kinds.COVARIATE, None not in values and len(set(values)) > 1, over=over)
+    remarks.add(kinds.READINGS, resolution_um=campaign.resolution_um)
+    remarks.add(kinds.MOUNT, **asdict(campaign.mount))
+    remarks.add(kinds.FORCES, slope_N_per_bar=law.slope_N_per_bar, offset_N=law.offset_N)
+    remarks.add(kinds.REFERENCE, force_N=float(forces.min() + forces.max()) / 2)
+    remarks.add(kinds.BALLS, clocked=len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in tests}) > 1)
+    return tuple(remarks)
 
 
-def _directions(campaign: Campaign, plane: str) -> set[str | None]:
-    return {test.direction for test in campaign.tests if test.plane == plane}
+def _both_ways(campaign: Campaign, plane: str) -> bool:
+    return {"CW", "CCW"} <= {test.direction for test in campaign.tests if test.plane == plane}
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    found, kinds = [], RemarkKind
-    planes, force = campaign.machine().planes, float(campaign.forces_N.max())
-    if campaign.force_levels <= 2:
-        found.append(Remark(kinds.ONE_LEVEL if campaign.force_levels == 1 else kinds.TWO_LEVELS, {}))
-    if force < _LEAST_FORCE_N:
-        found.append(Remark(kinds.SMALL_FORCE, {"force_N": force}))
-    radii = sorted({test.circle.radius_mm for test in campaign.tests})
-    found += [Remark(kinds.RADIUS, {"radius_mm": radius}) for radius in radii if not _RADII_MM[0] <= radius <= _RADII_MM[1]]
-    found += [
-        Remark(kinds.COPY, {"first": first.name, "second": second.name})
-        for first, second in combinations(campaign.tests, 2)
-        if first.reading_um is not None and np.array_equal(first.reading_um, second.reading_um)
-    ]
+    remarks, tests, planes, kinds = _Remarks(), campaign.tests, campaign.machine().planes, RemarkKind
+    force = float(campaign.forces_N.max())
+    remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)
+    remarks.add(kinds.TWO_LEVELS, campaign.force_levels == 2)
+    remarks.add(kinds.SMALL_FORCE, force < _LEAST_FORCE_N, force_N=force)
+    for radius in sorted({test.circle.radius_mm for test in tests}):
+        remarks.add(kinds.RADIUS, not _RADII_MM[0] <= radius <= _RADII_MM[1], radius_mm=radius)
+    for first, second in combinations(tests if not campaign.is_plan else (), 2):
+        remarks.add(kinds.COPY, np.array_equal(first.reading_um, second.reading_um), first=first.name, second=second.name)
     for plane in planes:
-        if not {"CW", "CCW"} <= _directions(campaign, plane):
-            first_axis, second_axis = sorted(plane)
-            cross = f"C_{first_axis}{second_axis}{first_axis}"
-            found.append(Remark(kinds.ONE_WAY, {"compliance": cross, "plane": plane if len(planes) > 1 else ""}))
-    if not campaign.is_plan and _sorted(campaign):
-        found.append(Remark(kinds.SORTED, {}))
+        one, other = sorted(plane)
+        named = plane if len(planes) > 1 else ""
+        remarks.add(kinds.ONE_WAY, not _both_ways(campaign, plane), compliance=f"C_{one}{other}{one}", plane=named)
+    remarks.add(kinds.SORTED, not campaign.is_plan and _sorted(campaign))
     for plane in planes:
-        own = [test for test in campaign.tests if test.plane == plane]
-        silent = [test.name for test in own if test.direction is None]
-        if silent and {"CW", "CCW"} <= _directions(campaign, plane):
-            found.append(Remark(kinds.NO_DIRECTION, {"test": silent[0]}))
-        for setup in sorted({test.setup or 1 for test in own}):
-            if len({test.circle.centre_mm for test in own if (test.setup or 1) == setup}) > 1:
-                found.append(Remark(kinds.CENTRES, {"setup": setup}))
-    if len({test.setup for test in campaign.tests}) == 1 and len(planes) > 1:
-        found.append(Remark(kinds.PLANES, {}))
-    return tuple(own for k, own in enumerate(found) if own not in found[:k])
+        silent = [test.name for test in tests if test.plane == plane and test.direction is None and _both_ways(campaign, plane)]
+        remarks.add(kinds.NO_DIRECTION, silent, test=(silent or [""])[0])
+    places = {(test.setup, test.plane, test.circle.centre_mm) for test in tests}
+    for setup in sorted({test.setup or 1 for test in tests}):
+        here = [plane for number, plane, _ in places if number == setup]
+        remarks.add(kinds.CENTRES, len(here) > len(set(here)), setup=setup)
+    remarks.add(kinds.PLANES, len({test.setup for test in tests}) == 1 and len(planes) > 1)
+    return tuple(remarks)
