@@ -15,11 +15,7 @@ from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
 
 FREE = ("C_XYX", "C_CCY")
-LINEAR = (
-    lb.HybridModel.default(1)
-    .without("truncation", "ball-form")
-    .fixing(*(f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY")))
-)
+LINEAR = lb.HybridModel.default(1).without("truncation").fixing(*(f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY")))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +42,7 @@ def test_probabilities_are_those_of_the_evidences(found: SlopeSubsets, campaign:
     by_hand = {}
     for subset in found.subsets:
         model = LINEAR.fixing(*(f"{name}_1" for name in FREE if name not in subset.varying))
-        by_hand[subset.varying] = lb.log_evidence(model, campaign).log_value
+        by_hand[subset.varying] = lb.log_evidence(model, campaign, tolerance=5e-3).log_value
         assert subset.log_evidence == pytest.approx(by_hand[subset.varying], abs=5e-3)
     share = probabilities(np.array(list(by_hand.values())))
     np.testing.assert_allclose([subset.probability for subset in found.subsets], share, atol=5e-3)
