@@ -524,7 +524,7 @@ def method(found: Findings) -> Iterator[Part]:
     """In short, with digests, versions and seed."""
     provenance, tests, model = (found.result[key] for key in ("provenance", "campaign", "model"))
     yield prose("method", nuisances=[name for name in model["terms"] if name not in ("Compliance", "GeometricErrors")])
-    yield tuple(note.strip() for note in prose("notes").split("¶"))
+    yield wording.method_notes()
     rows = (
         ("campaign", tests["name"]),
         ("readings, SHA-256", tests["sha256"]),

@@ -1039,7 +1039,7 @@ _CONFLICT, _WORTH = 0.01, 0.95
 
 
 @cache
-def _prose() -> Any:
+def _paragraphs() -> Any:
     import jinja2
 
     environment = jinja2.Environment(loader=jinja2.PackageLoader("ldbb_bayes.report"), undefined=jinja2.StrictUndefined)
@@ -1049,7 +1049,12 @@ def _prose() -> Any:
 
 def prose(paragraph: str, **values: Any) -> str:
     """Return a paragraph of the page from ``templates/prose.j2``, filled with its values."""
-    return " ".join(str(getattr(_prose(), paragraph)(**values)).split())
+    return " ".join(str(getattr(_paragraphs(), paragraph)(**values)).split())
+
+
+def method_notes() -> tuple[str, ...]:
+    """Return what a reader of the page should know of words and limits."""
+    return tuple(" ".join(note.split()) for note in str(_paragraphs().notes()).split("¶"))
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
