@@ -142,16 +142,16 @@ def run_ensembles(
     """
     twisters: Any = [np.random.RandomState(child.generate_state(8)).get_state() for child in seed.spawn(len(starts))]
     states = [emcee.State(own, random_state=twister) for own, twister in zip(starts, twisters, strict=True)]
-    count, clock, steps = len(starts) * starts.shape[1], time.perf_counter(), 0
+    walkers = starts.shape[1]
+    count, clock, steps = len(starts) * walkers, time.perf_counter(), 0
     parts: list[tuple[int, Array]] = []
     accepted: list[float] = []
     worst: int | None = None
     while True:
         draws, thin = rule.next_block(steps)
-        block = [_run_block(log_density, state, draws, thin, redraw) for state in states]
-        states = [state for _, state, _ in block]
-        parts.append((thin, np.stack([chain for chain, _, _ in block])))
-        accepted.append(float(np.mean([share for _, _, share in block])))
+        chains, states, shares = zip(*(_run_block(log_density, state, draws, thin, redraw) for state in states), strict=True)
+        parts.append((thin, np.stack(chains)))
+        accepted.append(float(np.mean(shares)))
         steps += draws * thin
         chain = _kept_draws(parts, rule)
         last = steps + int(np.prod(rule.next_block(steps))) > rule.max_steps
@@ -159,14 +159,14 @@ def run_ensembles(
         if assessment is None or assessment.meets(rule, walkers=count):
             assessment = assess(chain)
             worst = assessment.worst
-        share = assessment.share(rule, walkers=count)
         if progress is not None:
+            share = assessment.share(rule, walkers=count)
             needed = min(steps / share, rule.max_steps) - steps if share > 0.0 else None
             left = None if needed is None else max(needed, 0.0) * (time.perf_counter() - clock) / steps
             progress(Progress(steps, rule.max_steps, rule.ess, assessment, left))
         converged = assessment.meets(rule, walkers=count)
         if converged or last:
-            return EnsembleRun(chain, assessment, converged, steps, starts.shape[1], float(np.mean(accepted)))
+            return EnsembleRun(chain, assessment, converged, steps, walkers, float(np.mean(accepted)))
 
 
 def _run_block(
@@ -210,38 +210,31 @@ class RedrawMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
         self._redraw, self._log_density = redraw, log_density
         self._proposed: dict[bytes, float] = {}
         self._targeted: dict[bytes, float] = {}
-        self._stock = np.zeros((0, 0))
-        self._log_stock = np.zeros(0)
+        self._stock: list[Array] = []
 
     def get_proposal(self, sample: Array, complement: list[Array], random: np.random.RandomState) -> tuple[Array, Array]:
         """Proposals for the walkers of one half, shape (n, d), and ln q(back) − ln q(there), shape (n,)."""
         log_back = _recall(self._proposed, sample, self._redraw.log_density)
-        while len(self._log_stock) < len(sample):
-            self._restock(random)
-        proposal, log_there = self._stock[: len(sample)], self._log_stock[: len(sample)]
-        self._stock, self._log_stock = self._stock[len(sample) :], self._log_stock[len(sample) :]
-        return proposal, log_back - log_there
+        while len(self._stock) < len(sample):
+            points, log_proposed, log_target = self._redraw.draw(_STOCK, random)
+            self._proposed.update(zip(_keys(points), log_proposed.tolist(), strict=True))
+            self._targeted.update(zip(_keys(points), log_target.tolist(), strict=True))
+            self._stock += list(points)
+        proposal, self._stock = np.array(self._stock[: len(sample)]), self._stock[len(sample) :]
+        return proposal, log_back - _recall(self._proposed, proposal, self._redraw.log_density)
 
     def target(self, points: Array) -> Array:
         """Log density of the target, shape (n,): remembered where this move drew the points."""
         return _recall(self._targeted, points, self._log_density)
 
-    def _restock(self, random: np.random.RandomState) -> None:
-        points, log_proposed, log_target = self._redraw.draw(_STOCK, random)
-        keys = _keys(points)
-        self._proposed.update(zip(keys, log_proposed.tolist(), strict=True))
-        self._targeted.update(zip(keys, log_target.tolist(), strict=True))
-        self._stock = np.concatenate([self._stock.reshape(-1, points.shape[1]), points])
-        self._log_stock = np.concatenate([self._log_stock, log_proposed])
 
-
-def _recall(known: dict[bytes, float], points: Array, compute: Callable[[Array], Array]) -> Array:
+def _recall(values: dict[bytes, float], points: Array, compute: Callable[[Array], Array]) -> Array:
     """Values of points (n, d), shape (n,): looked up, and computed and remembered where they are new."""
     keys = _keys(points)
-    missing = [i for i, key in enumerate(keys) if key not in known]
+    missing = [i for i, key in enumerate(keys) if key not in values]
     if missing:
-        known.update(zip([keys[i] for i in missing], compute(points[missing]).tolist(), strict=True))
-    return np.array([known[key] for key in keys])
+        values.update(zip([keys[i] for i in missing], compute(points[missing]).tolist(), strict=True))
+    return np.array([values[key] for key in keys])
 
 
 def _keys(points: Array) -> list[bytes]:
@@ -275,10 +268,8 @@ class JointDensity:
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """(β, φ) anew: φ from the cells of a lattice, β from its exact conditional Gaussian given φ.
-
-    Inside the truncation β comes from the tilted draws that are nearly that Gaussian's part inside.
-    """
+    """(β, φ) anew: φ from the cells of a lattice, β from its exact conditional Gaussian given φ; inside the truncation from the
+    tilted draws that are nearly that Gaussian's part inside."""
 
     density: JointDensity
     start: HyperPosterior
@@ -287,25 +278,22 @@ class LinearRedraw:
         """Points (size, p + h), the log density they were drawn with and that of the target: p(y | φ) p(φ) p(β | y, φ)."""
         bound = self.density.bound
         free = self.start.coarse.draw(size, random)
-        log_evidence, given = bound.given(bound.hyper_prior.phi(free))
-        white = random.standard_normal(given.mean.shape)
-        log_weight, inside = np.zeros(size), np.ones(size, dtype=bool)
+        log_evidence, given = self.start.given(free)
+        white, log_weight = random.standard_normal(given.mean.shape), np.zeros(size)
         if bound.truncation.active:
-            white, log_weight = given.orthant.propose_spread(random.random_sample((size, len(bound.truncation.rows))), white)
+            uniform = random.random_sample((size, len(bound.truncation.rows)))
+            white, log_weight = given.orthant.propose_spread(uniform, white)
         beta = given.at(white)
-        if bound.truncation.active:
-            inside = bound.truncation.holds(beta)
         log_given = given.log_density(beta)
         log_target = bound.hyper_prior.log_density_of_free(free) + log_evidence + log_given - bound.log_prob_truncation_prior
         log_proposed = self.start.coarse.log_proposal(free) + log_given - log_weight
-        return self.density.join(beta, free), log_proposed, np.where(inside, log_target, -np.inf)
+        return self.density.join(beta, free), log_proposed, np.where(bound.truncation.holds(beta), log_target, -np.inf)
 
     def log_density(self, points: Array) -> Array:
         """Log density with which the points would be drawn."""
-        bound = self.density.bound
         beta, free = self.density.split(points)
-        _, given = bound.given(bound.hyper_prior.phi(free))
-        log_weight = given.orthant.log_weight_of(given.white(beta)) if bound.truncation.active else 0.0
+        _, given = self.start.given(free)
+        log_weight = given.orthant.log_weight_of(given.white(beta)) if self.density.bound.truncation.active else 0.0
         return np.asarray(self.start.coarse.log_proposal(free) + given.log_density(beta) - log_weight)
 
 
@@ -319,25 +307,18 @@ def sample_joint(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
 ) -> tuple[EnsembleRun, Array, Array]:
-    """Draws of (β, φ) from the joint posterior of the model ``start`` belongs to.
+    """The run, and draws of β (ensembles, draws, p) and φ (ensembles, draws, h) [mm] from the joint posterior.
 
     Each ensemble starts from hyper-parameters drawn a little wider than their posterior, and from the exact conditional Gaussian
     of β inside the truncation.
-
-    Returns
-    -------
-    run : EnsembleRun
-    beta : ndarray, shape (ensembles, draws, p)
-    phi : ndarray, shape (ensembles, draws, h) [mm]
 
     Raises
     ------
     InputError
         For fewer than 4 ensembles or too few walkers.
     """
-    bound = start.bound
-    density = JointDensity(bound)
-    d = len(bound.names) + len(bound.hyper_prior.names)
+    density = JointDensity(start.bound)
+    d = len(start.bound.names) + len(start.bound.hyper_prior.names)
     count = walkers or max(_WALKERS, 4 * d)
     if ensembles < 4:
         raise InputError(f"ensembles must be at least 4, got {ensembles}. R-hat needs independent chains.")
@@ -348,19 +329,18 @@ def sample_joint(
     redraw = LinearRedraw(density, start)
     run = run_ensembles(density, starts, assess, rule=rule, seed=sampling, progress=progress, redraw=redraw)
     beta, free = density.split(run.chain)
-    return run, beta, bound.hyper_prior.phi(free)
+    return run, beta, start.bound.hyper_prior.phi(free)
 
 
 def _start(density: JointDensity, start: HyperPosterior, count: int, rng: np.random.Generator) -> Array:
     """Starting points with finite density, shape (count, d)."""
-    found: list[Array] = []
+    points = np.zeros((0, 0))
     for _ in range(_STARTING_ROUNDS):
         free = start.coarse.draw(count, rng, temperature=_START_TEMPERATURE)
-        beta, _ = conditional_draws(density.bound, free, rng)
-        x = density.join(beta, free)
-        found.append(x[np.isfinite(density(x))])
-        if sum(map(len, found)) >= count:
-            return np.concatenate(found)[:count]
+        x = density.join(conditional_draws(density.bound, free, rng)[0], free)
+        points = np.concatenate([points.reshape(-1, x.shape[1]), x[np.isfinite(density(x))]])
+        if len(points) >= count:
+            return points[:count]
     raise InputError(
         "the posterior must leave room inside the truncation, got none after 50 tries. The readings contradict non-negative "
         "compliance: check the sign of the readings, the mount compensation and the forces, or fit --without truncation."
