@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -141,7 +141,7 @@ def run_ensembles(
     assess only the coordinate that was worst at the last.
     """
     twisters: Any = [np.random.RandomState(child.generate_state(8)).get_state() for child in seed.spawn(len(starts))]
-    states = [emcee.State(own, random_state=twister) for own, twister in zip(starts, twisters, strict=True)]
+    states: Sequence[Any] = [emcee.State(own, random_state=twister) for own, twister in zip(starts, twisters, strict=True)]
     walkers = starts.shape[1]
     count, clock, steps = len(starts) * walkers, time.perf_counter(), 0
     parts: list[tuple[int, Array]] = []
