@@ -9,6 +9,7 @@ from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
 from .analysis.comparison import compare as compare
 from .analysis.comparison import read_comparison as read_comparison
+from .analysis.describe import describe as describe
 from .analysis.design.candidates import Costs as Costs
 from .analysis.design.design import Design as Design
 from .analysis.design.design import design as design
@@ -16,7 +17,6 @@ from .analysis.design.design import read_design as read_design
 from .analysis.differences import differences as differences
 from .analysis.identifiability import Identifiability as Identifiability
 from .analysis.identifiability import ParameterIdentifiability as ParameterIdentifiability
-from .analysis.identifiability import describe as describe
 from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts
 from .analysis.local_fits import local_fits as local_fits
@@ -43,11 +43,11 @@ from .fleet.batch import Batch as Batch
 from .fleet.batch import batch as batch
 from .fleet.charts import control_chart as control_chart
 from .fleet.charts import machine_chart as machine_chart
-from .fleet.dataset import read_batch as read_batch
 from .fleet.population import Population as Population
 from .fleet.population import population as population
 from .fleet.population_prior import PopulationPrior as PopulationPrior
 from .fleet.population_prior import prior_from as prior_from
+from .fleet.row import read_batch as read_batch
 from .fleet.trend import Trend as Trend
 from .fleet.trend import trend as trend
 from .inference.evidence import log_bayes_factor as log_bayes_factor

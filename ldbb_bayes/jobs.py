@@ -16,27 +16,18 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from ldbb_bayes.errors import InputError, check_known
 
-__all__ = [
-    "EXECUTORS",
-    "Lost",
-    "check_executor",
-    "dask_executor",
-    "done",
-    "executor_named",
-    "one_blas_thread",
-    "process_executor",
-]
+__all__ = ["EXECUTORS", "Lost", "dask_executor", "done", "executor_named", "one_blas_thread", "process_executor"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -68,18 +59,11 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 class Lost:
     """What a job gives whose worker died whenever it was tried."""
 
-    reason: str
+    reason: str = "its worker died whenever it was tried, the last time with no other job at work (killed, or out of memory?)"
 
 
 class WorkerDied(RuntimeError):
     """The process of one job ended; the others go on."""
-
-
-@dataclass(frozen=True)
-class _Job(Generic[T]):
-    index: int
-    work: T
-    deaths: int = 0
 
 
 def done(
@@ -87,19 +71,20 @@ def done(
 ) -> Iterator[tuple[int, R | Lost]]:
     """Run a function on every job, one BLAS thread each, and yield results as they come.
 
-    A job whose worker dies (killed, out of memory) is tried again, the last time with no other job at work. Threads of one
-    process take turns: processes are faster.
+    A job whose worker dies (killed, out of memory) is tried again once the others are done, with no other job at work. Threads of
+    one process take turns: processes are faster.
 
     Parameters
     ----------
     function : callable
         Job → result. On other processes it is imported, and jobs and results are pickled.
     jobs : iterable
-        Read as far as needed; need not end soon.
+        Read as far as needed.
     executor : concurrent.futures.Executor, optional
         Default: here, one after the other.
     retries : int
-        A job that its worker does not survive more often than this is `Lost`.
+        A job that its worker does not survive more often than this is `Lost`; of Dask, which has tried several times before it
+        says so, a job is tried once more.
 
     Yields
     ------
@@ -116,20 +101,26 @@ def done(
         Of the first job that raises, with a note that says which. What is pending is cancelled, as it is when the iterator is
         closed.
     """
-    queue = _Queue(jobs, retries)
+    fresh, again = enumerate(jobs), deque[tuple[int, T, int]]()
     room = 1 if executor is None else _PER_WORKER * getattr(executor, "_max_workers", 0) or _UNCOUNTED
-    flying: dict[Future[R], _Job[T]] = {}
+    flying: dict[Future[R], tuple[int, T, int]] = {}
     landed: SimpleQueue[Future[R]] = SimpleQueue()
+
+    def submit(index: int, work: T, deaths: int) -> None:
+        future = _submitted(partial(_alone, function, work), executor)
+        flying[future] = (index, work, deaths)
+        future.add_done_callback(landed.put)
+
     try:
         while True:
-            while len(flying) < room and (job := queue.next(flying)) is not None:
-                future = _submitted(partial(_alone, function, job.work), executor)
-                flying[future] = job
-                future.add_done_callback(landed.put)
-            if not flying:
+            while len(flying) < room and (job := next(fresh, None)) is not None:
+                submit(*job, 0)
+            if not flying and again:
+                submit(*again.popleft())
+            elif not flying:
                 return
             future = landed.get()
-            job = flying.pop(future)
+            index, work, deaths = flying.pop(future)
             if future.cancelled():
                 raise InputError(
                     "the executor must last as long as its jobs, got one that gave them up (its scheduler or pool has ended). "
@@ -137,44 +128,22 @@ def done(
                 )
             error = future.exception()
             if error is None:
-                yield job.index, future.result()
-            elif not _worker_died(error):
-                error.add_note(f"In job {job.index}, counted from 0.")
+                yield index, future.result()
+            elif isinstance(error, BrokenExecutor):
+                raise _broken() from error
+            elif isinstance(error, WorkerDied) or type(error).__name__ == "KilledWorker":
+                deaths = deaths + 1 if isinstance(error, WorkerDied) else max(deaths + 1, retries)
+                if deaths > retries:
+                    yield index, Lost()
+                else:
+                    again.append((index, work, deaths))
+            else:
+                error.add_note(f"In job {index}, counted from 0.")
                 raise error
-            elif (lost := queue.again(job, error)) is not None:
-                yield job.index, lost
             del future  # a result is not kept while the consumer works on the next
     finally:
         for future in flying:
             future.cancel()
-
-
-class _Queue(Generic[T]):
-    """Jobs in order, those to be tried again first; one that is tried for the last time runs by itself."""
-
-    def __init__(self, jobs: Iterable[T], retries: int) -> None:
-        self._fresh = (_Job(index, work) for index, work in enumerate(jobs))
-        self._again: deque[_Job[T]] = deque()
-        self._retries = retries
-
-    def next(self, flying: dict[Any, _Job[T]]) -> _Job[T] | None:
-        if any(job.deaths >= self._retries for job in flying.values()):
-            return None
-        if not self._again:
-            return next(self._fresh, None)
-        if self._again[0].deaths >= self._retries and flying:
-            return None
-        return self._again.popleft()
-
-    def again(self, job: _Job[T], error: BaseException) -> Lost | None:
-        """Keep a job whose worker died for another try; or why there is none. Dask has tried several times before it says so."""
-        deaths = job.deaths + 1 if isinstance(error, WorkerDied) else max(job.deaths + 1, self._retries)
-        if deaths > self._retries:
-            return Lost(
-                "its worker died whenever it was tried, the last time with no other job at work (killed, or out of memory?)"
-            )
-        self._again.append(replace(job, deaths=deaths))
-        return None
 
 
 def _submitted(call: Callable[[], R], executor: Executor | None) -> Future[R]:
@@ -195,12 +164,6 @@ def _alone(function: Callable[[T], R], work: T) -> R:
     """The number of BLAS threads and the filters of warnings are the whole process's: its threads take turns."""
     with _TURN, threadpool_limits(1):
         return function(work)
-
-
-def _worker_died(error: BaseException) -> bool:
-    if isinstance(error, BrokenExecutor):
-        raise _broken() from error
-    return isinstance(error, WorkerDied) or type(error).__name__ == "KilledWorker"
 
 
 def _broken() -> InputError:
@@ -369,11 +332,19 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     for name in ("distributed", "distributed.client", "distributed.nanny", "distributed.scheduler", "distributed.core"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with ExitStack() as stack:
+        place: Any = scheduler
         if scheduler is None:
             stack.enter_context(dask.config.set(_DASK))
-            client = stack.enter_context(distributed.Client(stack.enter_context(_cluster(workers)), set_as_default=False))
-        else:
-            client = stack.enter_context(_connected(scheduler))
+            place = stack.enter_context(_cluster(workers))
+        try:
+            client = stack.enter_context(distributed.Client(place, timeout=ANSWER_S, set_as_default=False))
+        except (OSError, ValueError, TypeError, AssertionError) as error:  # the last where nobody answers
+            raise InputError(
+                f"--scheduler must be the address of a Dask scheduler that is at work, got {scheduler!r} "
+                f"({str(error) or f'no answer in {ANSWER_S:g} s'}). "
+                "Copy it from what dask scheduler says when it starts, for example tcp://10.0.0.1:8786."
+            ) from None
+        if scheduler is not None:
             _check_workers(client, scheduler)
         yield client.get_executor(pure=False)
 
@@ -381,32 +352,13 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 def _cluster(workers: int) -> Any:
     from distributed import LocalCluster
 
+    # Any free port: without a dashboard it would still ask for 8787, and warn where another cluster has it.
+    options: dict[str, Any] = {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
+    options |= {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "silence_logs": logging.CRITICAL}
     try:
-        return LocalCluster(
-            n_workers=workers or _usable_cores(),
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=None,
-            # Any free port: without a dashboard it would still ask for 8787, and warn where another cluster has it.
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-            memory_limit=0,
-            silence_logs=logging.CRITICAL,
-        )
+        return LocalCluster(n_workers=workers or _usable_cores(), **options)
     except RuntimeError:
         raise InputError(_UNGUARDED) from None
-
-
-def _connected(scheduler: str) -> Any:
-    from distributed import Client
-
-    try:
-        return Client(scheduler, timeout=ANSWER_S, set_as_default=False)
-    except (OSError, ValueError, TypeError, AssertionError) as error:  # the last where nobody answers
-        raise InputError(
-            f"--scheduler must be the address of a Dask scheduler that is at work, got {scheduler!r} "
-            f"({str(error) or f'no answer in {ANSWER_S:g} s'}). "
-            "Copy it from what dask scheduler says when it starts, for example tcp://10.0.0.1:8786."
-        ) from None
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
@@ -414,9 +366,8 @@ def _check_workers(client: Any, scheduler: str) -> None:
     answers = client.run(_versions, on_error="return")
     if not answers:
         warnings.warn(f"the scheduler {scheduler} has no workers yet; jobs wait for the first one.", stacklevel=6)
-    for address, versions in answers.items():
-        if not isinstance(versions, dict):
-            versions = {}
+    for address, answer in answers.items():
+        versions = answer if isinstance(answer, dict) else {}
         for name, wanted in _versions().items():
             if versions.get(name) != wanted:
                 raise InputError(
@@ -436,23 +387,6 @@ def _versions() -> dict[str, str]:
     return {name: version(name) for name in ("ldbb-bayes", "numpy", "scipy", "emcee")} | {"python": platform.python_version()}
 
 
-def check_executor(kind: str, workers: int = 0, scheduler: str | None = None) -> None:
-    """Refuse options that `executor_named` would refuse, before anything is started.
-
-    Raises
-    ------
-    InputError
-        For an unknown kind, or options that exclude one another.
-    """
-    check_known("--executor", [kind], EXECUTORS)
-    if workers < 0:
-        raise InputError(f"--workers must be 0 or more, got {workers}. 0 is one per core.")
-    if scheduler is not None and kind != "dask":
-        raise InputError(f"--scheduler must go with --executor dask, got --executor {kind}. Add it, or leave the address out.")
-    if scheduler is not None and workers:
-        raise InputError(f"--workers must not go with --scheduler, got {workers}. A cluster has the workers it was started with.")
-
-
 @contextmanager
 def executor_named(kind: str, workers: int = 0, scheduler: str | None = None) -> Iterator[Executor | None]:
     """Yield what the options ask for; None where there is one process only, and jobs are run here.
@@ -470,7 +404,13 @@ def executor_named(kind: str, workers: int = 0, scheduler: str | None = None) ->
     InputError
         For an unknown kind, options that exclude one another, or a scheduler that does not answer.
     """
-    check_executor(kind, workers, scheduler)
+    check_known("--executor", [kind], EXECUTORS)
+    if workers < 0:
+        raise InputError(f"--workers must be 0 or more, got {workers}. 0 is one per core.")
+    if scheduler is not None and kind != "dask":
+        raise InputError(f"--scheduler must go with --executor dask, got --executor {kind}. Add it, or leave the address out.")
+    if scheduler is not None and workers:
+        raise InputError(f"--workers must not go with --scheduler, got {workers}. A cluster has the workers it was started with.")
     if kind == "dask":
         with dask_executor(scheduler, workers) as executor:
             yield executor

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from scipy.stats import multivariate_normal
 
 from ldbb_bayes.fleet.statistics import FleetStatistics
+from ldbb_bayes.model.gaussian import Gaussian
 
 NAMES = ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY")
 UNITS = ("mm/N", "mm/N", "mm/N", "rad/N", "rad/N", "rad/(N mm)")
@@ -24,20 +28,19 @@ def fleet(
     known: float = 0.1,
     outlier: np.ndarray | None = None,
 ) -> FleetStatistics:
-    """Campaigns of machines drawn from a population.
+    """Campaigns of machines drawn from a population, in units of the prior sd.
 
     Parameters
     ----------
     spread, mean
-        Of the population, in units of the prior sd.
+        Of the population.
     known
-        Size of a campaign's own standard uncertainty, in units of the prior sd.
+        Size of a campaign's own standard uncertainty.
     outlier
-        Added to the first machine, in units of the prior sd.
+        Added to the first machine.
     """
     c = parameters
     mu, s, b = np.broadcast_to(mean, c), np.broadcast_to(spread, c), rng.standard_normal(2)
-    scale = np.concatenate([PRIOR_SD[:c], INSTRUMENT_SD])
     names, information, weighted = [], [], []
     for m in range(machines):
         own = mu + s * rng.standard_normal(c)
@@ -46,8 +49,8 @@ def fleet(
             design = rng.standard_normal((c + 4, c)) / known
             seen = np.hstack([design, design[:, :1] * 0.3 + rng.standard_normal((c + 4, 1)), rng.standard_normal((c + 4, 1))])
             reading = seen @ np.concatenate([own, b]) + rng.standard_normal(c + 4)
-            information.append(seen.T @ seen / scale[:, None] / scale)
-            weighted.append(seen.T @ reading / scale)
+            information.append(seen.T @ seen)
+            weighted.append(seen.T @ reading)
             names.append(f"M{m + 1:02d}")
     return FleetStatistics(
         campaigns=tuple(f"{name}/{k}" for k, name in enumerate(names)),
@@ -56,29 +59,32 @@ def fleet(
         parameters=NAMES[:c],
         units=UNITS[:c],
         instrument=("mount", "force_gain"),
-        prior_mean=np.zeros(c),
-        prior_sd=PRIOR_SD[:c],
-        instrument_sd=INSTRUMENT_SD,
-        information=np.array(information),
-        weighted=np.array(weighted),
+        prior_sd=np.concatenate([PRIOR_SD[:c], INSTRUMENT_SD]),
+        likelihood=Gaussian(np.array(information), np.array(weighted)),
         reference_force_N=389.0,
         forces_N=(36.0, 742.0),
         topology="wCAFYXZSt",
     )
 
 
-def scaled(statistics: FleetStatistics) -> tuple[np.ndarray, np.ndarray]:
-    """Λ and η about the prior mean, in units of the prior sd."""
-    c = len(statistics.parameters)
-    scale = np.concatenate([statistics.prior_sd, statistics.instrument_sd])
-    centre = np.concatenate([statistics.prior_mean, np.zeros(len(scale) - c)])
-    weighted = statistics.weighted - statistics.information @ centre
-    return statistics.information * scale[:, None] * scale, weighted * scale
+def telling(
+    statistics: FleetStatistics, information: np.ndarray | None = None, weighted: np.ndarray | None = None, **other: Any
+) -> FleetStatistics:
+    """The same with another Λ or η."""
+    own = statistics.likelihood
+    new = Gaussian(own.precision if information is None else information, own.shift if weighted is None else weighted)
+    return replace(statistics, likelihood=new, **other)
+
+
+def of_campaigns(statistics: FleetStatistics, places: Any) -> FleetStatistics:
+    """Some of the campaigns, in this order."""
+    picked = {name: tuple(getattr(statistics, name)[k] for k in places) for name in ("campaigns", "machines", "dates")}
+    return telling(statistics, statistics.likelihood.precision[places], statistics.likelihood.shift[places], **picked)
 
 
 def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """ln p(estimates | s), and mean and covariance of (c_1 … c_n, μ, b) given them: every campaign's maximum as a reading."""
-    information, weighted = scaled(statistics)
+    information, weighted = statistics.likelihood.precision, statistics.likelihood.shift
     names = list(dict.fromkeys(statistics.machines))
     c, q, n = len(statistics.parameters), weighted.shape[1], len(names)
     prior = np.zeros((n * c + q, n * c + q))

@@ -20,7 +20,6 @@ import numpy  # noqa: F401  # whose threads are counted
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from ldbb_bayes import jobs
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.jobs import Lost, dask_executor, done, executor_named, process_executor
 
@@ -204,18 +203,20 @@ def test_an_interruption_stops_those_at_work() -> None:
 KilledWorker = type("KilledWorker", (Exception,), {})
 
 
-def test_jobs_blamed_by_dask_are_tried_once_more_by_themselves() -> None:
-    queue = jobs._Queue(range(6), 2)
-    flying: dict[Any, Any] = {}
-    for k in range(6):
-        flying[k] = queue.next(flying)
-    assert queue.again(flying.pop(3), KilledWorker()) is None
-    assert queue.next(flying) is None  # not while others fly
-    flying.clear()
-    flying[3] = queue.next(flying)
-    assert (flying[3].work, flying[3].deaths) == (3, 2)
-    assert queue.next(flying) is None  # nor others beside it
-    assert isinstance(queue.again(flying.pop(3), KilledWorker()), Lost)
+def test_a_job_blamed_by_dask_is_tried_once_more_when_all_others_are_done() -> None:
+    executor, tried = Late(at=6), []
+
+    def finish(future: Future[Any], call: Callable[[], Any]) -> None:
+        executor.at = 1
+        work = call.args[-1]  # type: ignore[attr-defined]
+        tried.append(work)
+        future.set_exception(KilledWorker()) if work == 3 else future.set_result(call())
+
+    executor.finish = finish  # type: ignore[method-assign]
+    results = list(done(square, range(6), executor))
+    assert tried == [5, 4, 3, 2, 1, 0, 3]
+    assert results[-1] == (3, Lost())
+    assert sorted(results[:-1]) == [(k, k * k) for k in range(6) if k != 3]
 
 
 @pytest.mark.parametrize(

@@ -37,12 +37,7 @@ def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
         "force_max_N": 742.0,
         "converged": True,
         "kinds": [],
-        "gaussian_names": list(found.names),
-        "gaussian_units": list(found.units),
-        "gaussian_mean": found.mean.tolist(),
-        "gaussian_covariance": found.covariance[np.tril_indices(len(found.names))].tolist(),
-        "gaussian_prior_mean": found.prior_mean.tolist(),
-        "gaussian_prior_sd": found.prior_sd.tolist(),
+        **found.columns(),
     }
     return usual | fields
 

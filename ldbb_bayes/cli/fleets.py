@@ -69,10 +69,9 @@ def batch(
     very same table. Exit code 0 also when campaigns failed, 1 when one missed its sampling target. The options for tidy CSVs
     apply to those among the campaigns.
     """
-    from ldbb_bayes.fleet.dataset import JOURNAL
-    from ldbb_bayes.jobs import check_executor, executor_named
+    from ldbb_bayes.fleet.row import JOURNAL
+    from ldbb_bayes.jobs import executor_named
 
-    check_executor(**pool)
     if asked["resume"] and not (out / JOURNAL).exists():
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
     asked["prior_from"] = None if prior_from is None else lb.prior_from(prior_from)
@@ -160,7 +159,7 @@ def trend(batches: BatchesArgument, output: options.OutputOptions, asked: Annota
 
     One lasting step of one parameter is looked for. Exit code 0 whatever is found.
     """
-    from ldbb_bayes.fleet.dataset import read_batch
+    from ldbb_bayes.fleet.row import read_batch
     from ldbb_bayes.fleet.statistics import FLEET_COLUMNS
 
     output.check("trend.json", "trend.csv", figures=["control_chart"])
@@ -182,7 +181,7 @@ def population(batches: BatchesArgument, output: options.OutputOptions, asked: A
 
     Campaigns of one machine (machine_id in campaign.toml) are taken together; each machine is told what the others say.
     """
-    from ldbb_bayes.fleet.dataset import read_batch
+    from ldbb_bayes.fleet.row import read_batch
     from ldbb_bayes.fleet.statistics import FLEET_COLUMNS
 
     output.check("population.json", "machines.csv", figures=["machines"])

@@ -23,9 +23,21 @@ from pydantic import Field
 from ldbb_bayes.campaign.folder import TOML_NAME
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of, write_whole
-from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART, check_pyarrow, read_batch, write_dataset
 from ldbb_bayes.fleet.population_prior import PopulationPrior
-from ldbb_bayes.fleet.row import Job, Settings, failed_row, fit_row, posterior_name, stamp_of
+from ldbb_bayes.fleet.row import (
+    DATASET,
+    JOURNAL,
+    PART,
+    Job,
+    Settings,
+    check_pyarrow,
+    failed_row,
+    fit_row,
+    posterior_name,
+    read_batch,
+    stamp_of,
+    write_dataset,
+)
 from ldbb_bayes.inference.posterior import State, check_probability
 from ldbb_bayes.inference.sample import check_sampler, versions
 from ldbb_bayes.jobs import Lost, done

@@ -67,9 +67,9 @@ def control_chart(trend: Trend) -> Figure:
 
 def _places(trend: Trend) -> tuple[Array, float]:
     """Where campaigns stand on the axis, those of one moment side by side, and how wide a bar is."""
-    if trend.dates[0] is None:
+    if trend.campaigns[0].date is None:
         return np.arange(1.0, len(trend.campaigns) + 1.0), 0.7
-    when = np.array([float(mdates.date2num(date)) for date in trend.dates])  # type: ignore[no-untyped-call]
+    when = np.array([float(mdates.date2num(date)) for date in (own.date for own in trend.campaigns)])  # type: ignore[no-untyped-call]
     span = float(np.ptp(when)) or 1.0
     gap = 0.008 * span
     for t in range(1, len(when)):
@@ -137,7 +137,7 @@ def _strip(axes: Axes, own: pd.DataFrame, places: Array, width: float) -> None:
 
 
 def _label_time(axes: Axes, trend: Trend, places: Array) -> None:
-    if trend.dates[0] is None:
+    if trend.campaigns[0].date is None:
         axes.set_xlabel("campaign (in the order given)")
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
         return
@@ -171,8 +171,8 @@ def machine_chart(population: Population) -> Figure:
     figure = new_figure(3.4 * columns + 0.4, height * rows + 0.9)
     every = figure.subplots(rows, columns, squeeze=False).ravel()
     with units_for(population.sizes()):
-        for axes, parameter in zip(every, parameters, strict=False):
-            _machines_panel(axes, population, parameter)
+        for axes, (name, parameter) in zip(every, population.parameters.items(), strict=False):
+            _machines_panel(axes, population, name, parameter)
     for axes in every[len(parameters) :]:
         axes.set_visible(False)
     percent = f"{100 * population.ci_prob:g} %"
@@ -193,8 +193,7 @@ def machine_chart(population: Population) -> Figure:
     return figure
 
 
-def _machines_panel(axes: Axes, population: Population, parameter: PooledParameter) -> None:
-    name = parameter.name
+def _machines_panel(axes: Axes, population: Population, name: str, parameter: PooledParameter) -> None:
     chosen = _chosen(list(population.machine.values()), name)
     factor, label = axis_label(name, parameter.unit)
     axes.axvspan(*(factor * end for end in parameter.next.interval), color=_BAND, zorder=0)

@@ -1,60 +1,398 @@
-"""c_m ~ N(μ, diag(s²)), b ~ N(0, diag(instrument_sd²)), μ_j ~ N(prior), s_j ~ HalfNormal(spread_scale · prior_sd_j).
+"""c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(spread_scale), all in units of the parameters' prior sd.
 
 c_m are the parameters of machine m, the same in all its campaigns; b the errors of the one instrument. What the campaigns say of
-both is Gaussian (`FleetStatistics`), so that everything but s is integrated out exactly.
+both is Gaussian (`FleetStatistics`), so that everything but s is integrated out exactly: every machine's deviation from μ for
+many s at once, then x = (μ, b); ln s is drawn about its mode and weighted. A machine is compared with what the others predict of
+it, everything but their spread integrated out; a machine's campaigns with one another.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from pydantic import Field
+from scipy.special import chdtrc, gammaincinv, ndtr, ndtri
+from scipy.stats import qmc
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.membership import Belonging, belonging_of, contradicting
-from ldbb_bayes.fleet.pooling import (
-    Common,
-    Pooling,
-    SpreadDensity,
-    Spreads,
-    draw_spreads,
-    pooling,
-)
 from ldbb_bayes.fleet.population_prior import Meaning, digest_of
-from ldbb_bayes.fleet.statistics import Caveat, CaveatKind, FleetStatistics, choose, fleet_statistics, labels, narrow_forces
+from ldbb_bayes.fleet.statistics import (
+    Caveat,
+    CaveatKind,
+    FleetStatistics,
+    Summary,
+    alone,
+    choose,
+    deviating,
+    fleet_statistics,
+    force_caveats,
+    keyed,
+    labels,
+    mixture_covariance,
+    narrow_forces,
+    whitened,
+)
+from ldbb_bayes.inference.posterior import check_probability, pareto_smooth
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.gaussian import mixture_moments, mixture_quantiles, weighted_quantiles
+from ldbb_bayes.model.gaussian import (
+    Gaussian,
+    holm,
+    mixture_moments,
+    mixture_quantiles,
+    newton,
+    solve_lower,
+    weighted_quantiles,
+)
 from ldbb_bayes.report.text import parts_of
-from ldbb_bayes.report.wording import caveat_words, population_doubts, population_sentences, with_words
+from ldbb_bayes.report.wording import caveat_words, nuisance_words, population_doubts, population_sentences, with_words
 from ldbb_bayes.result import Result
 from ldbb_bayes.table import Table, json_text
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state, units_for
 
-__all__ = ["FEWEST", "PooledMachine", "PooledParameter", "Population", "Summary", "pool", "population"]
+__all__ = [
+    "Against",
+    "Belonging",
+    "PooledMachine",
+    "PooledParameter",
+    "Population",
+    "SpreadDensity",
+    "Spreads",
+    "belonging_of",
+    "common_of",
+    "contradicting",
+    "draw_spreads",
+    "estimates_of",
+    "machines_of",
+    "pool",
+    "population",
+]
 
 Array = NDArray[Any]
-FEWEST = 6
-_CONSTANT = re.compile(r"C_...")
+FEWEST, FALSE_ALARMS = 6, 0.05
+# Pairs of a spread and a machine that are worked on at once.
+_TOGETHER = 8192
+
+# ---- everything but the spreads integrated out
 
 
-@dataclass(frozen=True)
-class Summary(Result):
-    """Mean, sd and equal-tailed credible interval, inside units."""
+def machines_of(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
+    """Return the machines in the order in which they first appear, and the product of each one's likelihoods, shape (n, q)."""
+    place = {name: k for k, name in enumerate(dict.fromkeys(statistics.machines))}
+    of = [place[name] for name in statistics.machines]
+    sums = []
+    for part in (statistics.likelihood.precision, statistics.likelihood.shift):
+        sums.append(np.zeros((len(place), *part.shape[1:])))
+        np.add.at(sums[-1], of, part)
+    return tuple(place), Gaussian(*sums)
 
-    mean: float
-    sd: float
-    interval: tuple[float, float]
 
-    def keyed(self, key: str) -> dict[str, Any]:
-        """For JSON; the interval under ``key``."""
-        return {"mean": self.mean, "sd": self.sd, key: list(self.interval)}
+def _chunks(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
+    size = max(1, _TOGETHER // len(likelihood.shift))
+    return (slice(start, start + size) for start in range(0, len(spread), size))
+
+
+def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
+    """x = (μ, b) for k spreads, shape (k, q); ``log_integral`` is ln p(y | s), up to a constant.
+
+    Parameters
+    ----------
+    likelihood : Gaussian, shape (n, q)
+        Of the machines.
+    spread : ndarray, shape (k, c)
+    """
+    sums = []
+    for rows in _chunks(spread, likelihood):
+        each = deviating(likelihood, spread[rows])
+        sums.append((each.precision.sum(axis=1), each.shift.sum(axis=1), each.log_constant.sum(axis=1)))
+    precision, shift, constant = (np.concatenate(parts) for parts in zip(*sums, strict=True))
+    return Gaussian(np.eye(shift.shape[1]) + precision, shift, constant)
+
+
+def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> tuple[Array, Array, Array, Array, Array]:
+    """Mean and sd of c_m, mean and variance of z_m = (c_m − μ) / s, and Var(z_m | y, μ, b, s), each (k, n, c).
+
+    Parameters
+    ----------
+    common : Gaussian, shape (k, q)
+        See `common_of`.
+    """
+    c, q = spread.shape[1], likelihood.shift.shape[1]
+    lower, solved = whitened(likelihood, spread)
+    inverse = solve_lower(lower, np.broadcast_to(np.eye(c), lower.shape))
+    share = (inverse**2).sum(axis=-2)
+    gain = np.swapaxes(inverse, -1, -2) @ solved
+    z = gain[..., q] - (gain[..., :q] @ common.mean[:, None, :, None])[..., 0]
+    root, s = common.spread()[:, None], spread[:, None]
+    own = np.eye(c, q) - s[..., None] * gain[..., :q]
+    sd = np.sqrt(s**2 * share + ((own @ root) ** 2).sum(axis=-1))
+    return common.mean[:, None, :c] + s * z, sd, z, share + ((gain[..., :q] @ root) ** 2).sum(axis=-1), share
+
+
+_FREEDOM, _STEP, _POLISH = 5.0, 1e-4, 4
+_DOWN, _UP = 80.0, 25.0
+_GOOD_SHARE, _LEAST_VARIANCE, _FLATTEST = 0.2, 0.05, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadDensity:
+    """ln p(t | y) of t = ln s, up to a constant; τ = ``scale``, in units of the prior sd."""
+
+    likelihood: Gaussian
+    scale: float
+
+    def log(self, t: Array) -> Array:
+        """ln p(t | y), shape (k,), of t of shape (k, c)."""
+        prior = (t - 0.5 * np.exp(2.0 * (t - np.log(self.scale)))).sum(axis=-1)
+        return np.asarray(common_of(self.likelihood, np.exp(t)).log_integral + prior)
+
+    def gradient(self, t: Array) -> Array:
+        """∂ ln p(t | y) / ∂ t, shape (k, c): Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the prior's."""
+        s = np.exp(t)
+        _, _, z, variance, _ = estimates_of(self.likelihood, s, common_of(self.likelihood, s))
+        return np.asarray((z**2 + variance - 1.0).sum(axis=1) + 1.0 - (s / self.scale) ** 2)
+
+    def derivatives(self, t: Array) -> tuple[Array, Array]:
+        """Gradient (c,) and Hessian (c, c) at one t."""
+        step = _STEP * np.eye(len(t))
+        slope = self.gradient(np.concatenate([t[None], t + step, t - step]))
+        hessian = (slope[1 : len(t) + 1] - slope[len(t) + 1 :]) / (2.0 * _STEP)
+        return slope[0], 0.5 * (hessian + hessian.T)
+
+    def mode(self, start: Array) -> tuple[Array, Array]:
+        """Where the density is highest, shape (c,), and the curvature there, made positive definite."""
+        t = newton(self.log, self.derivatives, start)
+        for _ in range(_POLISH):
+            gradient, hessian = self.derivatives(t)
+            t = t + np.linalg.solve(_upright(hessian), gradient)
+        return t, _upright(self.derivatives(t)[1])
+
+
+def _upright(hessian: Array) -> Array:
+    """The curvature with every eigenvalue's size, and none near zero."""
+    values, vectors = np.linalg.eigh(-hessian)
+    return np.asarray((vectors * np.maximum(np.abs(values), _FLATTEST)) @ vectors.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Spreads:
+    """Weighted draws of s.
+
+    Attributes
+    ----------
+    spread : ndarray, shape (k, c)
+        In units of the prior sd.
+    log_weight : ndarray, shape (k,)
+        ln of target over proposal, as it came.
+    weight : ndarray, shape (k,)
+        Pareto-smoothed; they sum to one.
+    pareto_k, good_k : float
+        Above ``good_k`` the draws cannot be trusted.
+    mode : ndarray, shape (c,)
+        Of ln s.
+    """
+
+    spread: Array
+    log_weight: Array
+    weight: Array
+    pareto_k: float
+    good_k: float
+    mode: Array
+
+    @property
+    def trusted(self) -> bool:
+        """Whether Pareto's k̂ is low enough."""
+        return self.pareto_k <= self.good_k
+
+    @property
+    def effective(self) -> float:
+        """Effective number of draws, 1 / Σ w²."""
+        return 1.0 / float(np.sum(self.weight**2))
+
+    def first(self, size: int) -> Spreads:
+        """The first draws alone: they are spread as evenly as all of them."""
+        if size >= len(self.weight):
+            return self
+        return Spreads(self.spread[:size], self.log_weight[:size], *pareto_smooth(self.log_weight[:size]), self.mode)
+
+
+def draw_spreads(density: SpreadDensity, parameters: int, *, seed: int, size: int = 2048, start: Array | None = None) -> Spreads:
+    """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better.
+
+    Parameters
+    ----------
+    parameters : int
+        c.
+    seed : int
+        Of the scrambled Sobol points.
+    size : int
+        Draws, a power of two.
+    start : ndarray, shape (c,), optional
+        Of the search for the mode; default: ln τ.
+    """
+    mode, curvature = density.mode(np.full(parameters, np.log(density.scale)) if start is None else start)
+    inverse = np.linalg.inv(curvature)
+    found = _weighed(density, mode, mode, inverse, seed=seed, size=size)
+    if found.trusted and found.effective > _GOOD_SHARE * size:
+        return found
+    middle, covariance = mixture_covariance(found.weight, np.log(found.spread))
+    other = _weighed(density, mode, middle, covariance + _LEAST_VARIANCE * inverse, seed=seed + 1, size=size)
+    return min(found, other, key=lambda own: (not own.trusted, own.pareto_k if not own.trusted else -own.effective))
+
+
+def _weighed(density: SpreadDensity, mode: Array, middle: Array, covariance: Array, *, seed: int, size: int) -> Spreads:
+    c = len(middle)
+    points = np.clip(qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12)
+    chi = 2.0 * gammaincinv(0.5 * _FREEDOM, points[:, 0])
+    white = ndtri(points[:, 1:]) * np.sqrt(_FREEDOM / chi)[:, None]
+    limits = np.log(density.scale) - _DOWN, max(np.log(density.scale), float(mode.max())) + _UP
+    t = np.clip(middle + white @ np.linalg.cholesky(covariance).T, *limits)
+    log_weight = density.log(t) + 0.5 * (_FREEDOM + c) * np.log1p((white**2).sum(axis=1) / _FREEDOM)
+    return Spreads(np.exp(t), log_weight, *pareto_smooth(log_weight), mode)
+
+
+# ---- which machines do not belong, and which contradict themselves
+
+# Information, in units of the prior's: less tells nothing.
+_SEEN = 1e-6
+_ANEW, _MOST_ANEW = 512, 200
+
+
+@dataclass(frozen=True, eq=False)
+class Belonging:
+    """The n machines, each against the others.
+
+    Attributes
+    ----------
+    p_value, family_wise : ndarray, shape (n,)
+        Probability, at most, that a parameter of a machine of the same population stands out so much; allowing for the number of
+        machines (Holm).
+    z, parameter_p_value : ndarray, shape (n, c)
+        Of each parameter by itself, two-sided.
+    seen, doubtful : ndarray of bool, shape (n,)
+        Whether readings say anything of the machine; whether its p-value cannot be trusted (Pareto's k̂ of the weights of s
+        without it).
+    """
+
+    p_value: Array
+    family_wise: Array
+    z: Array
+    parameter_p_value: Array
+    seen: Array
+    doubtful: Array
+
+    @property
+    def flagged(self) -> Array:
+        """Machines that do not belong, shape (n,)."""
+        return self.family_wise < FALSE_ALARMS
+
+
+def belonging_of(
+    density: SpreadDensity, spreads: Spreads, *, seed: int, progress: Callable[[int, int], None] | None = None
+) -> Belonging:
+    """Every machine left out in turn: by weights, or where these cannot be trusted by drawing s anew without it.
+
+    Parameters
+    ----------
+    spreads : Spreads
+        Of all machines.
+    seed : int
+        Of draws made anew.
+    """
+    likelihood, spread = density.likelihood, spreads.spread
+    n, c = len(likelihood.shift), spread.shape[1]
+    by_itself = alone(likelihood, c)
+    log_density, z = _left_out(likelihood, spread)
+    smoothed = [pareto_smooth(spreads.log_weight - log_density[:, m]) for m in range(n)]
+    weight, k, good = (np.array(part) for part in zip(*smoothed, strict=True))
+    single, side = _averaged(weight, z)
+    doubtful = k > good
+    again = np.flatnonzero(doubtful)
+    again = again[np.argsort(single.min(axis=1)[again], kind="stable")][:_MOST_ANEW]
+    for done, m in enumerate(again):
+        kept = np.arange(n) != m
+        others = SpreadDensity(Gaussian(likelihood.precision[kept], likelihood.shift[kept]), density.scale)
+        own = draw_spreads(others, c, seed=seed, size=_ANEW, start=spreads.mode)
+        common = common_of(others.likelihood, own.spread)
+        one = _standardised([part[m] for part in by_itself], common.mean, common.spread, own.spread)
+        doubtful[m] = not own.trusted
+        single[m], side[m] = (part[0] for part in _averaged(own.weight[None], one[:, None]))
+        if progress is not None:
+            progress(done + 1, len(again))
+    overall = np.minimum(1.0, c * single.min(axis=1))
+    seen = np.linalg.eigvalsh(likelihood.precision[:, :c, :c])[:, -1] > _SEEN
+    return Belonging(overall, holm(overall), -side * ndtri(0.5 * single), single, seen, doubtful)
+
+
+def _left_out(likelihood: Gaussian, spread: Array) -> tuple[Array, Array]:
+    """ln p(y_m | y_−m, s) of every machine, (k, n), and z, (k, n, c)."""
+    by_itself = alone(likelihood, spread.shape[1])
+    common = common_of(likelihood, spread)
+    parts = []
+    for rows in _chunks(spread, likelihood):
+        each = deviating(likelihood, spread[rows])
+        others = Gaussian(common.precision[rows, None], common.shift[rows, None], common.log_constant[rows, None]) - each
+        z = _standardised(by_itself, others.mean, others.spread, spread[rows, None])
+        parts.append((common.log_integral[rows, None] - others.log_integral, z))
+    log_density, z = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return log_density, z
+
+
+def _standardised(by_itself: Sequence[Array], mean: Array, spread_of: Callable[[Array], Array], spread: Array) -> Array:
+    """z of what machines by themselves estimate (`alone`), under x of this mean and the spread of machines."""
+    own, seen, estimate = by_itself
+    c = own.shape[-1]
+    left = estimate - (seen @ mean[..., None])[..., 0]
+    noise = (seen[..., :c] * own).sum(axis=-1)
+    variance = (spread_of(seen) ** 2).sum(axis=-1) + ((seen[..., :c] * spread[..., None, :]) ** 2).sum(axis=-1) + noise
+    return np.divide(left, np.sqrt(variance), out=np.zeros_like(left), where=variance > 0.0)
+
+
+def _averaged(weights: Array, z: Array) -> tuple[Array, Array]:
+    """Two-sided p over s, twice the lesser tail of the mixture, and the side, each (n, c); weights (n, k), z (k, n, c)."""
+    above, below = (np.einsum("mk,kmj->mj", weights, ndtr(side * z)) for side in (-1.0, 1.0))
+    return np.clip(2.0 * np.minimum(above, below), 1e-300, 1.0), np.where(above < below, 1.0, -1.0)
+
+
+_CONTRADICTION = 0.01
+
+
+def _repeat_p_values(statistics: FleetStatistics, mean: Array, covariance: Array) -> dict[str, float]:
+    """χ² p of every machine with at least two campaigns; mean (s,) and covariance (s, s) of b, as all campaigns know it."""
+    c, found = len(statistics.parameters), {}
+    for name, places in pd.Series(statistics.machines).groupby(list(statistics.machines), sort=False).groups.items():
+        seen, left = [], []
+        for i in places:
+            rows = statistics.likelihood.precision[i, :c]
+            values, vectors = np.linalg.eigh(rows[:, :c])
+            whiten = (vectors / np.sqrt(np.where(values > _SEEN, values, np.inf))).T
+            seen.append(whiten @ rows)
+            left.append(whiten @ (statistics.likelihood.shift[i, :c] - rows[:, c:] @ mean))
+        if len(seen) > 1:
+            design = np.concatenate(seen)
+            told = design.any(axis=1)
+            root = np.linalg.cholesky(np.eye(len(design)) + design[:, c:] @ covariance @ design[:, c:].T)
+            own, reading = np.linalg.solve(root, design[:, :c]), np.linalg.solve(root, np.concatenate(left))
+            best, _, rank, _ = np.linalg.lstsq(own, reading, rcond=1e-10)
+            freedom = int(told.sum()) - int(rank)
+            found[str(name)] = float(chdtrc(freedom, np.sum((reading - own @ best) ** 2))) if freedom > 0 else 1.0
+    return found
+
+
+def contradicting(statistics: FleetStatistics, mean: Array, covariance: Array) -> list[str]:
+    """Machines whose campaigns contradict one another: family-wise p (Holm) below 1 %; arguments as for the p-values."""
+    p = _repeat_p_values(statistics, mean, covariance)
+    return [name for name, own in zip(p, holm(np.array(list(p.values()))), strict=True) if own < _CONTRADICTION]
+
+
+# ---- what is found
 
 
 @dataclass(frozen=True)
@@ -63,32 +401,39 @@ class PooledParameter(Result):
 
     Attributes
     ----------
-    name, unit : str
+    unit : str
     prior_mean, prior_sd : float
         What was believed of the mean of the population.
     mean : Summary
         Of the population.
     spread : Summary
         Standard deviation of the machines about it.
+    spread_percent : Summary or None
+        In per cent of the mean, the uncertainty of the spread alone; none where the mean is not known to a fifth.
     next : Summary
         A machine of the population that was not measured.
-    percent : Summary or None
-        Spread in per cent of the mean, the uncertainty of the spread alone; none where the mean is not known to a fifth.
     instrument_sd, instrument_share : float
         Part of the sd of the mean that comes with the one instrument, and its share of the variance: more machines do
         not make it less.
     """
 
-    name: str
     unit: str
     prior_mean: float
     prior_sd: float
     mean: Summary
     spread: Summary
+    spread_percent: Summary | None
     next: Summary
-    percent: Summary | None
     instrument_sd: float
     instrument_share: float
+
+
+@dataclass(frozen=True)
+class Against(Result):
+    """One parameter of a machine against the others: z, and its two-sided p-value."""
+
+    z: float
+    p_value: float
 
 
 @dataclass(frozen=True)
@@ -108,36 +453,24 @@ class PooledMachine(Result):
     p_value, family_wise_p_value : float or None
         At most, that a parameter of a machine of the population the others make up stands out so much, allowing for the number
         of parameters, in the second of machines too (Holm); none with too few machines.
-    z, parameter_p_value : dict of parameter to float
-        Each parameter by itself, two-sided.
     flag : bool
         The family-wise p-value is below 5 %.
+    parameters : dict of parameter to Against
+        Each by itself.
     """
 
-    name: str
+    name: Annotated[str, Field(exclude=True)]
     campaigns: int
     estimate: dict[str, Summary]
     alone: dict[str, Summary]
     shrinkage: dict[str, float]
-    p_value: float | None
-    family_wise_p_value: float | None
-    z: dict[str, float]
-    parameter_p_value: dict[str, float]
-    flag: bool
+    p_value: float | None = None
+    family_wise_p_value: float | None = None
+    flag: bool = False
+    parameters: dict[str, Against] = field(default_factory=dict)
 
-    def keyed(self, key: str) -> dict[str, Any]:
-        """For JSON; intervals under ``key``."""
-        against = {name: {"z": z, "p_value": self.parameter_p_value[name]} for name, z in self.z.items()}
-        return {
-            "campaigns": self.campaigns,
-            "estimate": {name: own.keyed(key) for name, own in self.estimate.items()},
-            "alone": {name: own.keyed(key) for name, own in self.alone.items()},
-            "shrinkage": self.shrinkage,
-            "p_value": self.p_value,
-            "family_wise_p_value": self.family_wise_p_value,
-            "flag": self.flag,
-            "parameters": against,
-        }
+
+_CONSTANT = re.compile(r"C_...")
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +487,12 @@ class Population(Result):
     forces_N : tuple of float
         Lowest and highest force tested in all campaigns.
     topology : str
+    compliances : mapping of compliance to mapping
+        What they stand for, where the batch says it.
     instrument : tuple of str
         Errors taken as common to all campaigns.
     spread_scale : float
         Prior of a spread: HalfNormal(spread_scale · prior_sd).
-    ci_prob : float
     seed : int
     pareto_k : float
         Of the weights of the spreads; the lower the better.
@@ -166,12 +500,11 @@ class Population(Result):
         Whether that is low enough.
     caveats : tuple of Caveat
         What to mind.
-    compliances : mapping of compliance to mapping
-        What they stand for, where the batch says it.
-    readings : tuple of str
-        Digests of the campaigns' readings, so that none of them takes its prior from what it said itself.
+    ci_prob : float
     judged : bool
         Whether of every machine readings tell something and its p-value can be trusted: only then none standing out means that.
+    readings : tuple of str
+        Digests of the campaigns' readings, so that none of them takes its prior from what it said itself.
     """
 
     parameters: dict[str, PooledParameter]
@@ -180,16 +513,16 @@ class Population(Result):
     reference_force_N: float
     forces_N: tuple[float, float]
     topology: str
+    compliances: Mapping[str, Meaning]
     instrument: tuple[str, ...]
     spread_scale: float
-    ci_prob: float
     seed: int
     pareto_k: float
     trusted: bool
     caveats: tuple[Caveat, ...]
-    compliances: Mapping[str, Meaning] = field(default_factory=dict)
-    judged: bool = True
-    readings: tuple[str, ...] = ()
+    ci_prob: Annotated[float, Field(exclude=True)]
+    judged: Annotated[bool, Field(exclude=True)]
+    readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
@@ -197,39 +530,15 @@ class Population(Result):
         flagged = sorted(own.name for own in self.machine.values() if own.flag)
         return tuple(ranked(flagged, lambda name: -float(np.log(self.machine[name].p_value or 1.0))))
 
-    @property
-    def ci_key(self) -> str:
-        """Key of intervals in JSON: ci95."""
-        return f"ci{100 * self.ci_prob:g}"
-
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: population.json."""
-        key = self.ci_key
-        return {
-            "schema": 1,
-            "kind": "population",
-            "reference_force_N": self.reference_force_N,
-            "machines": len(self.machine),
-            "campaigns": self.campaigns,
-            "forces_N": list(self.forces_N),
-            "topology": self.topology,
-            "compliances": self.compliances,
-            "instrument": list(self.instrument),
-            "spread_scale": self.spread_scale,
-            "seed": self.seed,
-            "pareto_k": self.pareto_k,
-            "trusted": self.trusted,
-            "parameters": {name: _of_parameter(own, key) for name, own in self.parameters.items()},
-            "next": {
-                name: {"unit": own.unit, "mean": own.next.mean, "sd": own.next.sd}
-                for name, own in self.parameters.items()
-                if _CONSTANT.fullmatch(name)
-            },
-            "machine": {name: own.keyed(key) for name, own in self.machine.items()},
-            "not_belonging": list(self.not_belonging),
-            "readings_sha256": list(self.readings),
-            "caveats": [caveat.as_dict() for caveat in self.caveats],
+        """For JSON: population.json; ``next`` is what `prior_from` reads."""
+        following = {
+            name: {"unit": own.unit, "mean": own.next.mean, "sd": own.next.sd}
+            for name, own in self.parameters.items()
+            if _CONSTANT.fullmatch(name)
         }
+        found = {"schema": 1, "kind": "population", "machines": len(self.machine), **keyed(super().as_dict(), self.ci_prob)}
+        return found | {"next": following, "not_belonging": list(self.not_belonging)}
 
     def sizes(self) -> dict[str, list[float]]:
         """Sizes of means and machines by inside unit, for `units_for`."""
@@ -240,27 +549,15 @@ class Population(Result):
 
     def machines_table(self) -> pd.DataFrame:
         """One row per machine, inside units."""
-        rows = {}
+        rows: dict[str, dict[str, Any]] = {}
         for name, own in self.machine.items():
-            row: dict[str, Any] = {
-                "campaigns": own.campaigns,
-                "p_value": own.p_value,
-                "family_wise_p_value": own.family_wise_p_value,
-                "flag": own.flag,
-            }
+            rows[name] = {what: getattr(own, what) for what in ("campaigns", "p_value", "family_wise_p_value", "flag")}
             for parameter, found in own.estimate.items():
-                alone = own.alone[parameter]
-                row |= {
-                    f"{parameter}.mean": found.mean,
-                    f"{parameter}.sd": found.sd,
-                    f"{parameter}.ci_low": found.interval[0],
-                    f"{parameter}.ci_high": found.interval[1],
-                    f"{parameter}.alone_mean": alone.mean,
-                    f"{parameter}.alone_sd": alone.sd,
-                    f"{parameter}.shrinkage": own.shrinkage[parameter],
-                    f"{parameter}.z": own.z.get(parameter),
-                }
-            rows[name] = row
+                against, by_itself = own.parameters.get(parameter), own.alone[parameter]
+                numbers = (found.mean, found.sd, *found.interval, by_itself.mean, by_itself.sd, own.shrinkage[parameter])
+                heads = ("mean", "sd", "ci_low", "ci_high", "alone_mean", "alone_sd", "shrinkage", "z")
+                cells = zip(heads, (*numbers, against and against.z), strict=True)
+                rows[name] |= {f"{parameter}.{head}": value for head, value in cells}
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("machine")
 
 
@@ -275,16 +572,16 @@ def _parts(found: Population) -> tuple[Table | str, ...]:
     """A row per parameter with its unit, then what to mind."""
     rows = []
     with units_for(found.sizes()):
-        for own in found.parameters.values():
+        for name, own in found.parameters.items():
             factor, unit = display_unit(own.unit)
             whole = (plus_minus(one.mean, one.sd, one.interval, own.unit) for one in (own.mean, own.next))
             mean, following = (text.removesuffix(f" {unit}") for text in whole)
             common = round_uncertainty(own.instrument_sd * factor)[0] if own.instrument_sd > 0.0 else "–"
-            spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
-            share = "–" if own.percent is None else f"{own.percent.mean:.{1 if own.percent.mean < 10.0 else 0}f} %"
-            rows.append((display_name(own.name), unit, mean, common, spread.value, spread.interval, share, following))
-    percent = f"{100 * found.ci_prob:g} %"
-    heads = ("parameter", "unit", "mean", "u of the bar", "spread", f"spread, {percent}", "of mean", "next machine")
+            spread, percent = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit), own.spread_percent
+            share = "–" if percent is None else f"{percent.mean:.{1 if percent.mean < 10.0 else 0}f} %"
+            rows.append((display_name(name), unit, mean, common, spread.value, spread.interval, share, following))
+    probability = f"{100 * found.ci_prob:g} %"
+    heads = ("parameter", "unit", "mean", "u of the bar", "spread", f"spread, {probability}", "of mean", "next machine")
     meant = (
         "± U = 2u, or the interval where it is asymmetric. u of the bar: what more machines do not make less. Next machine: one "
         "not yet measured."
@@ -293,161 +590,93 @@ def _parts(found: Population) -> tuple[Table | str, ...]:
     return (table, meant, "", *population_sentences(found), *population_doubts(found))
 
 
-def _of_parameter(own: PooledParameter, key: str) -> dict[str, Any]:
-    return {
-        "unit": own.unit,
-        "prior_mean": own.prior_mean,
-        "prior_sd": own.prior_sd,
-        "mean": own.mean.keyed(key),
-        "spread": own.spread.keyed(key),
-        "spread_percent": None if own.percent is None else own.percent.keyed(key),
-        "next": own.next.keyed(key),
-        "instrument_sd": own.instrument_sd,
-        "instrument_share": own.instrument_share,
-    }
-
-
 # Standard uncertainties that a mean must be away from zero before a spread is told in per cent of it.
 _KNOWN = 5.0
+# sd / scale of a half-normal, and how much of it counts as nothing learnt.
+_HALF_NORMAL, _HARDLY = float(np.sqrt(1.0 - 2.0 / np.pi)), 0.8
+
+
+def _summaries(scale: Array, mean: Array, sd: Array, low: Array, high: Array) -> list[Summary]:
+    """Of every parameter, arrays of shape (c,), in inside units."""
+    parts = ((scale * part).tolist() for part in (mean, sd, low, high))
+    return [Summary(m, u, (a, b)) for m, u, a, b in zip(*parts, strict=True)]
+
+
+def _mixture(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> tuple[Array, ...]:
+    return (*mixture_moments(weight, mean, sd), *mixture_quantiles(weight, mean, sd, tails))
+
+
+def _instrument_moments(common: Gaussian, weight: Array, parameters: int) -> tuple[Array, Array]:
+    """Mean and covariance of b as all campaigns know it."""
+    return mixture_covariance(weight, common.mean[:, parameters:], common.covariance[:, parameters:, parameters:])
 
 
 def _pooled_parameters(
-    statistics: FleetStatistics,
-    spreads: Spreads,
-    few: Spreads,
-    common: Common,
-    tails: tuple[float, float],
+    statistics: FleetStatistics, spreads: Spreads, few: Spreads, common: Gaussian, tails: tuple[float, float]
 ) -> dict[str, PooledParameter]:
-    """μ and the next machine from conditional Gaussians, s from its draws.
-
-    Parameters
-    ----------
-    few : Spreads
-        The first draws of ``spreads``; ``common`` is theirs.
-    tails : tuple of float
-        Levels of the ends of intervals.
-    """
-    units = _Units(statistics)
-    c = len(units.names)
-    mean, variance = common.mean[:, :c], (common.root[:, :c] ** 2).sum(axis=-1)
-    mu = units.summaries(*_mixture(few.weight, mean, np.sqrt(variance), tails))
-    following = units.summaries(*_mixture(few.weight, mean, np.sqrt(variance + few.spread**2), tails))
-    middle = spreads.weight @ spreads.spread
-    sd = np.sqrt(spreads.weight @ (spreads.spread - middle) ** 2)
-    spread = units.summaries(middle, sd, *weighted_quantiles(spreads.weight, spreads.spread, tails), spread=True)
+    """μ and the next machine from conditional Gaussians, s from its draws; ``few`` are the first, ``common`` is theirs."""
+    c = len(statistics.parameters)
+    scale, mean, sd = statistics.prior_sd[:c], common.mean[:, :c], common.sd[:, :c]
+    mu, following = (_mixture(few.weight, mean, own, tails) for own in (sd, np.sqrt(sd**2 + few.spread**2)))
+    middle, spread_sd = mixture_moments(spreads.weight, spreads.spread, np.zeros_like(spreads.spread))
+    spread = (middle, spread_sd, *weighted_quantiles(spreads.weight, spreads.spread, tails))
     known = np.linalg.inv(common.precision[:, :c, :c])
-    shared = few.weight @ (variance - np.diagonal(known, axis1=1, axis2=2)).clip(min=0.0) * bool(statistics.instrument)
-    total = _mixture(few.weight, mean, np.sqrt(variance), tails)[1] ** 2
-    return {
-        name: PooledParameter(
-            name=name,
+    shared = few.weight @ (sd**2 - np.diagonal(known, axis1=1, axis2=2)).clip(min=0.0) * bool(statistics.instrument)
+    parts = [_summaries(scale, *own) for own in (mu, spread, following)]
+    found = {}
+    for j, (own, width, after) in enumerate(zip(*parts, strict=True)):
+        factor = 100.0 / abs(own.mean)
+        percent = Summary(width.mean * factor, width.sd * factor, (width.interval[0] * factor, width.interval[1] * factor))
+        found[statistics.parameters[j]] = PooledParameter(
             unit=statistics.units[j],
-            prior_mean=float(statistics.prior_mean[j]),
-            prior_sd=float(statistics.prior_sd[j]),
-            mean=mu[j],
-            spread=spread[j],
-            next=following[j],
-            percent=_percent(spread[j], mu[j]),
-            instrument_sd=float(units.scale[j] * np.sqrt(shared[j])),
-            instrument_share=float(min(1.0, shared[j] / total[j])),
+            prior_mean=0.0,
+            prior_sd=float(scale[j]),
+            mean=own,
+            spread=width,
+            spread_percent=percent if abs(own.mean) > _KNOWN * own.sd else None,
+            next=after,
+            instrument_sd=float(scale[j] * np.sqrt(shared[j])),
+            instrument_share=float(min(1.0, shared[j] / mu[1][j] ** 2)),
         )
-        for j, name in enumerate(units.names)
-    }
+    return found
 
 
 def _pooled_machines(
-    pooled: Pooling,
-    statistics: FleetStatistics,
-    few: Spreads,
-    common: Common,
-    belonging: Belonging | None,
-    tails: tuple[float, float],
+    statistics: FleetStatistics, few: Spreads, common: Gaussian, belonging: Belonging | None, tails: tuple[float, float]
 ) -> dict[str, PooledMachine]:
-    """Every machine with the population, alone, and against the others; arguments as for `_pooled_parameters`."""
-    c, n, units = pooled.parameters, len(pooled), _Units(statistics)
-    mean, sd = np.empty((2, len(few.weight), c, n))
-    shrinkage = np.zeros((c, n))
-    for part in pooled.each(few.spread):
-        own = Common(*(value[part.rows] for value in vars(common).values()))
-        middle, width, share = pooled.estimates(part, own, few.spread)
-        mean[part.rows], sd[part.rows] = middle.swapaxes(0, 1), width.swapaxes(0, 1)
-        shrinkage += np.einsum("k,jkm->jm", few.weight[part.rows], share)
-    estimate = np.stack(_mixture(few.weight, mean, sd, tails))
-    alone = _alone(pooled, few, common, tails)
-    return {
-        name: PooledMachine(
-            name=name,
-            campaigns=int(pooled.campaigns[m]),
-            estimate=dict(zip(units.names, units.summaries(*estimate[..., m]), strict=True)),
-            alone=dict(zip(units.names, units.summaries(*alone[..., m]), strict=True)),
-            shrinkage=dict(zip(units.names, shrinkage[:, m].tolist(), strict=True)),
-            **_judged(units.names, belonging, m),
+    """Every machine with the population, alone, and against the others."""
+    machines, likelihood = machines_of(statistics)
+    names, c = statistics.parameters, len(statistics.parameters)
+    mean, sd, share = np.empty((3, len(few.weight), len(machines), c))
+    for rows in _chunks(few.spread, likelihood):
+        own = Gaussian(common.precision[rows], common.shift[rows])
+        mean[rows], sd[rows], _, _, share[rows] = estimates_of(likelihood, few.spread[rows], own)
+    b, covariance = _instrument_moments(common, few.weight, c)
+    inverse, seen, estimate = alone(likelihood, c)
+    gain = seen[..., c:]
+    middle = estimate - gain @ b
+    width = np.sqrt(np.diagonal(inverse + gain @ covariance @ np.swapaxes(gain, 1, 2), axis1=1, axis2=2))
+    pooled = _mixture(few.weight, mean, sd, tails)
+    by_itself = (middle, width, *(middle + ndtri(tail) * width for tail in tails))
+    shrinkage, campaigns = np.tensordot(few.weight, share, 1), Counter(statistics.machines)
+    found = {}
+    for m, name in enumerate(machines):
+        together, apart = (
+            dict(zip(names, _summaries(statistics.prior_sd[:c], *(part[m] for part in own)), strict=True))
+            for own in (pooled, by_itself)
         )
-        for m, name in enumerate(pooled.machines)
-    }
-
-
-def _judged(names: tuple[str, ...], belonging: Belonging | None, m: int) -> dict[str, Any]:
-    if belonging is None:
-        return {"p_value": None, "family_wise_p_value": None, "z": {}, "parameter_p_value": {}, "flag": False}
-    return {
-        "p_value": float(belonging.p_value[m]),
-        "family_wise_p_value": float(belonging.family_wise[m]),
-        "z": dict(zip(names, belonging.z[:, m].tolist(), strict=True)),
-        "parameter_p_value": dict(zip(names, belonging.parameter_p_value[:, m].tolist(), strict=True)),
-        "flag": bool(belonging.flagged[m]),
-    }
-
-
-def _instrument_moments(pooled: Pooling, few: Spreads, common: Common) -> tuple[Array, Array]:
-    """Mean and covariance of b, in units of its prior sd, as all campaigns know it."""
-    b, roots = common.mean[:, pooled.parameters :], common.root[:, pooled.parameters :]
-    mean = few.weight @ b
-    apart = b - mean
-    covariance = np.einsum("k,kir,kjr->ij", few.weight, roots, roots) + np.einsum("k,ki,kj->ij", few.weight, apart, apart)
-    return mean, covariance
-
-
-def _alone(pooled: Pooling, few: Spreads, common: Common, tails: tuple[float, float]) -> Array:
-    """(A + I)⁻¹ (a − B b) with b as all campaigns know it: mean, sd and interval, shape (4, c, n)."""
-    c = pooled.parameters
-    mean, covariance = _instrument_moments(pooled, few, common)
-    rows = np.moveaxis(pooled.information[:c], -1, 0)
-    inverse = np.linalg.inv(rows[..., :c] + np.eye(c))
-    gain = inverse @ rows[..., c:]
-    middle = np.einsum("mij,jm->im", inverse, pooled.weighted[:c]) - (gain @ mean).T
-    sd = np.sqrt(np.diagonal(inverse + gain @ covariance @ np.swapaxes(gain, 1, 2), axis1=1, axis2=2)).T
-    return np.stack([middle, sd, *(middle + ndtri(tail) * sd for tail in tails)])
-
-
-def _mixture(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> tuple[Array, Array, Array, Array]:
-    low, high = mixture_quantiles(weight, mean, sd, tails)
-    return (*mixture_moments(weight, mean, sd), low, high)
-
-
-class _Units:
-    """From units of the prior sd about the prior mean back to inside units."""
-
-    def __init__(self, statistics: FleetStatistics) -> None:
-        self.names = statistics.parameters
-        self.centre, self.scale = statistics.prior_mean, statistics.prior_sd
-
-    def summaries(self, mean: Array, sd: Array, low: Array, high: Array, *, spread: bool = False) -> list[Summary]:
-        """Of every parameter, arrays of shape (c,); a spread has no centre."""
-        centre = 0.0 * self.centre if spread else self.centre
-        parts = (centre + self.scale * mean, self.scale * sd, centre + self.scale * low, centre + self.scale * high)
-        return [Summary(m, u, (a, b)) for m, u, a, b in zip(*(part.tolist() for part in parts), strict=True)]
-
-
-def _percent(spread: Summary, mean: Summary) -> Summary | None:
-    if abs(mean.mean) <= _KNOWN * mean.sd:
-        return None
-    factor = 100.0 / abs(mean.mean)
-    return Summary(spread.mean * factor, spread.sd * factor, (spread.interval[0] * factor, spread.interval[1] * factor))
-
-
-# sd / scale of a half-normal, and how much of it counts as nothing learnt.
-_HALF_NORMAL, _HARDLY = float(np.sqrt(1.0 - 2.0 / np.pi)), 0.8
+        judged: dict[str, Any] = {}
+        if belonging is not None:
+            against = zip(belonging.z[m].tolist(), belonging.parameter_p_value[m].tolist(), strict=True)
+            judged = {
+                "p_value": float(belonging.p_value[m]),
+                "family_wise_p_value": float(belonging.family_wise[m]),
+                "flag": bool(belonging.flagged[m]),
+                "parameters": {own: Against(*one) for own, one in zip(names, against, strict=True)},
+            }
+        own_share = dict(zip(names, shrinkage[m].tolist(), strict=True))
+        found[name] = PooledMachine(name, campaigns[name], together, apart, own_share, **judged)
+    return found
 
 
 def _caveats(
@@ -459,12 +688,7 @@ def _caveats(
     changed: Sequence[str],
     spread_scale: float,
 ) -> Iterator[Caveat]:
-    low, high = statistics.forces_N
-    force = statistics.reference_force_N
-    if low > high:
-        yield Caveat(CaveatKind.NO_COMMON_FORCE)
-    elif not low <= force <= high:
-        yield Caveat(CaveatKind.EXTRAPOLATED, values=(force, low, high))
+    yield from force_caveats(statistics)
     if not spreads.trusted:
         yield Caveat(CaveatKind.SPREADS_NOT_TRUSTED, values=(spreads.pareto_k, spreads.good_k))
     scales = {name: spread_scale * own.prior_sd for name, own in parameters.items()}
@@ -475,29 +699,23 @@ def _caveats(
     ]
     if prior:
         yield Caveat(CaveatKind.PRIOR_SPREADS, tuple(prior), (spread_scale,))
-    if statistics.instrument and parameters:
-        most = ranked(parameters.values(), lambda own: own.instrument_share)[0]
-        errors = ", ".join(_ERRORS[name] for name in statistics.instrument)
-        yield Caveat(CaveatKind.ONE_INSTRUMENT, (most.name,), (100 * most.instrument_share,), errors)
+    if statistics.instrument:
+        most = ranked(parameters, lambda name: parameters[name].instrument_share)[0]
+        errors = ", ".join(map(nuisance_words, statistics.instrument))
+        yield Caveat(CaveatKind.ONE_INSTRUMENT, (most,), (100 * parameters[most].instrument_share,), errors)
     if changed:
         yield Caveat(CaveatKind.CHANGED_MACHINES, tuple(changed))
     if belonging is None:
         yield Caveat(CaveatKind.FEW_MACHINES, values=(len(machines), FEWEST))
         return
-    for kind, which in (
-        (CaveatKind.SILENT_MACHINES, ~belonging.seen),
-        (CaveatKind.UNCERTAIN_P_VALUES, belonging.doubtful),
-    ):
+    doubts = {CaveatKind.SILENT_MACHINES: ~belonging.seen, CaveatKind.UNCERTAIN_P_VALUES: belonging.doubtful}
+    for kind, which in doubts.items():
         if which.any():
             yield Caveat(kind, tuple(name for name, own in zip(machines, which, strict=True) if own))
     if belonging.flagged.any():
         yield Caveat(CaveatKind.OUTLIERS_INCLUDED)
 
 
-_ERRORS = {"mount": "mount", "force_gain": "gain of the force"}
-
-
-_NEEDED = ("campaign", "status", "machine_id", "date", "topology", "reference_force_N", "gaussian_names", "gaussian_mean")
 # Draws of s, as many as so many pairs of draw and machine allow: for the spreads themselves, and for every machine.
 _SPREADS, _MACHINES = (4_000_000, 2048, 8192), (1_000_000, 256, 2048)
 
@@ -541,32 +759,19 @@ def population(
     progress : callable, optional
         Told of machines that are left out by drawing anew: done and total.
 
-    Returns
-    -------
-    Population
-
     Raises
     ------
     InputError
         For rows that are no batch's, fewer than two machines, machines with other joints, or options out of range.
     """
-    if not isinstance(rows, pd.DataFrame):
-        raise InputError(f"rows must be the table of a batch, got {type(rows).__name__}. Give what read_batch returns.")
-    missing = [name for name in _NEEDED if name not in rows]
-    if missing:
-        raise InputError(f"rows must be the table of a batch, got one without {missing[0]}. Give what read_batch returns.")
-    _check_options(spread_scale, ci_prob, reference_force_N)
+    _check(rows, spread_scale, ci_prob, reference_force_N)
     relied, caveats = choose(rows, exclude, since, include_misfits)
     statistics = fleet_statistics(
-        relied,
-        parameters=parameters,
-        reference_force_N=reference_force_N,
-        one_instrument=one_instrument,
+        relied, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
     )
-    machines = set(statistics.machines)
-    if len(machines) < 2:
+    if len(set(statistics.machines)) < 2:
         why = " ".join(("Add campaigns of others.", *map(caveat_words, caveats)))
-        raise InputError(f"a population must have at least two machines, got only {machines.pop()}. {why}")
+        raise InputError(f"a population must have at least two machines, got only {statistics.machines[0]}. {why}")
     found = pool(statistics, spread_scale=spread_scale, ci_prob=ci_prob, seed=seed, progress=progress)
     nameless = ~relied["machine_id"].map(lambda own: isinstance(own, str)).astype(bool)
     if nameless.any():
@@ -577,9 +782,14 @@ def population(
     return replace(found, caveats=(*caveats, *found.caveats), readings=readings)
 
 
-def _check_options(spread_scale: float, ci_prob: float, reference_force_N: float | None) -> None:
-    if not 0.0 < ci_prob < 1.0:
-        raise InputError(f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
+_NEEDED = ("campaign", "status", "machine_id", "date", "topology", "reference_force_N", "gaussian_names", "gaussian_mean")
+
+
+def _check(rows: pd.DataFrame, spread_scale: float, ci_prob: float, reference_force_N: float | None) -> None:
+    missing = [name for name in _NEEDED if name not in rows]
+    if missing:
+        raise InputError(f"rows must be the table of a batch, got one without {missing[0]}. Give what read_batch returns.")
+    check_probability(ci_prob)
     if not (np.isfinite(spread_scale) and spread_scale > 0.0):
         raise InputError(f"spread_scale must be a finite number above zero, got {spread_scale}. The default is 0.3.")
     if reference_force_N is not None and not np.isfinite(reference_force_N):
@@ -595,34 +805,32 @@ def pool(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """The same from statistics at hand; options as for `population`."""
-    pooled = pooling(statistics)
-    if len(pooled) < 2:
-        raise InputError(f"a population must have at least two machines, got only {pooled.machines[0]}. Add campaigns of others.")
-    density = SpreadDensity(pooled, spread_scale)
-    spreads = draw_spreads(density, seed=seed, size=_draws(len(pooled), *_SPREADS))
-    few = spreads.first(_draws(len(pooled), *_MACHINES))
-    common = pooled.common(few.spread)
+    """The same from statistics of at least two machines; options as for `population`."""
+    machines, likelihood = machines_of(statistics)
+    n, c = len(machines), len(statistics.parameters)
+    density = SpreadDensity(likelihood, spread_scale)
+    spreads = draw_spreads(density, c, seed=seed, size=_draws(n, *_SPREADS))
+    few = spreads.first(_draws(n, *_MACHINES))
+    common = common_of(likelihood, few.spread)
     tails = 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob
     parameters = _pooled_parameters(statistics, spreads, few, common, tails)
-    belonging = belonging_of(density, few, seed=seed, progress=progress) if len(pooled) >= FEWEST else None
-    changed = contradicting(statistics, *_instrument_moments(pooled, few, common))
-    machines = _pooled_machines(pooled, statistics, few, common, belonging, tails)
+    belonging = belonging_of(density, few, seed=seed, progress=progress) if n >= FEWEST else None
+    changed = contradicting(statistics, *_instrument_moments(common, few.weight, c))
     return Population(
         parameters=parameters,
-        machine=machines,
+        machine=_pooled_machines(statistics, few, common, belonging, tails),
         campaigns=len(statistics),
         reference_force_N=statistics.reference_force_N,
         forces_N=statistics.forces_N,
         topology=statistics.topology,
+        compliances=statistics.compliances,
         instrument=statistics.instrument,
         spread_scale=spread_scale,
-        ci_prob=ci_prob,
         seed=seed,
         pareto_k=spreads.pareto_k,
         trusted=spreads.trusted,
-        caveats=tuple(_caveats(statistics, parameters, spreads, belonging, pooled.machines, changed, spread_scale)),
-        compliances=statistics.compliances,
+        caveats=tuple(_caveats(statistics, parameters, spreads, belonging, machines, changed, spread_scale)),
+        ci_prob=ci_prob,
         judged=belonging is not None and bool(belonging.seen.all() and not belonging.doubtful.any()),
     )
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -28,40 +28,46 @@ from ldbb_bayes.inference.posterior import ConcernKind
 from ldbb_bayes.inference.predictive import CheckKind
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
+from ldbb_bayes.model.gaussian import Gaussian, solve_lower
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit
-from ldbb_bayes.model.terms import Columns
+from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Result
 
 __all__ = [
     "FLEET_COLUMNS",
-    "INSTRUMENT",
     "Caveat",
     "CaveatKind",
     "FleetStatistics",
     "SufficientStatistics",
+    "Summary",
+    "alone",
     "choose",
+    "deviating",
     "fleet_statistics",
+    "force_caveats",
+    "keyed",
     "labels",
+    "mixture_covariance",
     "narrow_forces",
     "reference_sd",
     "sufficient_statistics",
+    "whitened",
 ]
 
 Array = NDArray[Any]
-INSTRUMENT = {"mount": "mm/bar", "force_gain": "1"}
 _CHUNK = 256
 _SPARE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class SufficientStatistics:
-    """Moments of a campaign's parameters and instrument errors.
+    """Moments of a campaign's parameters and of the errors of its instrument.
 
     Attributes
     ----------
     names : tuple of str
-        The p parameters of interest, then those of ``mount`` and ``force_gain`` that the model has; q in all.
+        The p parameters of interest, then the coefficients of terms that are ``common`` to campaigns; q in all.
     units : tuple of str
     mean : ndarray, shape (q,)
     covariance : ndarray, shape (q, q)
@@ -77,48 +83,30 @@ class SufficientStatistics:
 
     def columns(self) -> dict[str, list[Any]]:
         """As a batch keeps them: lists, of the covariance the lower triangle row by row."""
-        return {
-            "gaussian_names": list(self.names),
-            "gaussian_units": list(self.units),
-            "gaussian_mean": self.mean.tolist(),
-            "gaussian_covariance": self.covariance[np.tril_indices(len(self.names))].tolist(),
-            "gaussian_prior_mean": self.prior_mean.tolist(),
-            "gaussian_prior_sd": self.prior_sd.tolist(),
-        }
+        plain = {f"gaussian_{name}": np.asarray(value).tolist() for name, value in vars(self).items()}
+        return plain | {"gaussian_covariance": self.covariance[np.tril_indices(len(self.names))].tolist()}
 
 
 @one_blas_thread
 def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
-    """Posterior moments with the truncation left aside.
+    """Return the posterior moments, the truncation left aside.
 
     Parameters
     ----------
     posterior : HyperPosterior
-        Not truncated.
-
-    Raises
-    ------
-    InputError
-        For a truncated density, or a flat prior.
+        Not truncated, its prior not flat.
     """
     bound = posterior.bound
-    if posterior.truncated or bound.model.prior.flat:
-        kind = "a truncated density" if posterior.truncated else "a flat prior"
-        raise InputError(f"sufficient statistics must be those of a Gaussian with a proper prior, got {kind}. Use another.")
     pick, names, units, prior_mean, prior_sd = _columns(bound)
     free, weight = posterior.coarse.heaviest(_SPARE)
-    means, spreads = [], []
+    means, covariances = [], []
     for start in range(0, len(weight), _CHUNK):
         phi = bound.hyper_prior.phi(free[start : start + _CHUNK])
         _, shared = bound.collapsed.conditional(phi, np.zeros(len(bound.names)))
-        inverse = np.linalg.inv(shared.root)
-        spread = (np.swapaxes(inverse, 1, 2) * shared.scale[:, :, None])[:, pick]
+        spread = shared.spread()[:, pick]
         means.append(shared.mean[:, pick])
-        spreads.append(spread @ np.swapaxes(spread, 1, 2))
-    every = np.concatenate(means)
-    mean = weight @ every
-    apart = every - mean
-    covariance = np.einsum("w,wij->ij", weight, np.concatenate(spreads)) + np.einsum("w,wi,wj->ij", weight, apart, apart)
+        covariances.append(spread @ np.swapaxes(spread, 1, 2))
+    mean, covariance = mixture_covariance(weight, np.concatenate(means), np.concatenate(covariances))
     mean[: len(bound.names)] += bound.centre
     return SufficientStatistics(names, units, mean, covariance, prior_mean, prior_sd)
 
@@ -127,12 +115,20 @@ def _columns(bound: BoundModel) -> tuple[list[int], tuple[str, ...], tuple[str, 
     """Places among the shared coefficients, names, units and priors of parameters and instrument errors."""
     terms = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
     nuisances = [(name, float(sd)) for term in terms for name, sd in zip(term.names, term.sd, strict=True)]
-    own = [(place, name, sd) for place, (name, sd) in enumerate(nuisances) if name in INSTRUMENT]
+    own = [(place, name, sd) for place, (name, sd) in enumerate(nuisances) if Term.owner(name).common]
     pick = [*range(len(nuisances), len(nuisances) + len(bound.names)), *(place for place, _, _ in own)]
     names = (*bound.names, *(name for _, name, _ in own))
-    units = (*(parameter.unit for parameter in bound.parameters), *(INSTRUMENT[name] for _, name, _ in own))
+    units = (*(parameter.unit for parameter in bound.parameters), *(Term.owner(name).unit_of(name).inside for _, name, _ in own))
     prior_sd = np.concatenate([bound.prior_sd, [sd for _, _, sd in own]])
     return pick, names, units, np.concatenate([bound.prior_mean, np.zeros(len(own))]), prior_sd
+
+
+def mixture_covariance(weight: Array, mean: Array, covariance: Array | float = 0.0) -> tuple[Array, Array]:
+    """Mean (q,) and covariance (q, q) of a mixture: weights (k,), means (k, q), covariances (k, q, q) or none."""
+    middle = weight @ mean
+    apart = mean - middle
+    inside = np.tensordot(weight, covariance, 1) if isinstance(covariance, np.ndarray) else covariance
+    return middle, inside + (apart.T * weight) @ apart
 
 
 _COMPLIANCE = re.compile(r"C_([XYZABC])([XYZABC])([XYZ])")
@@ -152,8 +148,7 @@ def reference_sd(names: Sequence[str], units: Sequence[str], prior_mean: Array, 
     """
     found = np.empty(len(names))
     for j, (name, unit) in enumerate(zip(names, units, strict=True)):
-        own = prior_sd[prior_mean[:, j] == 0.0, j]
-        usual = _default_sd(name, unit)
+        own, usual = prior_sd[prior_mean[:, j] == 0.0, j], _default_sd(name, unit)
         wide = float(np.median(own if own.size else prior_sd[:, j])) if own.size or usual is None else 0.0
         found[j] = max(usual or 0.0, wide)
     return found
@@ -190,13 +185,11 @@ class FleetStatistics:
     instrument : tuple of str, length s
         Errors shared by all campaigns that any of them was fitted with; none where every campaign has an instrument of its
         own. A campaign fitted without one took it as zero: it says nothing of it, and its Λ and η have zeros there.
-    prior_mean, prior_sd : ndarray, shape (c,)
-        What is assumed of one machine before any campaign: zero and `reference_sd`, not what the fits assumed.
-    instrument_sd : ndarray, shape (s,)
-    information : ndarray, shape (n, c + s, c + s)
-        Λ: parameters first.
-    weighted : ndarray, shape (n, c + s)
-        η = Λ times the maximum of the likelihood.
+    prior_sd : ndarray, shape (c + s,)
+        What is assumed of one machine before any campaign, about zero: `reference_sd`, not what the fits assumed; then of the
+        instrument's errors.
+    likelihood : Gaussian, shape (n, c + s)
+        Λ and η of (c, b), in units of ``prior_sd``.
     reference_force_N : float
         Force at which compliances are meant.
     forces_N : tuple of float
@@ -212,11 +205,8 @@ class FleetStatistics:
     parameters: tuple[str, ...]
     units: tuple[str, ...]
     instrument: tuple[str, ...]
-    prior_mean: Array
     prior_sd: Array
-    instrument_sd: Array
-    information: Array
-    weighted: Array
+    likelihood: Gaussian
     reference_force_N: float
     forces_N: tuple[float, float]
     topology: str
@@ -233,12 +223,12 @@ def fleet_statistics(
     reference_force_N: float | None = None,
     one_instrument: bool = True,
 ) -> FleetStatistics:
-    """The statistics of a batch's rows.
+    """Return the statistics of a batch's rows.
 
     Parameters
     ----------
     rows : DataFrame
-        Of `read_batch`, see `choose`; failed campaigns are left out.
+        Of `read_batch`, those to rely on: see `choose`.
     parameters : sequence of str, optional
         Compliances or geometric errors; default: all constant compliances.
     reference_force_N : float, optional
@@ -250,139 +240,163 @@ def fleet_statistics(
     Raises
     ------
     InputError
-        For no usable campaign, campaigns of machines with other joints, circles or frames elsewhere such that a compliance is
-        another, unknown or repeated parameters.
+        For campaigns of machines with other joints, circles or frames elsewhere such that a compliance is another, unknown or
+        repeated parameters.
     """
-    usable = rows[rows["status"] == "done"]
-    if usable.empty:
-        raise InputError(f"a batch must have at least one campaign that was fitted, got none of {len(rows)}. See its reasons.")
-    without = int(usable["gaussian_names"].isna().sum())
-    if without:
-        raise InputError(
-            f"campaigns must have sufficient statistics, got none of {without} (flat priors, or a breakdown: see warnings). "
-            "Leave them out, or run the batch with proper priors."
-        )
-    topologies = sorted(set(usable["topology"]))
+    topologies = sorted(set(rows["topology"]))
     if len(topologies) > 1:
         raise InputError(
             f"campaigns must be of machines with the same joints, got {topologies[0]} and {topologies[1]}. Take one kind."
         )
-    names = [tuple(own) for own in usable["gaussian_names"]]
-    known = [name for name in names[0] if all(name in own for own in names)]
-    free = [name for name in known if name not in INSTRUMENT and not _SLOPE.fullmatch(name)]
+    names = [list(own) for own in rows["gaussian_names"]]
+    free = [name for name in names[0] if Term.owner(name) is Term and not _SLOPE.fullmatch(name)]
+    free = [name for name in free if all(name in own for own in names)]
     parameters = (parameters,) if isinstance(parameters, str) else parameters
-    chosen = tuple(parameters) if parameters is not None else tuple(name for name in free if name.startswith("C_"))
+    chosen = tuple(name for name in free if name.startswith("C_")) if parameters is None else tuple(parameters)
     check_known("parameter", chosen, free)
     if len(set(chosen)) < len(chosen) or not chosen:
         raise InputError(
             f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of {', '.join(free)}."
         )
-    shared = tuple(name for name in INSTRUMENT if one_instrument and any(name in own for own in names))
-    force = float(np.median(usable["reference_force_N"])) if reference_force_N is None else float(reference_force_N)
-    information, weighted, priors, instrument_sd = [], [], [], np.zeros(len(shared))
-    for row in usable.to_dict("records"):
-        own = _Moments(row)
-        here = np.array([True] * len(chosen) + [name in own.names for name in shared])
-        present = [name for name in shared if name in own.names]
-        precision, weight = np.zeros((len(here), len(here))), np.zeros(len(here))
-        take = own.rows(chosen, present, force - float(row["reference_force_N"]))
-        precision[np.ix_(here, here)], weight[here] = own.likelihood(take)
-        information.append(precision)
-        weighted.append(weight)
-        priors.append(own.prior(chosen))
-        instrument_sd[here[len(chosen) :]] = np.maximum(instrument_sd[here[len(chosen) :]], own.prior(present)[1])
-    units = dict(zip(names[0], usable.iloc[0]["gaussian_units"], strict=True))
-    means, sds = (np.array([own[k] for own in priors]) for k in (0, 1))
+    errors = {name for own in names for name in own if Term.owner(name) is not Term and one_instrument}
+    shared = tuple(sorted(errors, key=lambda name: list(Term.kinds.values()).index(Term.owner(name))))
+    force = float(np.median(rows["reference_force_N"])) if reference_force_N is None else float(reference_force_N)
+    parts = [_likelihood(row, (*chosen, *shared), force) for row in rows.to_dict("records")]
+    information, weighted, prior_mean, prior_sd = (np.array(part) for part in zip(*parts, strict=True))
+    units, c = dict(zip(names[0], rows.iloc[0]["gaussian_units"], strict=True)), len(chosen)
+    own_units = tuple(units[name] for name in chosen)
+    scale = np.concatenate([reference_sd(chosen, own_units, prior_mean[:, :c], prior_sd[:, :c]), prior_sd[:, c:].max(axis=0)])
+    ids = zip(rows["machine_id"], rows["campaign"], strict=True)
     return FleetStatistics(
-        campaigns=tuple(map(str, usable["campaign"])),
-        machines=tuple(
-            str(own if isinstance(own, str) else name) for own, name in zip(usable["machine_id"], usable["campaign"], strict=True)
-        ),
-        dates=tuple(moment_of(own) if isinstance(own, str) else None for own in usable["date"]),
+        campaigns=tuple(map(str, rows["campaign"])),
+        machines=tuple(str(own if isinstance(own, str) else name) for own, name in ids),
+        dates=tuple(_moment(own) if isinstance(own, str) else None for own in rows["date"]),
         parameters=chosen,
-        units=tuple(units[name] for name in chosen),
+        units=own_units,
         instrument=shared,
-        prior_mean=np.zeros(len(chosen)),
-        prior_sd=reference_sd(chosen, [units[name] for name in chosen], means, sds),
-        instrument_sd=instrument_sd,
-        information=np.array(information),
-        weighted=np.array(weighted),
+        prior_sd=scale,
+        likelihood=Gaussian(information * (scale[:, None] * scale), weighted * scale),
         reference_force_N=force,
-        forces_N=(float(usable["force_min_N"].max()), float(usable["force_max_N"].min())),
+        forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
         topology=topologies[0],
-        compliances=_meanings(usable, chosen),
+        compliances=_meanings(rows, chosen),
     )
+
+
+def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> tuple[Array, Array, Array, Array]:
+    """Λ and η of what is wanted, the prior divided out, and the prior: of what the row does not have zeros.
+
+    Compliances are carried along their slopes to the common force; what the readings cannot add counts as nothing.
+    """
+    names, q = list(row["gaussian_names"]), len(row["gaussian_names"])
+    mean, prior_mean, prior_sd = (np.array(row[f"gaussian_{what}"], dtype=float) for what in ("mean", "prior_mean", "prior_sd"))
+    covariance = np.zeros((q, q))
+    covariance[np.tril_indices(q)] = row["gaussian_covariance"]
+    covariance += np.tril(covariance, -1).T
+    moved = force_N - float(row["reference_force_N"])
+    take = np.zeros((len(wanted), q))
+    for i, name in enumerate(wanted):
+        for power, own in enumerate((name, f"{name}_1", f"{name}_2")):
+            if own in names:
+                take[i, names.index(own)] = moved**power
+    here = np.flatnonzero(take.any(axis=1))
+    places = [names.index(wanted[int(i)]) for i in here]
+    take = take[here]
+    prior = (take * prior_sd**2) @ take.T
+    scale = np.sqrt(np.diag(prior))
+    inside = scale[:, None] * scale
+    after, before = (np.linalg.inv(part / inside) for part in (take @ covariance @ take.T, prior))
+    values, vectors = np.linalg.eigh(0.5 * (after + after.T) - before)
+    pull = after @ ((take @ mean) / scale) - before @ ((take @ prior_mean) / scale)
+    kept = vectors * (values > 0.0)
+    information, weighted, means, sds = (np.zeros((len(wanted),) * axes) for axes in (2, 1, 1, 1))
+    information[np.ix_(here, here)] = (kept * values) @ kept.T / inside
+    weighted[here], means[here], sds[here] = kept @ (kept.T @ pull) / scale, prior_mean[places], prior_sd[places]
+    return information, weighted, means, sds
 
 
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     """What every chosen compliance stands for; rows that do not say it are taken to mean what the others do."""
-    found: dict[str, Meaning] = {}
-    first: dict[str, str] = {}
+    found: dict[str, tuple[Meaning, str]] = {}
     texts = {text: str(own) for own, text in zip(rows["campaign"], rows.get("compliances", ()), strict=False)}
     for text, campaign in texts.items():
-        own = json.loads(text) if isinstance(text, str) else {}
-        for name in chosen:
-            if name not in own:
-                continue
-            if not same_meaning(name, found.setdefault(name, own[name]), own[name]):
+        said = json.loads(text) if isinstance(text, str) else {}
+        for name in (name for name in chosen if name in said):
+            meaning, first = found.setdefault(name, (said[name], campaign))
+            if not same_meaning(name, meaning, said[name]):
                 raise InputError(
-                    f"campaigns must mean the same by {name}, got {first[name]} and {campaign}: circles or joints' frames stand "
+                    f"campaigns must mean the same by {name}, got {first} and {campaign}: circles or joints' frames stand "
                     "elsewhere, so that it is the sum of other compliances. Take those of one place."
                 )
-            first.setdefault(name, campaign)
-    return found
+    return {name: meaning for name, (meaning, _) in found.items()}
 
 
-class _Moments:
-    """Moments of one row as arrays."""
-
-    def __init__(self, row: dict[Any, Any]) -> None:
-        self.names = list(row["gaussian_names"])
-        q = len(self.names)
-        self.mean, self.prior_mean, self.prior_sd = (
-            np.array(row[f"gaussian_{name}"], dtype=float) for name in ("mean", "prior_mean", "prior_sd")
-        )
-        self.covariance = np.zeros((q, q))
-        self.covariance[np.tril_indices(q)] = row["gaussian_covariance"]
-        self.covariance += np.tril(self.covariance, -1).T
-
-    def rows(self, chosen: Sequence[str], shared: Sequence[str], shift_N: float) -> Array:
-        """A with (c, b) = A · moments; compliances are carried along their slopes to the common force."""
-        found = np.zeros((len(chosen) + len(shared), len(self.names)))
-        for i, name in enumerate((*chosen, *shared)):
-            found[i, self.names.index(name)] = 1.0
-            for k in (1, 2):
-                if f"{name}_{k}" in self.names:
-                    found[i, self.names.index(f"{name}_{k}")] = shift_N**k
-        return found
-
-    def prior(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Means and sds that the fit assumed."""
-        places = [self.names.index(name) for name in names]
-        return self.prior_mean[places], self.prior_sd[places]
-
-    def likelihood(self, take: Array) -> tuple[Array, Array]:
-        """Λ and η with the prior divided out; what the readings cannot add counts as nothing."""
-        prior_mean, prior = take @ self.prior_mean, (take * self.prior_sd**2) @ take.T
-        scale = np.sqrt(np.diag(prior))
-        inside = scale[:, None] * scale
-        after, before = (np.linalg.inv(part / inside) for part in (take @ self.covariance @ take.T, prior))
-        values, vectors = np.linalg.eigh(0.5 * (after + after.T) - before)
-        weight = after @ ((take @ self.mean) / scale) - before @ (prior_mean / scale)
-        kept = vectors * (values > 0.0)
-        information = (kept * values) @ kept.T
-        return information / inside, kept @ (kept.T @ weight) / scale
-
-
-def moment_of(date: str) -> datetime:
-    """A date or time in ISO 8601 as one in UTC, without a time zone taken as such.
-
-    Raises
-    ------
-    ValueError
-    """
+def _moment(date: str) -> datetime:
+    """A date or time in ISO 8601 as one in UTC, without a time zone taken as such; else a ValueError."""
     found = datetime.fromisoformat(date)
     return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+
+
+# ---- algebra that machines and their campaigns share, in units of the prior sd
+
+
+def whitened(likelihood: Gaussian, spread: Array) -> tuple[Array, Array]:
+    """L Lᵀ = K = I + s Λ_cc s and L⁻¹ s (Λ_c, η_c), shapes (k, n, c, c) and (k, n, c, q + 1).
+
+    K is the precision of z = w / s, w ~ N(0, diag s²) being what one campaign or machine differs by: g(c + w, b).
+
+    Parameters
+    ----------
+    likelihood : Gaussian, shape (n, q)
+        Λ may be singular.
+    spread : ndarray, shape (k, c)
+        Values of s.
+    """
+    c = spread.shape[1]
+    s = spread[:, None, :, None]
+    rows = np.concatenate([likelihood.precision[:, :c], likelihood.shift[:, :c, None]], axis=-1)
+    lower = np.linalg.cholesky(np.eye(c) + s * rows[..., :c] * np.swapaxes(s, -1, -2))
+    return lower, solve_lower(lower, s * rows)
+
+
+def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
+    """∫ g(c + w, b) N(w; 0, diag s²) dw, shape (k, n, q); arguments as for `whitened`."""
+    lower, solved = whitened(likelihood, spread)
+    square, q = np.swapaxes(solved, -1, -2) @ solved, likelihood.shift.shape[-1]
+    constant = 0.5 * square[..., q, q] - np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(axis=-1)
+    return Gaussian(likelihood.precision - square[..., :q, :q], likelihood.shift - square[..., :q, q], constant)
+
+
+def alone(likelihood: Gaussian, parameters: int) -> tuple[Array, Array, Array]:
+    """S = (I + Λ_cc)⁻¹, H = S Λ_c and t = S η_c: the estimate of a campaign by itself, t ~ N(H (c, b), S Λ_cc S), is t − H_b b.
+
+    Returns
+    -------
+    tuple of ndarray, shapes (n, c, c), (n, c, q) and (n, c)
+    """
+    c = parameters
+    own = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])
+    return own, own @ likelihood.precision[:, :c], (own @ likelihood.shift[:, :c, None])[..., 0]
+
+
+# ---- which campaigns count
+
+
+@dataclass(frozen=True)
+class Summary(Result):
+    """Mean, sd and equal-tailed credible interval, inside units."""
+
+    mean: float
+    sd: float
+    interval: tuple[float, float]
+
+
+def keyed(record: Any, ci_prob: float) -> Any:
+    """The same with intervals under their probability: interval → ci95."""
+    if isinstance(record, dict):
+        key = f"ci{100 * ci_prob:g}"
+        return {name.replace("interval", key): keyed(value, ci_prob) for name, value in record.items()}
+    return [keyed(value, ci_prob) for value in record] if isinstance(record, list) else record
 
 
 class CaveatKind(StrEnum):
@@ -428,10 +442,6 @@ class Caveat(Result):
     text: str = ""
 
 
-_UNEXPECTED = (CheckKind.ORDER, ConcernKind.TRUNCATION)
-_NOT_WHITE = (CheckKind.NOISE, CheckKind.AUTOCORRELATION)
-
-
 def choose(
     rows: pd.DataFrame,
     exclude: Sequence[str] = (),
@@ -464,15 +474,21 @@ def choose(
         For unknown names, a date that is none, or nothing left.
     """
     given, caveats = len(rows), []
+    nothing = pd.Series(False, index=rows.index)
 
-    def leave(which: Any, kind: CaveatKind, empty: str, text: str = "") -> None:
+    def leave(which: pd.Series[bool], kind: CaveatKind, refusal: str, text: str = "") -> None:
         nonlocal rows
-        which = np.asarray(which, dtype=bool)
+        which = which.loc[rows.index]
         if which.any():
             caveats.append(Caveat(kind, tuple(labels(rows[which])), text=text))
         if which.all():
-            raise InputError(empty.format(given if kind in (CaveatKind.EXCLUDED, CaveatKind.BEFORE) else len(rows)))
+            raise InputError(refusal.format(given if kind in (CaveatKind.EXCLUDED, CaveatKind.BEFORE) else len(rows)))
         rows = rows[~which]
+
+    kinds = rows.get("kinds", pd.Series(None, index=rows.index, dtype=object))
+    found = kinds.map(lambda own: set(own) if isinstance(own, list | tuple | np.ndarray) else set())
+    unexpected = found.map(lambda own: not own.isdisjoint((CheckKind.ORDER, ConcernKind.TRUNCATION))).astype(bool)
+    not_white = found.map(lambda own: not own.isdisjoint((CheckKind.NOISE, CheckKind.AUTOCORRELATION))).astype(bool)
 
     none_left = "campaigns must be left to rely on, got all {} of them left out. Exclude fewer."
     leave(_named(rows, exclude, rows if among is None else among), CaveatKind.EXCLUDED, none_left)
@@ -487,19 +503,20 @@ def choose(
     leave(rows["gaussian_names"].isna(), CaveatKind.NO_STATISTICS, statistics)
     if "sha256" in rows:
         leave(rows["sha256"].notna() & rows["sha256"].duplicated(), CaveatKind.GIVEN_AGAIN, "")
-    unexpected = _of_kinds(rows, _UNEXPECTED)
-    if not include_misfits:
-        misfits = (
-            "campaigns must have readings that the model expects, got none of {}. See their verdicts and mend them, or keep them "
-            "all the same: --include-misfits (include_misfits=True)."
-        )
-        leave(unexpected, CaveatKind.UNEXPECTED, misfits)
-        unexpected = unexpected[~unexpected]
-    minded = {CaveatKind.UNEXPECTED_KEPT: unexpected}
-    if "converged" in rows:
-        minded[CaveatKind.NOT_CONVERGED] = rows["converged"].map(lambda own: not pd.isna(own) and not own).astype(bool)
-    minded[CaveatKind.NOT_WHITE] = _of_kinds(rows, _NOT_WHITE) & ~unexpected
-    caveats += [Caveat(kind, tuple(labels(rows[which]))) for kind, which in minded.items() if which.any()]
+    misfits = (
+        "campaigns must have readings that the model expects, got none of {}. See their verdicts and mend them, or keep them "
+        "all the same: --include-misfits (include_misfits=True)."
+    )
+    leave(nothing if include_misfits else unexpected, CaveatKind.UNEXPECTED, misfits)
+    converged = rows.get("converged", ~nothing)
+    minded = {
+        CaveatKind.UNEXPECTED_KEPT: unexpected,
+        CaveatKind.NOT_CONVERGED: converged.map(lambda own: not pd.isna(own) and not own).astype(bool),
+        CaveatKind.NOT_WHITE: not_white & ~unexpected,
+    }
+    for kind, which in minded.items():
+        if (here := which.loc[rows.index]).any():
+            caveats.append(Caveat(kind, tuple(labels(rows[here]))))
     if "model_sha256" in rows and rows["model_sha256"].nunique(dropna=True) > 1:
         caveats.append(Caveat(CaveatKind.MODELS_DIFFER))
     return rows, caveats
@@ -514,6 +531,10 @@ def labels(rows: pd.DataFrame) -> list[str]:
     return [str(path if same else name) for name, path, same in zip(names, paths, names.duplicated(keep=False), strict=True)]
 
 
+# Greatest force over least.
+_SPAN = 3.0
+
+
 def narrow_forces(rows: pd.DataFrame, parameters: Sequence[str]) -> list[Caveat]:
     """Return campaigns of one bar whose forces span so little that what its length and balls add looks like a compliance."""
     narrow = rows["force_max_N"] < _SPAN * rows["force_min_N"]
@@ -522,52 +543,45 @@ def narrow_forces(rows: pd.DataFrame, parameters: Sequence[str]) -> list[Caveat]
     return [Caveat(CaveatKind.NARROW_FORCES, tuple(labels(rows[narrow])), (_SPAN,))]
 
 
-# Greatest force over least.
-_SPAN = 3.0
+def force_caveats(statistics: FleetStatistics) -> list[Caveat]:
+    """Return whether compliances are meant at a force that was not tested in every campaign."""
+    low, high = statistics.forces_N
+    if low > high:
+        return [Caveat(CaveatKind.NO_COMMON_FORCE)]
+    force = statistics.reference_force_N
+    return [] if low <= force <= high else [Caveat(CaveatKind.EXTRAPOLATED, values=(force, low, high))]
 
 
-def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> Any:
-    """Campaigns that are, or whose machine is, among the names."""
-    found = np.zeros(len(rows), dtype=bool)
-    for wanted in [exclude] if isinstance(exclude, str) else exclude:
-        if not _called(among, wanted).any():
-            every = {str(own) for column in _callings(among)[1:] for own in column if isinstance(own, str)}
+def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> pd.Series[bool]:
+    """Whether campaigns, or their machines, are among the names."""
+    names, known = (
+        pd.DataFrame({"path": paths, "last": paths.map(lambda own: os.path.basename(own.rstrip("/")))}).join(
+            own[[column for column in ("name", "machine_id") if column in own]]
+        )
+        for own in (rows, among)
+        for paths in [own["campaign"].astype(str)]
+    )
+    wanted = [exclude] if isinstance(exclude, str) else list(exclude)
+    for name in wanted:
+        if not known.isin([name]).any(axis=None):
+            every = sorted({own for own in known.drop(columns="path").to_numpy().ravel() if isinstance(own, str)})
             raise InputError(
-                f"what is left out must be a campaign or machine of the batch, got {wanted!r}. Did you mean "
-                f"{nearest(str(wanted), sorted(every))!r}?"
+                f"what is left out must be a campaign or machine of the batch, got {name!r}. Did you mean "
+                f"{nearest(str(name), every)!r}?"
             )
-        found |= _called(rows, wanted)
-    return found
-
-
-def _called(rows: pd.DataFrame, name: str) -> Any:
-    return np.logical_or.reduce([(own == name).to_numpy(dtype=bool, na_value=False) for own in _callings(rows)])
-
-
-def _callings(rows: pd.DataFrame) -> list[pd.Series[Any]]:
-    """What a campaign goes by."""
-    paths = rows["campaign"].astype(str)
-    short = paths.map(lambda own: os.path.basename(own.rstrip("/")))
-    return [paths, short, *(rows[column] for column in ("name", "machine_id") if column in rows)]
+    return names.isin(wanted).any(axis=1)
 
 
 def _before(rows: pd.DataFrame, since: str) -> pd.Series[bool]:
     try:
-        least = moment_of(since)
+        least = _moment(since)
     except ValueError:
         raise InputError(f"since must be a date or time in ISO 8601, got {since!r}. For example 2026-03-01.") from None
 
     def earlier(date: Any) -> bool:
         try:
-            return not isinstance(date, str) or moment_of(date) < least
+            return not isinstance(date, str) or _moment(date) < least
         except ValueError:  # of campaigns that failed
             return True
 
     return rows["date"].map(earlier).astype(bool)
-
-
-def _of_kinds(rows: pd.DataFrame, kinds: Collection[str]) -> pd.Series[bool]:
-    if "kinds" not in rows:
-        return pd.Series(False, index=rows.index)
-    every = rows["kinds"].map(lambda own: set(own) if isinstance(own, list | tuple | np.ndarray) else set())
-    return every.map(lambda own: bool(own & set(kinds))).astype(bool)

@@ -17,8 +17,9 @@ from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, StandingKind
 from ldbb_bayes.analysis.budget import Budget
 from ldbb_bayes.analysis.calibration import Validation
 from ldbb_bayes.analysis.comparison import WHITE_NOISE, Comparison, Sign
+from ldbb_bayes.analysis.describe import DescribedMachine, Seen
 from ldbb_bayes.analysis.design.design import Design, Outcome, RemedyKind
-from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen, Verdict
+from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, Verdict
 from ldbb_bayes.analysis.slopes import SlopeSubset
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit
@@ -943,17 +944,16 @@ def _change_in_time(trend: Any) -> Iterator[str]:
         yield f"That hangs on assumptions: {joined([f'{probability_words(p)} with {name}' for name, p in differing.items()])}."
     if not trend.changed:
         return
-    name, k, own = trend.most_probable.parameter, trend.most_probable.place, trend.most_probable.change
-    size, percent = plus_minus(own.size, own.sd, own.interval, own.unit), ""
+    own = trend.most_probable
+    whole = trend.parameters[own.parameter]
+    size, percent = plus_minus(own.change.mean, own.change.sd, own.change.interval, own.unit), ""
     if own.percent is not None and own.percent_interval is not None:
         low, high = own.percent_interval
         percent = f", {own.percent:+.0f} % [{low:.0f}, {high:.0f}] of the level before".replace("-", "−")
-    before, after = (
-        trend.campaigns[t] if trend.dates[t] is None else f"{trend.dates[t].date().isoformat()} ({trend.campaigns[t]})"
-        for t in (k - 1, k)
-    )
+    visits = trend.campaigns[own.place - 1 : own.place + 1]
+    before, after = (one.campaign if one.date is None else f"{one.date.date().isoformat()} ({one.campaign})" for one in visits)
     yield (
-        f"It is most probably one of {display_name(name)} ({probability_words(trend.parameters[name].probability)}), then "
+        f"It is most probably one of {display_name(own.parameter)} ({probability_words(whole.probability)}), then "
         f"between {before} and {after} (both: {probability_words(own.probability)}): {size}{percent}."
     )
 
@@ -967,14 +967,15 @@ def _outside(trend: Any) -> Iterator[str]:
 
 
 def _prediction(trend: Any) -> Iterator[str]:
-    soon, asked = trend.detection, trend.assumptions["detect"]
-    slow, horizon = [], len(soon.false_alarm)
-    for k, name in enumerate(trend.parameters):
-        if not np.isfinite(soon.changes[k]):
+    alarm, asked = trend.false_alarm, trend.assumptions["detect"]
+    slow, horizon = [], len(alarm.within)
+    for name, own in trend.parameters.items():
+        soon = own.detection
+        if np.isnan(soon.found_within[0]):
             continue
-        needed = soon.campaigns(k)
+        needed = soon.campaigns_for_90_percent
         at = (needed or horizon) - 1
-        share = _counted_share(float(soon.found[k, at]), float(soon.error(soon.found[k])[at]))
+        share = _counted_share(soon.found_within[at], soon.error[at])
         step = f"{display_name(name)} {100 * asked:+.0f} %".replace("-", "−")
         if needed is None:
             slow.append(f"{step} ({share})")
@@ -983,10 +984,9 @@ def _prediction(trend: Any) -> Iterator[str]:
         yield f"{what} would be found within {needed} campaign{'s' * (needed > 1)} with probability {share}."
     if slow:
         yield f"Hardly found within {horizon} campaigns, in brackets with what probability: {joined(slow)}."
-    alarm = _counted_share(float(soon.false_alarm[-1]), float(soon.error(soon.false_alarm)[-1]))
-    after = "campaign" if soon.before == 1 else f"{soon.before} campaigns"
-    since = "since the change" if trend.changed else "so far"
-    yield f"That counts the {after} {since}; a false alarm within the next {horizon} has probability {alarm}."
+    after = "campaign" if alarm.campaigns_before == 1 else f"{alarm.campaigns_before} campaigns"
+    since, share = "since the change" if trend.changed else "so far", _counted_share(alarm.within[-1], alarm.error[-1])
+    yield f"That counts the {after} {since}; a false alarm within the next {horizon} has probability {share}."
 
 
 def _counted_share(share: float, error: float) -> str:
@@ -1026,10 +1026,10 @@ def population_doubts(found: Any) -> tuple[str, ...]:
 
 def _how_far(own: Any) -> str:
     """How far out a machine is, and in what."""
-    worst = ranked(own.z, lambda name: abs(own.z[name]))[0]
+    worst = ranked(own.parameters, lambda name: abs(own.parameters[name].z))[0]
     p = own.family_wise_p_value
     value = "–" if p is None else "< 0.0001" if p < 1e-4 else f"= {p:.2g}"
-    return f"p {value} over all machines, most in {display_name(worst)} (z = {own.z[worst]:+.1f})"
+    return f"p {value} over all machines, most in {display_name(worst)} (z = {own.parameters[worst].z:+.1f})"
 
 
 # ---- page
@@ -1038,7 +1038,7 @@ _CONFLICT, _WORTH = 0.01, 0.95
 
 
 @cache
-def _paragraphs() -> Any:
+def _prose() -> Any:
     import jinja2
 
     environment = jinja2.Environment(loader=jinja2.PackageLoader("ldbb_bayes.report"), undefined=jinja2.StrictUndefined)
@@ -1048,12 +1048,7 @@ def _paragraphs() -> Any:
 
 def prose(paragraph: str, **values: Any) -> str:
     """Return a paragraph of the page from ``templates/prose.j2``, filled with its values."""
-    return " ".join(str(getattr(_paragraphs(), paragraph)(**values)).split())
-
-
-def method_notes() -> tuple[str, ...]:
-    """Return what a reader of the page should know of words and limits."""
-    return tuple(" ".join(note.split()) for note in str(_paragraphs().notes()).split("¶"))
+    return " ".join(str(getattr(_prose(), paragraph)(**values)).split())
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:

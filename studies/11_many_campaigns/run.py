@@ -16,7 +16,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.change import SURE
+from ldbb_bayes.fleet.trend import SURE
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
@@ -53,8 +53,7 @@ def watched(seed: int, change: float) -> dict[str, float]:
     """A machine month by month: what was promised before the change, after how many campaigns it was found, false alarms."""
     rows = months(seed, before=BEFORE, after=AFTER, change=change, parameter=PARAMETER)
     before = lb.trend(rows[:BEFORE], detect=CHANGE)
-    which = list(before.parameters).index(PARAMETER)
-    promised = before.detection.campaigns(which)
+    promised = before.parameters[PARAMETER].detection.campaigns_for_90_percent
     found, alarm, right = 0, float(before.changed), 0.0
     for n in range(BEFORE + 1, BEFORE + AFTER + 1):
         now = lb.trend(rows[:n])

@@ -14,7 +14,7 @@ import pytest
 from trends import drawn_rows
 
 from ldbb_bayes.cli.main import app
-from ldbb_bayes.fleet.change import detection
+from ldbb_bayes.fleet.trend import detection
 
 
 def invoke(*arguments: object) -> int:
@@ -35,7 +35,7 @@ def batch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         assert paths == [folder]
         return rows[[name for name in columns if name in rows]]
 
-    monkeypatch.setattr("ldbb_bayes.fleet.dataset.read_batch", read)
+    monkeypatch.setattr("ldbb_bayes.fleet.row.read_batch", read)
     monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "detection", partial(detection, replicates=50, further=3))
     return folder
 

@@ -1,23 +1,40 @@
-"""A campaign's sufficient statistics against the dense model and against another way to the same posterior."""
+"""A campaign's sufficient statistics against other ways to the same posterior; which campaigns are relied on."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from batches import CONSTANT, write_campaigns
+from trends import doubts, drawn_rows, one_campaign, row
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.population_prior import stands_for
 from ldbb_bayes.fleet.row import Job, Settings, fit_row
-from ldbb_bayes.fleet.statistics import SufficientStatistics, fleet_statistics, reference_sd, sufficient_statistics
+from ldbb_bayes.fleet.statistics import (
+    Caveat,
+    CaveatKind,
+    FleetStatistics,
+    SufficientStatistics,
+    choose,
+    fleet_statistics,
+    labels,
+    reference_sd,
+    sufficient_statistics,
+)
+from ldbb_bayes.fleet.trend import detection
 from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.specification import model_to_toml
+from ldbb_bayes.report.wording import caveat_words
 
 CAMPAIGN = lb.read_campaign(lb.embedded_campaign())
 MODEL = lb.HybridModel.default(degree=1).without("truncation")
@@ -26,22 +43,6 @@ MODEL = lb.HybridModel.default(degree=1).without("truncation")
 @pytest.fixture(scope="module")
 def found() -> SufficientStatistics:
     return sufficient_statistics(HyperPosterior(MODEL.bind(CAMPAIGN), truncated=False))
-
-
-def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
-    """As the batch keeps it."""
-    usual = {
-        "campaign": "a",
-        "status": "done",
-        "machine_id": "M1",
-        "date": "2026-01-05",
-        "topology": "wCAFYXZSt",
-        "reference_force_N": 389.0,
-        "force_min_N": 36.0,
-        "force_max_N": 742.0,
-        **found.columns(),
-    }
-    return usual | fields
 
 
 def test_moments_are_those_of_quadrature(found: SufficientStatistics) -> None:
@@ -67,9 +68,17 @@ def test_likelihood_times_prior_is_the_posterior(found: SufficientStatistics) ->
     names = ("C_XXX", "C_YYY", "C_CCY")
     one = fleet_statistics(pd.DataFrame([row(found)]), parameters=names, reference_force_N=389.0)
     place = [found.names.index(name) for name in (*names, "mount", "force_gain")]
-    precision = one.information[0] + np.diag(1.0 / found.prior_sd[place] ** 2)
+    precision = one.likelihood.precision[0] / np.outer(one.prior_sd, one.prior_sd) + np.diag(1.0 / found.prior_sd[place] ** 2)
     np.testing.assert_allclose(np.linalg.inv(precision), found.covariance[np.ix_(place, place)], rtol=1e-6, atol=1e-30)
-    np.testing.assert_allclose(np.linalg.solve(precision, one.weighted[0]), found.mean[place], rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.solve(precision, one.likelihood.shift[0] / one.prior_sd), found.mean[place], rtol=1e-6)
+
+
+def posteriors(*fleets: FleetStatistics) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Means and sds of the first campaigns, in inside units, under the reference prior."""
+    made = [Gaussian(own.likelihood.precision[0] + np.eye(8), own.likelihood.shift[0]) for own in fleets]
+    return [one.mean * own.prior_sd for one, own in zip(made, fleets, strict=True)], [
+        one.sd * own.prior_sd for one, own in zip(made, fleets, strict=True)
+    ]
 
 
 def test_the_reference_force_is_that_of_another_model(found: SufficientStatistics) -> None:
@@ -79,9 +88,8 @@ def test_the_reference_force_is_that_of_another_model(found: SufficientStatistic
     carried = fleet_statistics(pd.DataFrame([row(found)]), reference_force_N=500.0)
     direct = fleet_statistics(pd.DataFrame([row(other, reference_force_N=500.0)]))
     for own in (carried, direct):
-        assert own.instrument_sd == pytest.approx([2.33e-4, 0.01])
-    prior = np.diag(1.0 / np.concatenate([carried.prior_sd, carried.instrument_sd]) ** 2)
-    sds = [np.sqrt(np.diag(np.linalg.inv(own.information[0] + prior))) for own in (carried, direct)]
+        assert own.prior_sd[6:] == pytest.approx([2.33e-4, 0.01])
+    _, sds = posteriors(carried, direct)
     np.testing.assert_allclose(sds[0], sds[1], rtol=0.05)
 
 
@@ -92,13 +100,10 @@ def test_a_prior_with_means_is_divided_out(found: SufficientStatistics) -> None:
     )
     other = sufficient_statistics(HyperPosterior(told.bind(CAMPAIGN), truncated=False))
     one, two = (fleet_statistics(pd.DataFrame([row(own)])) for own in (found, other))
-    assert two.prior_mean.tolist() == [0.0] * 6
     assert two.prior_sd == pytest.approx(one.prior_sd)
-    prior = np.diag(1.0 / np.concatenate([one.prior_sd, one.instrument_sd]) ** 2)
-    precision = one.information[0] + prior
-    means = [np.linalg.solve(own.information[0] + prior, own.weighted[0]) for own in (one, two)]
-    np.testing.assert_allclose((means[0] - means[1]) / np.sqrt(np.diag(np.linalg.inv(precision))), 0.0, atol=0.15)
-    np.testing.assert_allclose(np.diag(two.information[0]), np.diag(one.information[0]), rtol=0.1)
+    means, sds = posteriors(one, two)
+    np.testing.assert_allclose((means[0] - means[1]) / sds[0], 0.0, atol=0.15)
+    np.testing.assert_allclose(*(np.diag(own.likelihood.precision[0]) for own in (two, one)), rtol=0.1)
 
 
 def test_reference_scales_are_those_of_the_kind() -> None:
@@ -117,10 +122,9 @@ def test_reference_scales_are_those_of_the_kind() -> None:
 def test_each_its_own_instrument(found: SufficientStatistics) -> None:
     own = fleet_statistics(pd.DataFrame([row(found)]), one_instrument=False)
     assert own.instrument == ()
-    assert own.information.shape == (1, 6, 6)
+    assert own.likelihood.shift.shape == (1, 6)
     one = fleet_statistics(pd.DataFrame([row(found)]))
-    known, free = one.information[0][:6, :6], own.information[0]
-    assert np.linalg.eigvalsh((known - free) * one.prior_sd[:, None] * one.prior_sd).min() > -1e-6
+    assert np.linalg.eigvalsh(one.likelihood.precision[0][:6, :6] - own.likelihood.precision[0]).min() > -1e-6
 
 
 def test_compliances_that_are_not_the_same(found: SufficientStatistics) -> None:
@@ -141,14 +145,15 @@ def test_one_campaign_without_the_mount_leaves_the_others_theirs(found: Sufficie
     both = fleet_statistics(pd.DataFrame([row(known), row(found), row(found)]))
     pair, alone = (fleet_statistics(pd.DataFrame([row(own)] * n)) for own, n in ((found, 2), (known, 1)))
     assert both.instrument == pair.instrument == ("mount", "force_gain")
-    assert both.instrument_sd == pytest.approx(pair.instrument_sd)
-    np.testing.assert_allclose(both.information[1:], pair.information)
+    assert both.prior_sd == pytest.approx(pair.prior_sd)
     here = [0, 1, 2, 3, 4, 5, 7]
-    np.testing.assert_allclose(both.information[0][np.ix_(here, here)], alone.information[0])
-    np.testing.assert_allclose(both.weighted[0, here], alone.weighted[0])
-    assert not both.information[0, 6].any()
-    assert not both.information[0, :, 6].any()
-    assert both.weighted[0, 6] == 0.0
+    for kind in ("precision", "shift"):
+        np.testing.assert_allclose(getattr(both.likelihood, kind)[1:], getattr(pair.likelihood, kind))
+    np.testing.assert_allclose(both.likelihood.precision[0][np.ix_(here, here)], alone.likelihood.precision[0])
+    np.testing.assert_allclose(both.likelihood.shift[0, here], alone.likelihood.shift[0])
+    assert not both.likelihood.precision[0, 6].any()
+    assert not both.likelihood.precision[0, :, 6].any()
+    assert both.likelihood.shift[0, 6] == 0.0
 
 
 def _at(centre_z_mm: float) -> lb.Campaign:
@@ -161,13 +166,112 @@ def test_a_row_says_what_compliances_stand_for(tmp_path: Path) -> None:
     assert json.loads(made["compliances"]) == stands_for(lb.read_campaign(path))
 
 
-def test_what_is_refused(found: SufficientStatistics) -> None:
+def test_what_statistics_refuse(found: SufficientStatistics) -> None:
     table = pd.DataFrame([row(found), row(found, topology="wXYZt")])
     with pytest.raises(InputError, match="same joints, got wCAFYXZSt and wXYZt"):
         fleet_statistics(table)
     with pytest.raises(InputError, match="C_XXX"):
         fleet_statistics(table[:1], parameters=["C_XX"])
-    with pytest.raises(InputError, match="once each"):
-        fleet_statistics(table[:1], parameters=["C_XXX", "C_XXX"])
-    with pytest.raises(InputError, match="none of 1"):
-        fleet_statistics(pd.DataFrame([row(found, status="failed")]))
+
+
+# ---- which campaigns count
+
+SLIP = ["order", "noise"]
+
+
+@pytest.fixture(scope="module")
+def rows() -> pd.DataFrame:
+    return drawn_rows(8, np.random.default_rng(6)).assign(machine_id=[f"M{m}" for m in range(7)] + ["M6"])
+
+
+def slipped(rows: pd.DataFrame, place: int) -> pd.DataFrame:
+    """One campaign says a compliance thirty times too large, as sure of it as of a right one."""
+    changed = rows.copy()
+    mean = list(changed["gaussian_mean"].iloc[place])
+    mean[one_campaign().names.index("C_XXX")] *= 30.0
+    changed.at[place, "gaussian_mean"] = mean
+    changed.at[place, "kinds"] = SLIP
+    return changed
+
+
+def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
+    bad = slipped(rows, 2)
+    found, clean = lb.population(bad), lb.population(rows.drop(index=2))
+    assert {name: own.mean for name, own in found.parameters.items()} == {n: own.mean for n, own in clean.parameters.items()}
+    assert "M2" not in found.machine
+    assert doubts(found)[0] == (
+        "Left out, for the model does not expect their readings (see their verdicts; --include-misfits keeps them): c03."
+    )
+    kept = lb.population(bad, include_misfits=True)
+    assert kept.campaigns == 8
+    assert doubts(kept)[0] == "The model does not expect the readings of c03: kept, as was asked for."
+    assert kept.parameters["C_XXX"].spread.mean > 5.0 * clean.parameters["C_XXX"].spread.mean
+
+
+def test_a_slip_does_not_hide_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "detection", partial(detection, replicates=50, further=3))
+    rows = drawn_rows(10, np.random.default_rng(4), step_at=6)
+    bad = slipped(rows, 3)
+    found = lb.trend(bad)
+    assert found.changed
+    assert found.most_probable.parameter == "C_XXX"
+    assert [own.campaign for own in found.campaigns] == [name for name in rows["name"] if name != "c04"]
+    assert "does not expect their readings" in doubts(found)[0]
+    assert lb.trend(bad, include_misfits=True).parameters["C_XXX"].change != found.parameters["C_XXX"].change
+
+
+def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
+    """Noise alone is kept; what speaks against the model is left out, and what is asked for."""
+    relied, caveats = choose(rows.assign(kinds=[["noise"], *[[]] * 7]))
+    assert len(relied) == 8
+    assert caveats == [Caveat(CaveatKind.NOT_WHITE, ("c01",))]
+    relied, caveats = choose(rows.assign(kinds=[["truncation"], ["hyper", "forces"], None, *[[]] * 5]))
+    assert list(relied["name"]) == [f"c{k:02d}" for k in range(2, 9)]
+    relied, caveats = choose(rows, ["year/c01", "c02", "M2", "M6"])
+    assert list(relied["name"]) == ["c04", "c05", "c06"]
+    assert caveats == [Caveat(CaveatKind.EXCLUDED, ("c01", "c02", "c03", "c07", "c08"))]
+    relied, caveats = choose(rows.assign(date=[None, *rows["date"][1:]]), since="2025-03-16")
+    assert list(relied["name"]) == [f"c{k:02d}" for k in range(3, 9)]
+    assert [caveat_words(caveat) for caveat in caveats] == ["Left out, for no date, or one before 2025-03-16: c01, c02."]
+    assert list(choose(rows, since="2025-08-13T00:00:00+02:00")[0]["name"]) == ["c08"]
+
+
+def test_no_decision_is_made_of_a_sentence(rows: pd.DataFrame, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every caveat has words; with other words the numbers are the same."""
+    wording = import_module("ldbb_bayes.report.wording")
+    assert {str(kind) for kind in CaveatKind} == set(wording._CAVEATS)
+    odd = rows.assign(kinds=[SLIP, ["noise"], *[[]] * 6], converged=[True, True, False, *[True] * 5])
+    before = lb.population(odd).as_dict()
+    monkeypatch.setattr(wording, "_CAVEATS", dict.fromkeys(wording._CAVEATS, "?"))
+    assert lb.population(odd).as_dict() == before
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"exclude": ["m2"]}, "must be a campaign or machine of the batch, got 'm2'. Did you mean 'M2'"),
+        ({"since": "March"}, "since must be a date or time in ISO 8601, got 'March'"),
+        ({"since": "2030-01-01"}, "campaigns must be left to rely on, got all 8 of them left out"),
+    ],
+)
+def test_what_is_refused(rows: pd.DataFrame, options: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        choose(rows, **options)
+
+
+def test_nothing_to_rely_on(rows: pd.DataFrame) -> None:
+    with pytest.raises(InputError, match=r"readings that the model expects, got none of 8.*--include-misfits"):
+        choose(rows.assign(kinds=[SLIP] * 8))
+    with pytest.raises(InputError, match=r"got none of 8. See its reasons"):
+        choose(rows.assign(status="failed"))
+    with pytest.raises(InputError, match=r"two machines, got only M6. Add campaigns of others. Left out, as was asked for: c01"):
+        lb.population(rows, exclude=[f"M{k}" for k in range(6)])
+    with pytest.raises(InputError, match=r"campaigns of one machine to rely on, got 1. Measure again. Left out, as was asked"):
+        lb.trend(rows, machine="M6", exclude=["c08"])
+
+
+def test_names(rows: pd.DataFrame) -> None:
+    twice = rows.assign(name=["same", "same", None, *rows["name"][3:]])
+    assert labels(twice)[:4] == ["year/c01", "year/c02", "year/c03", "c04"]
+    assert labels(rows.drop(columns="name")) == list(rows["campaign"])
+    assert caveat_words(Caveat(CaveatKind.FAILED, tuple("abcdefg"))).endswith("fitted: a, b, c, d, e and 2 more.")

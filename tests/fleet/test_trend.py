@@ -1,25 +1,400 @@
-"""One machine over time: a loosened joint is found, when and by how much; order, choice of machine, doubts and refusals."""
+"""One machine over time: steps against stacked normal distributions, brute force and simulation; a loosened joint is found."""
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from importlib import import_module
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 import pytest
 from campaigns import HYPER_UM, TRUTH, plan
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.stats import halfnorm, multivariate_normal, norm
 from trends import doubts, drawn_rows, one_campaign, row, verdict, with_prior
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.change import Series, Steps, Weights, carry, detection, scatter_rule, steps_of, weigh
-from ldbb_bayes.fleet.statistics import fleet_statistics, sufficient_statistics
-from ldbb_bayes.fleet.trend import Trend
+from ldbb_bayes.fleet.statistics import deviating, fleet_statistics, sufficient_statistics
+from ldbb_bayes.fleet.trend import (
+    Trend,
+    _log_odds,
+    chart_of,
+    detection,
+    hypotheses,
+    instrument_moments,
+    levels_of,
+    scatter_rule,
+    weigh,
+)
 from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.report.wording import probability_words
-from ldbb_bayes.table import json_text
+
+Array = NDArray[np.float64]
+P, S = 3, 2
+Q = P + S
+OPTIONS = {"change_scale": 0.2, "repeatability": 0.01, "probability": 0.5, "threshold": 0.95}
+
+
+def informations(rng: np.random.Generator, n: int, size: float = 300.0) -> Array:
+    """Full rank, of very different directions."""
+    root = rng.standard_normal((n, Q, Q + 1)) * np.sqrt(size) * np.array([3.0, 1.0, 0.1, 1.0, 0.5])[:, None]
+    return root @ np.swapaxes(root, 1, 2)
+
+
+def drawn(rng: np.random.Generator, information: Array, level: Array, instrument: Array) -> Gaussian:
+    """Campaigns at given parameters: the mean of η is Λ z, its covariance Λ."""
+    z = np.concatenate([level, np.broadcast_to(instrument, (len(level), len(instrument)))], axis=1)
+    noise = np.einsum("tab,tb->ta", np.linalg.cholesky(information), rng.standard_normal(z.shape))
+    return Gaussian(information, np.einsum("tab,tb->ta", information, z) + noise)
+
+
+def carried_by(series: Gaussian, scatter: Array, parameters: int = P) -> Gaussian:
+    return deviating(series, np.outer(scatter, np.ones(parameters)))
+
+
+def found_in(series: Gaussian, scatter: Array, change_scale: float = 0.2, parameters: int = P) -> Gaussian:
+    return hypotheses(carried_by(series, scatter, parameters), parameters, change_scale)
+
+
+def no_change(series: Gaussian, rule: tuple[Array, Array], probability: float = 0.5, parameters: int = P) -> float:
+    found = found_in(series, rule[0], parameters=parameters)
+    return float(weigh(found.log_integral, rule[1], probability)[:, -1].sum())
+
+
+def stacked(series: Gaussian, r: float, change_scale: float, step: tuple[int, int] | None) -> float:
+    """ln p(maxima of the likelihoods, all campaigns in one vector), by its whole covariance."""
+    n = len(series.shift)
+    take = np.tile(np.eye(Q), (n, 1))
+    whole = take @ take.T + np.kron(np.eye(n), np.diag([r**2] * P + [0.0] * S))
+    whole += block_diag(*map(np.linalg.inv, series.precision))
+    if step is not None:
+        k, j = step
+        moved = np.zeros(n * Q)
+        moved[j + Q * k :: Q] = 1.0
+        whole += change_scale**2 * np.outer(moved, moved)
+    maxima = np.linalg.solve(series.precision, series.shift[:, :, None]).ravel()
+    return float(multivariate_normal(np.zeros(n * Q), whole).logpdf(maxima))
+
+
+@pytest.fixture(scope="module")
+def series() -> Gaussian:
+    rng = np.random.default_rng(3)
+    information = informations(rng, 5)
+    level = np.tile([0.5, -0.2, 0.1], (5, 1)) + 0.02 * rng.standard_normal((5, P))
+    level[3:, 0] += 0.15
+    return drawn(rng, information, level, np.array([0.3, -1.0]))
+
+
+# ---- the model
+
+
+def test_evidence_of_every_hypothesis(series: Gaussian) -> None:
+    scatter = np.array([0.001, 0.02, 0.3])
+    found = found_in(series, scatter).log_integral
+    dense = np.array([stacked(series, r, 0.2, None) for r in scatter])
+    np.testing.assert_allclose(found[:, -1] - found[0, -1], np.tile(dense - dense[0], (P, 1)).T, atol=1e-7)
+    for i, r in enumerate(scatter):
+        for k in range(1, 5):
+            for j in range(P):
+                own = stacked(series, r, 0.2, (k, j)) - dense[i]
+                assert found[i, k - 1, j] - found[i, -1, j] == pytest.approx(own, abs=1e-7)
+
+
+def test_size_and_level_given_a_step(series: Gaussian) -> None:
+    """Against least squares on all unknowns at once: c, b, Δ and every w_t."""
+    r, k, j, n = 0.05, 3, 0, 5
+    found = found_in(series, np.array([r]))
+    unknown = Q + 1 + n * P
+    precision = np.diag(np.concatenate([np.ones(Q), [1.0 / 0.04], np.full(n * P, r**-2)]))
+    right = np.zeros(unknown)
+    for t in range(n):
+        take = np.zeros((Q, unknown))
+        take[:, :Q] = np.eye(Q)
+        take[j, Q] = t >= k
+        take[:P, Q + 1 + t * P : Q + 1 + (t + 1) * P] = np.eye(P)
+        precision += take.T @ series.precision[t] @ take
+        right += take.T @ series.shift[t]
+    covariance = np.linalg.inv(precision)
+    np.testing.assert_allclose(found.mean[0, k - 1, j], (covariance @ right)[: Q + 1], rtol=1e-7)
+    np.testing.assert_allclose(found.covariance[0, k - 1, j], covariance[: Q + 1, : Q + 1], rtol=1e-6, atol=1e-12)
+
+
+def test_a_campaign_that_says_nothing_changes_nothing(series: Gaussian) -> None:
+    """Λ singular, even zero: the evidence of steps before and after it is the same."""
+    silent = Gaussian(np.insert(series.precision, 2, 0.0, axis=0), np.insert(series.shift, 2, 0.0, axis=0))
+    one, other = (found_in(own, np.array([0.02])).log_integral for own in (series, silent))
+    np.testing.assert_allclose(other[:, [0, 1, 3, 4, 5]], one, atol=1e-9)
+    np.testing.assert_allclose(other[:, 2], one[:, 1], atol=1e-9)
+
+
+def test_probability_by_brute_force() -> None:
+    """One parameter, r and Δ on fine grids, c by its closed form for three campaigns."""
+    precision, maxima = np.array([4e3, 2e3, 3e3]), np.array([0.30, 0.33, 0.34])
+    series = Gaussian(precision[:, None, None], (precision * maxima)[:, None])
+    nodes, weight = scatter_rule(0.02)
+    found = weigh(found_in(series, nodes, 0.1, 1).log_integral, weight, 0.3)
+    r = (np.arange(400) + 0.5) * 1.2e-1 / 400
+    delta = (np.arange(801) - 400) * 0.7 / 400
+    totals = {}
+    for k in (1, 2, 3):
+        total = 0.0
+        for one, prior in zip(r, halfnorm(scale=0.02).pdf(r), strict=True):
+            covariance = np.ones((3, 3)) + np.diag(1.0 / precision + one**2)
+            own = multivariate_normal(np.zeros(3), covariance).pdf(maxima - delta[:, None] * (np.arange(3) >= k))
+            total += prior * np.sum(own * norm(0.0, 0.1).pdf(delta)) * (delta[1] - delta[0])
+        totals[k] = total * (0.7 if k == 3 else 0.15)
+    expected = np.array(list(totals.values())) / sum(totals.values())
+    np.testing.assert_allclose(found.sum(axis=(0, 2)), expected, atol=2e-4)
+    assert found.sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("step", [0.12, 0.25, 0.35])
+def test_scatter_rule_is_a_half_normal(step: float) -> None:
+    nodes, weight = scatter_rule(0.01, step=step)
+    assert weight.sum() == pytest.approx(1.0)
+    assert weight @ nodes == pytest.approx(0.01 * np.sqrt(2.0 / np.pi), rel=2e-3)
+    assert weight @ nodes**2 == pytest.approx(1e-4, rel=2e-3)
+    assert weight @ np.exp(-nodes / 0.003) == pytest.approx(halfnorm(scale=0.01).expect(lambda r: np.exp(-r / 0.003)), rel=0.01)
+
+
+@pytest.mark.slow
+def test_probabilities_are_calibrated() -> None:
+    """Series drawn from the model: of those said to have changed with probability 0.8, 0.8 have."""
+    rng = np.random.default_rng(11)
+    rule = scatter_rule(0.02, step=0.25)
+    said, true = [], []
+    for _ in range(1200):
+        n = int(rng.integers(3, 9))
+        information = informations(rng, n, 2e3)
+        level = rng.standard_normal(P) + abs(0.02 * rng.standard_normal()) * rng.standard_normal((n, P))
+        changed = rng.random() < 0.5
+        if changed:
+            level[rng.integers(1, n) :, rng.integers(P)] += 0.2 * rng.standard_normal()
+        said.append(1.0 - no_change(drawn(rng, information, level, rng.standard_normal(S)), rule))
+        true.append(changed)
+    place = np.digitize(said, [0.2, 0.35, 0.5, 0.8, 0.95])
+    for one in range(6):
+        own = place == one
+        expected, spread = np.mean(np.array(said)[own]), np.sqrt(np.sum(np.array(said)[own] * (1.0 - np.array(said)[own])))
+        assert own.sum() > 20
+        assert abs(np.mean(np.array(true)[own]) - expected) < 3.5 * max(spread, 1.0) / own.sum()
+    false_alarms = np.mean(np.array(said)[~np.array(true)] > 0.95)
+    assert false_alarms < 0.05
+
+
+# ---- points, limits, levels
+
+SCALE, CHANGE = 0.02, 0.2
+
+
+def visited(rng: np.random.Generator, n: int, *, r: float | None = None, step: tuple[int, int, float] | None = None) -> Gaussian:
+    """Of the model, two parameters and one error: campaigns that see each in their own way, some hardly at all."""
+    root = rng.standard_normal((n, 3, 4)) * np.array([60.0, 4.0, 40.0])[:, None]
+    information = root @ np.swapaxes(root, 1, 2)
+    own = halfnorm(scale=SCALE).rvs(random_state=rng) if r is None else r
+    level = rng.standard_normal(2) + own * rng.standard_normal((n, 2))
+    if step is not None:
+        level[step[0] :, step[1]] += step[2]
+    return drawn(rng, information, level, rng.standard_normal(1))
+
+
+def analysed(series: Gaussian):  # type: ignore[no-untyped-def]
+    nodes, prior = scatter_rule(SCALE)
+    carried = carried_by(series, nodes, 2)
+    found = hypotheses(carried, 2, CHANGE)
+    weights = weigh(found.log_integral, prior, 0.5)
+    return nodes, prior, carried, weights, instrument_moments(found, weights)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limits", [0.997, 0.8])
+def test_limits_cover_as_they_say(limits: float) -> None:
+    """Where nothing changes; of every campaign from the second on, and of the early ones by themselves."""
+    rng = np.random.default_rng(5)
+    inside = []
+    for _ in range(150):
+        series = visited(rng, 7)
+        nodes, prior, carried, _, moments = analysed(series)
+        chart = chart_of(series, carried, nodes, prior, moments, limits=limits)
+        assert np.isnan(chart.limits[:, 0]).all()
+        inside.append((chart.own > chart.limits[0]) & (chart.own < chart.limits[1]))
+    share = np.mean(np.array(inside)[:, 1:], axis=(0, 2))
+    error = np.sqrt(limits * (1.0 - limits) / 300)
+    np.testing.assert_allclose(share, limits, atol=3.5 * error)
+    assert share.mean() == pytest.approx(limits, abs=3.0 * error / np.sqrt(3))
+
+
+@pytest.mark.slow
+def test_too_narrow_limits_would_be_seen() -> None:
+    """Of a machine that changes ten times as much as the prior has it."""
+    rng = np.random.default_rng(6)
+    inside = []
+    for _ in range(60):
+        series = visited(rng, 3, r=10 * SCALE)
+        nodes, prior, carried, _, moments = analysed(series)
+        chart = chart_of(series, carried, nodes, prior, moments, limits=0.8)
+        inside.append((chart.own[1:, 0] > chart.limits[0, 1:, 0]) & (chart.own[1:, 0] < chart.limits[1, 1:, 0]))
+    assert np.mean(inside) < 0.65
+
+
+def test_limits_are_of_what_the_next_campaign_would_say() -> None:
+    """r known: the estimate of the third campaign, b known, drawn from its predictive distribution."""
+    rng, r = np.random.default_rng(9), 0.05
+    series, known = visited(rng, 3), np.array([0.4])
+    carried = carried_by(series, np.array([r]), 2)
+    chart = chart_of(series, carried, np.array([r]), np.ones(1), (known, np.eye(1)), limits=0.9)
+    x = Gaussian(np.eye(3) + carried.precision[0, :2].sum(axis=0), carried.shift[0, :2].sum(axis=0)).draw(rng, (200_000,))
+    x[:, :2] += r * rng.standard_normal((len(x), 2))
+    own = (x @ series.precision[2] + rng.standard_normal(x.shape) @ np.linalg.cholesky(series.precision[2]).T)[:, :2]
+    shrink = np.linalg.inv(np.eye(2) + series.precision[2, :2, :2])
+    said = (own - series.precision[2, :2, 2] * known) @ shrink
+    sd = said.std(axis=0)
+    np.testing.assert_allclose((chart.limits[:, 2] - np.quantile(said, [0.05, 0.95], axis=0)) / sd, 0.0, atol=0.03)
+
+
+def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
+    """Draws of (c, Δ | b at its mean) and of b from each hypothesis, by its dense system."""
+    rng = np.random.default_rng(7)
+    n, p, q = 5, 2, 3
+    series = visited(rng, n, r=0.02, step=(3, 0, 0.12))
+    nodes, _, carried, weights, (mean, covariance) = analysed(series)
+    levels = levels_of(series, nodes, weights, mean, CHANGE)
+    seen, level, total = [], [], []
+    for i in range(len(nodes)):
+        for k, j in [(k, j) for k in range(1, n + 1) for j in range(p)]:
+            weight = weights[i, k - 1, j]
+            if weight < 1e-6:
+                continue
+            take = np.zeros((n, q, q + 1))
+            take[:, :, :q] = np.eye(q)
+            take[k:, j, q] = 1.0
+            precision = np.einsum("tai,tab,tbj->ij", take, carried.precision[i], take) + np.diag([*np.ones(q), CHANGE**-2])
+            pull = np.einsum("tai,ta->i", take, carried.shift[i])
+            inside = np.linalg.inv(precision)
+            count = 200
+            seen.append(rng.multivariate_normal(inside @ pull, inside, count)[:, p:q])
+            keep = [*range(p), q]
+            given = np.linalg.inv(precision[np.ix_(keep, keep)])
+            centre = given @ (pull[keep] - precision[np.ix_(keep, range(p, q))] @ mean)
+            draws = rng.multivariate_normal(centre, given, count)
+            level.append(draws[:, None, :p] + draws[:, None, p:] * take[:, :p, q])
+            total.append(np.full(count, weight / count))
+    weight = np.concatenate(total)
+    b, c = np.concatenate(seen), np.concatenate(level)
+    assert weight.sum() == pytest.approx(1.0, abs=1e-3)
+    assert weight @ b[:, 0] / weight.sum() == pytest.approx(mean[0], abs=0.1 * np.sqrt(covariance[0, 0]))
+    assert weight @ (b[:, 0] - mean[0]) ** 2 == pytest.approx(covariance[0, 0], rel=0.1)
+    sd = np.sqrt(np.einsum("h,hta->ta", weight, (c - levels.mean) ** 2))
+    np.testing.assert_allclose((np.einsum("h,hta->ta", weight, c) - levels.mean) / sd, 0.0, atol=0.1)
+    np.testing.assert_allclose(sd, levels.sd, rtol=0.08)
+    within = np.einsum("h,hta->ta", weight, (c > levels.interval[0]) & (c < levels.interval[1]))
+    np.testing.assert_allclose(within, 0.95, atol=0.02)
+
+
+def test_points_are_posteriors_of_campaigns_alone() -> None:
+    p, series = 2, visited(np.random.default_rng(8), 4)
+    nodes, prior, carried, _, _ = analysed(series)
+    known, spread = np.array([0.4]), np.array([[0.25]])
+    chart = chart_of(series, carried, nodes, prior, (known, spread))
+    for t in range(4):
+        own = np.linalg.inv(series.precision[t, :p, :p] + np.eye(p))
+        moved = own @ series.precision[t, :p, p:]
+        np.testing.assert_allclose(chart.own[t], own @ series.shift[t, :p] - moved @ known)
+        np.testing.assert_allclose(chart.own_sd[t], np.sqrt(np.diag(own)))
+    both = np.concatenate([series.precision[:, :p, :p].sum(axis=0) + np.eye(p), series.precision[:, :p, p:].sum(axis=0)], axis=1)
+    levels = [np.linalg.solve(both[:, :p], series.shift[:, :p].sum(axis=0) - both[:, p:] @ b) for b in (known, known + 0.5)]
+    np.testing.assert_allclose(chart.common_sd, np.abs(levels[1] - levels[0]))
+    other = chart_of(series, carried, nodes, prior, (known + 1.0, spread))
+    np.testing.assert_allclose(other.limits[:, 1:] - other.own[1:], chart.limits[:, 1:] - chart.own[1:], atol=1e-9)
+
+
+# ---- how soon a change is found
+
+
+@pytest.fixture(scope="module")
+def information() -> Array:
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((3, 4)) * np.array([60.0, 10.0, 30.0])[:, None]
+    return np.asarray(root @ root.T)
+
+
+def test_odds_are_those_of_the_analysis(information: Array) -> None:
+    rng = np.random.default_rng(3)
+    weighted = rng.standard_normal((12, 6, 3)) @ np.linalg.cholesky(information).T + information @ [0.4, -0.1, 0.3]
+    weighted[4:8, 4:] += 0.1 * information[0]
+    weighted[8:, 1:] -= 0.3 * information[1]
+    rule = scatter_rule(0.01, step=0.25)
+    found = _log_odds(weighted, information, 2, rule, 0.2, 0.4)
+    for own, odds in zip(weighted, found, strict=True):
+        none = no_change(Gaussian(np.tile(information, (6, 1, 1)), own), rule, 0.4, 2)
+        assert odds == pytest.approx(np.log1p(-none) - np.log(none), abs=1e-6)
+
+
+def test_a_larger_change_is_found_sooner(information: Array) -> None:
+    level = np.array([0.5, 0.1, 0.0])
+    every = [
+        detection(information, level, np.array([size, np.nan]), before=5, scatter=scatter_rule(0.01), **OPTIONS)
+        for size in (0.0, 0.05, 0.4)
+    ]
+    (nothing, unasked), alarm = every[0]
+    found = [own.found_within for (own, _), _ in every]
+    assert np.all(np.diff(found[2]) >= 0.0)
+    assert found[0] == pytest.approx(alarm.within)
+    assert every[2][0][0].campaigns_for_90_percent is not None
+    assert found[2][0] > found[1][0] > found[0][0]
+    assert np.isnan(unasked.found_within).all()
+    assert unasked.campaigns_for_90_percent is None
+    share = np.clip(nothing.found_within, 0.5 / alarm.replicates, 1.0)
+    np.testing.assert_allclose(nothing.error, np.sqrt(share * (1.0 - share) / alarm.replicates))
+
+
+def test_a_sure_change_and_a_machine_at_rest(information: Array) -> None:
+    """A change of many standard uncertainties is found at once; false alarms of one look stay below what the threshold allows."""
+    changes = np.array([0.5, 0.5])
+    one, alarm = detection(1e4 * information, np.zeros(3), changes, before=8, scatter=scatter_rule(0.001), **OPTIONS)
+    assert [own.found_within[0] for own in one] == pytest.approx([1.0, 1.0])
+    assert alarm.within[0] < 0.05
+    assert one[0].campaigns_for_90_percent == 1
+
+
+@pytest.mark.slow
+def test_found_as_soon_as_predicted() -> None:
+    """Whole rows, prior divided out and all, campaign after campaign."""
+    rng = np.random.default_rng(6)
+    before, replicates, size = 5, 120, 0.2
+    rule = scatter_rule(0.01, step=0.35)
+    first = fleet_statistics(drawn_rows(1, rng))
+    truth = one_campaign()
+    level = np.array([truth.mean[truth.names.index(name)] for name in first.parameters]) / first.prior_sd[:6]
+    changes = np.full(6, np.nan)
+    changes[0] = size * level[0]
+    soon, _ = detection(
+        first.likelihood.precision[0],
+        np.concatenate([level, np.array([1e-4, 0.005]) / first.prior_sd[6:]]),
+        changes,
+        before=before,
+        scatter=(np.array([0.003]), np.ones(1)),
+        **OPTIONS,
+        further=3,
+        replicates=2000,
+    )
+    seen = np.zeros((replicates, 4), dtype=bool)
+    for own in seen:
+        whole = fleet_statistics(drawn_rows(before + 3, rng, step_at=before, step=size)).likelihood
+        for further in range(4):
+            part = Gaussian(whole.precision[: before + further], whole.shift[: before + further])
+            own[further] = no_change(part, rule, parameters=6) < 0.05
+    share = np.logical_or.accumulate(seen[~seen[:, 0], 1:], axis=1).mean(axis=0)
+    assert 0.1 < soon[0].found_within[0] < 0.97
+    np.testing.assert_allclose(share, soon[0].found_within, atol=3.5 * np.sqrt(0.25 / replicates))
+
+
+# ---- the whole
 
 
 @pytest.fixture(scope="module")
@@ -32,19 +407,33 @@ def found(rows: pd.DataFrame) -> Trend:
     return lb.trend(rows)
 
 
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where predictions do not matter."""
+    monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "detection", partial(detection, replicates=20, further=2))
+
+
+def by_time(found: Trend) -> list[float]:
+    return [own.change_just_before for own in found.campaigns]
+
+
+def names_of(found: Trend) -> list[str]:
+    return [own.campaign for own in found.campaigns]
+
+
 def test_a_loosened_joint(found: Trend) -> None:
     own = found.parameters["C_XXX"]
     assert found.changed
     assert own.probability == max(one.probability for one in found.parameters.values())
     assert sum(one.probability for one in found.parameters.values()) == pytest.approx(found.probability)
-    assert found.by_time.sum() == pytest.approx(found.probability)
-    assert np.argmax(found.by_time) == 6
+    assert sum(by_time(found)) == pytest.approx(found.probability)
+    assert np.argmax(by_time(found)) == 6
     truth = 0.2 * one_campaign().mean[one_campaign().names.index("C_XXX")]
-    assert abs(own.size - truth) < 3.0 * own.sd
-    assert own.interval[0] < own.size < own.interval[1]
+    assert abs(own.change.mean - truth) < 3.0 * own.change.sd
+    assert own.change.interval[0] < own.change.mean < own.change.interval[1]
     assert own.percent == pytest.approx(20.0, abs=8.0)
-    assert own.level - own.before == pytest.approx(own.size, rel=0.05)
-    assert found.detection.before == 4
+    assert own.level_now - own.level_before == pytest.approx(own.change.mean, rel=0.05)
+    assert found.false_alarm.campaigns_before == 4
     said = verdict(found)
     assert "Over 10 campaigns of M1 a change is found" in said
     assert "one of C_XXX" in said
@@ -52,6 +441,17 @@ def test_a_loosened_joint(found: Trend) -> None:
     assert "A loosened joint (C_XXX +20 %) would be found within" in said
     assert "the 4 campaigns since the change" in said
     assert doubts(found) == []
+    for shown in (str(found), found._repr_html_()):
+        for part in ("M1, 10 campaigns", "nm/N", "+20 %", "a change is found"):
+            assert part in shown
+    assert (probability_words(1e-9), probability_words(1.0), probability_words(0.25)) == ("< 0.001", "> 0.999", "0.250")
+    told = {name: one.percent is not None for name, one in found.parameters.items()}
+    assert told["C_XXX"]
+    assert not all(told.values())
+    for one in found.parameters.values():
+        if one.percent is not None:
+            assert one.percent == pytest.approx(100.0 * one.change.mean / one.level_before)
+            assert abs(one.level_before) > 5.0 * one.level_now_sd
 
 
 def test_a_machine_at_rest() -> None:
@@ -59,7 +459,7 @@ def test_a_machine_at_rest() -> None:
     assert not quiet.changed
     assert quiet.probability < 0.5
     assert "no change is found" in verdict(quiet)
-    assert quiet.detection.before == 9
+    assert quiet.false_alarm.campaigns_before == 9
     assert quiet.sensitivity["a prior probability of 0.1"] < quiet.probability < quiet.sensitivity["a prior probability of 0.9"]
     odds = quiet.probability / (1.0 - quiet.probability)
     assert quiet.sensitivity["a prior probability of 0.9"] == pytest.approx(9.0 * odds / (1.0 + 9.0 * odds), rel=1e-9)
@@ -75,44 +475,33 @@ def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
         np.testing.assert_allclose(
             other.estimates[column].dropna(), one.estimates[column].dropna(), rtol=0.08, atol=2e-3 * one.estimates["sd"].max()
         )
-    assert other.parameters["C_XXX"].size == pytest.approx(one.parameters["C_XXX"].size, rel=0.05)
-    assert np.isfinite(lb.trend(rows, one_instrument=False).probability)
-    assert lb.trend(rows, one_instrument=False).parameters["C_XXX"].common_sd == 0.0
+    assert other.parameters["C_XXX"].change.mean == pytest.approx(one.parameters["C_XXX"].change.mean, rel=0.05)
+    apart = lb.trend(rows, one_instrument=False)
+    assert np.isfinite(apart.probability)
+    assert apart.parameters["C_XXX"].common_sd == 0.0
 
 
 @pytest.mark.usefixtures("quick")
 def test_when_is_that_of_the_parameter_that_is_named(rows: pd.DataFrame, monkeypatch: pytest.MonkeyPatch) -> None:
     """C_XXX before c02 0.30 or c03 0.25, C_YYY before c03 0.40: C_XXX before c02, though a change before c03 is more probable."""
 
-    def weights(steps: Steps, scatter_weight: np.ndarray, probability: float) -> Weights:
-        change = np.zeros(steps.log_ratio.shape)
-        change[:, :, 0], change[:, :, 2] = scatter_weight[:, None] * [0.30, 0.25], scatter_weight[:, None] * [0.0, 0.40]
-        return Weights(0.05 * scatter_weight, change)
+    def weights(log_evidence: np.ndarray, scatter_weight: np.ndarray, probability: float) -> np.ndarray:
+        made = np.zeros(log_evidence.shape)
+        made[:, :2, 0], made[:, :2, 2] = scatter_weight[:, None] * [0.30, 0.25], scatter_weight[:, None] * [0.0, 0.40]
+        made[:, 2, 0] = 0.05 * scatter_weight
+        return made
 
     monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "weigh", weights)
     found = lb.trend(rows[:3], threshold=0.9)
     likely = found.most_probable
-    assert (likely.parameter, likely.place) == ("C_XXX", 1)
-    assert likely.change.probability == pytest.approx(0.30)
+    assert (likely.parameter, likely.just_before, likely.place) == ("C_XXX", "c02", 1)
+    assert likely.probability == pytest.approx(0.30)
     said = verdict(found)
     assert "one of C_XXX (0.550), then between 2025-01-15 (c01) and 2025-02-14 (c02) (both: 0.300): " in said
-    assert found.detection.before == 2
+    assert found.false_alarm.campaigns_before == 2
     nodes, prior = scatter_rule(0.01)
-    steps = steps_of(carry(Series.of(fleet_statistics(rows[:3]), range(3)), nodes), 0.2)
-    assert likely.change.size == pytest.approx(1e-4 * float(prior @ steps.size[:, 0, 0]))
-    assert found.as_dict()["most_probable"]["just_before"] == "c02"
-
-
-@pytest.mark.usefixtures("quick")
-def test_per_cent_of_what_is_known(found: Trend) -> None:
-    """A level known to a fifth; the others have none."""
-    told = {name: own.percent is not None for name, own in found.parameters.items()}
-    assert told["C_XXX"]
-    assert not all(told.values())
-    for own in found.parameters.values():
-        if own.percent is not None:
-            assert own.percent == pytest.approx(100.0 * own.size / own.before)
-            assert abs(own.before) > 5.0 * own.level_sd
+    steps = found_in(fleet_statistics(rows[:3]).likelihood, nodes, 0.2, 6)
+    assert likely.change.mean == pytest.approx(1e-4 * float(prior @ steps.mean[:, 0, 0, -1]))
 
 
 @pytest.mark.usefixtures("quick")
@@ -124,61 +513,16 @@ def test_the_prior_of_the_fits_does_not_matter(rows: pd.DataFrame, found: Trend)
     assert other.probability == pytest.approx(found.probability, rel=1e-6)
     assert other.sensitivity["half the change_scale"] == pytest.approx(found.sensitivity["half the change_scale"], rel=1e-6)
     for name, own in found.parameters.items():
-        assert other.parameters[name].size == pytest.approx(own.size, rel=1e-5)
-        assert other.parameters[name].level == pytest.approx(own.level, rel=1e-5)
+        assert other.parameters[name].change.mean == pytest.approx(own.change.mean, rel=1e-5)
+        assert other.parameters[name].level_now == pytest.approx(own.level_now, rel=1e-5)
     np.testing.assert_allclose(other.estimates["limit_high"], found.estimates["limit_high"], rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_found_as_soon_as_predicted() -> None:
-    """Whole rows, prior divided out and all, campaign after campaign."""
-    rng = np.random.default_rng(6)
-    before, replicates, size = 5, 120, 0.2
-    nodes, weight = scatter_rule(0.01, step=0.35)
-    first = fleet_statistics(drawn_rows(1, rng))
-    series = Series.of(first, [0])
-    truth = one_campaign()
-    level = np.array([truth.mean[truth.names.index(name)] for name in first.parameters]) / first.prior_sd
-    instrument = np.array([1e-4, 0.005]) / first.instrument_sd
-    changes = np.full(6, np.nan)
-    changes[0] = size * level[0]
-    soon = detection(
-        series.information[0],
-        6,
-        np.concatenate([level, instrument]),
-        changes,
-        before=before,
-        scatter=(np.array([0.003]), np.ones(1)),
-        change_scale=0.2,
-        repeatability=0.01,
-        probability=0.5,
-        threshold=0.95,
-        further=3,
-        replicates=2000,
-    )
-    seen = np.zeros((replicates, 4), dtype=bool)
-    for own in seen:
-        statistics = fleet_statistics(drawn_rows(before + 3, rng, step_at=before, step=size))
-        for further in range(4):
-            part = Series.of(statistics, range(before + further))
-            own[further] = weigh(steps_of(carry(part, nodes), 0.2), weight, 0.5).none.sum() < 0.05
-    share = np.logical_or.accumulate(seen[~seen[:, 0], 1:], axis=1).mean(axis=0)
-    assert 0.1 < soon.found[0, 0] < 0.97
-    np.testing.assert_allclose(share, soon.found[0], atol=3.5 * np.sqrt(0.25 / replicates))
-
-
-@pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where predictions do not matter."""
-    module = import_module("ldbb_bayes.fleet.trend")
-    monkeypatch.setattr(module, "detection", partial(detection, replicates=20, further=2))
 
 
 @pytest.mark.usefixtures("quick")
 def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
     """By date, whatever the order of rows; without dates as given; equal dates as given."""
     mixed = lb.trend(rows.sample(frac=1.0, random_state=3))
-    assert mixed.campaigns == found.campaigns
+    assert names_of(mixed) == names_of(found)
     assert mixed.probability == pytest.approx(found.probability)
     undated = lb.trend(rows.assign(date=None))
     assert undated.probability == pytest.approx(found.probability)
@@ -186,9 +530,9 @@ def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
     assert "between c06 and c07" in verdict(undated)
     same = lb.trend(rows.assign(date="2026-01-01"))
     assert any("Some campaigns have the same date" in doubt for doubt in doubts(same))
-    assert same.campaigns == found.campaigns
+    assert names_of(same) == names_of(found)
     zoned = rows.assign(date=["2026-01-01T12:00:00+02:00", "2026-01-01T11:00:00", *["2026-02-01"] * 8])
-    assert lb.trend(zoned).campaigns[:2] == ("c01", "c02")
+    assert names_of(lb.trend(zoned))[:2] == ["c01", "c02"]
     some = rows.assign(date=[None, *rows["date"][1:]])
     with pytest.raises(InputError, match=r"a date all or none, got none for year/c01\. Write date"):
         lb.trend(some)
@@ -218,39 +562,8 @@ def test_which_machine(rows: pd.DataFrame) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_campaigns_without_statistics_are_left_out_and_named(rows: pd.DataFrame) -> None:
-    """As flat priors or a breakdown leave them: the others say the same as without them."""
-    silent = rows.copy()
-    gaussian = [name for name in rows if name.startswith("gaussian_")]
-    silent.loc[silent.index[2], gaussian] = None
-    found, without = lb.trend(silent), lb.trend(rows.drop(index=rows.index[2]))
-    assert found.estimates.equals(without.estimates)
-    name = rows["name"].iloc[2]
-    assert f"Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): {name}." in doubts(
-        found
-    )
-    silent[gaussian] = None
-    with pytest.raises(InputError, match=f"must have sufficient statistics, got none of {len(rows)}"):
-        lb.trend(silent)
-
-
-@pytest.mark.usefixtures("quick")
-def test_one_bar_is_in_every_level(rows: pd.DataFrame) -> None:
-    """Its length and its balls; most where forces span little."""
-    few = rows.assign(force_min_N=[300.0, *[36.0] * 9])
-    one, own = lb.trend(few), lb.trend(few, one_instrument=False)
-    assert [doubt for doubt in doubts(one) if "span little" in doubt] == [
-        "Forces that span little (the greatest below 3 times the least), so that length and ball form of the one bar look like "
-        "compliances and do not average out: c01."
-    ]
-    assert "conservative for changes, not for levels" in verdict(one)
-    assert "span little" not in " ".join(doubts(own))
-    assert "not for levels" not in verdict(own)
-    assert "span little" not in " ".join(doubts(lb.trend(few, parameters=["E_XX1"])))
-
-
-@pytest.mark.usefixtures("quick")
-def test_remarks(rows: pd.DataFrame) -> None:
+def test_doubts(rows: pd.DataFrame) -> None:
+    """What is to be minded of campaigns, of one bar's length and balls, of two campaigns."""
     doubtful = rows.assign(
         status=["failed", *["done"] * 9],
         converged=[True, False, *[True] * 8],
@@ -266,6 +579,16 @@ def test_remarks(rows: pd.DataFrame) -> None:
     assert "different models or priors" in said
     assert "20 N, was not within the tested forces" in said
     assert "With two campaigns" in doubts(lb.trend(rows[:2]))[-1]
+    few = rows.assign(force_min_N=[300.0, *[36.0] * 9])
+    one, own = lb.trend(few), lb.trend(few, one_instrument=False)
+    assert [doubt for doubt in doubts(one) if "span little" in doubt] == [
+        "Forces that span little (the greatest below 3 times the least), so that length and ball form of the one bar look like "
+        "compliances and do not average out: c01."
+    ]
+    assert "conservative for changes, not for levels" in verdict(one)
+    assert "span little" not in " ".join(doubts(own))
+    assert "not for levels" not in verdict(own)
+    assert "span little" not in " ".join(doubts(lb.trend(few, parameters=["E_XX1"])))
 
 
 @pytest.mark.parametrize(
@@ -286,29 +609,6 @@ def test_remarks(rows: pd.DataFrame) -> None:
 def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
         lb.trend(rows, **options)
-
-
-def test_too_few(rows: pd.DataFrame) -> None:
-    with pytest.raises(InputError, match="at least 2 campaigns of one machine to rely on, got 1"):
-        lb.trend(rows[:1])
-
-
-def test_what_is_shown(found: Trend) -> None:
-    record = json.loads(json_text(found.as_dict()))
-    assert record["probability_of_change"] == pytest.approx(found.probability)
-    assert record["campaigns"][6] == {
-        "campaign": "c07",
-        "date": "2025-07-14T00:00:00+00:00",
-        "change_just_before": pytest.approx(found.by_time[6]),
-    }
-    assert record["parameters"]["C_XXX"]["change"]["ci95"] == pytest.approx(found.parameters["C_XXX"].interval)
-    assert len(found.estimates) == 60
-    assert found.estimates["limit_low"].isna().sum() == 6
-    assert record["caveats"] == []
-    for shown in (str(found), found._repr_html_()):
-        for part in ("M1, 10 campaigns", "nm/N", "+20 %", "a change is found"):
-            assert part in shown
-    assert (probability_words(1e-9), probability_words(1.0), probability_words(0.25)) == ("< 0.001", "> 0.999", "0.250")
 
 
 @pytest.mark.usefixtures("quick")
@@ -334,6 +634,43 @@ def test_from_readings() -> None:
     found = lb.trend(pd.DataFrame(made))
     own = found.parameters["C_XXX"]
     assert own.probability > 0.95
-    assert np.argmax(found.by_time) == 4
-    assert abs(own.size - 0.2 * TRUTH["C_XXX"]) < 3.0 * own.sd
-    assert abs(own.before - TRUTH["C_XXX"]) < 3.0 * own.common_sd
+    assert np.argmax(by_time(found)) == 4
+    assert abs(own.change.mean - 0.2 * TRUTH["C_XXX"]) < 3.0 * own.change.sd
+    assert abs(own.level_before - TRUTH["C_XXX"]) < 3.0 * own.common_sd
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("case", ["few", "many", "no dates", "one day", "one parameter"])
+def test_the_figure(case: str) -> None:
+    """Units on its axes, text inside the page and clear of other text; campaigns of one day side by side."""
+    n, step_at = (60, 40) if case == "many" else (8, 5)
+    rows = drawn_rows(n, np.random.default_rng(4), step_at=step_at)
+    if case == "no dates":
+        rows = rows.assign(date=None, machine_id=None)
+    if case == "one day":
+        rows = rows.assign(date="2026-01-01")
+    chosen = {"one parameter": ["C_XXX"], "no dates": ["C_XXX", "C_YYY", "E_YX2"]}.get(case)
+    found = lb.trend(rows, parameters=chosen)
+    figure = lb.control_chart(found)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    shown = [axes for axes in figure.axes if axes.get_visible()]
+    assert len(shown) == 2 * len(found.parameters)
+    bars = [patch.get_x() for axes in shown for patch in axes.patches]
+    assert len(bars) == n * len(found.parameters)
+    assert np.all(np.diff(bars[:n]) > 0.0)
+    page = figure.bbox
+    for axes in shown:
+        low, high = axes.get_xlim()
+        ticks = zip(axes.get_xticks(), axes.get_xticklabels(), strict=False)
+        inside = [label for place, label in ticks if low <= place <= high and label.get_text()]
+        boxes = [label.get_window_extent(renderer) for label in inside if label.get_visible()]
+        assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
+        for text in (axes.title, axes.xaxis.label, axes.yaxis.label):
+            box = text.get_window_extent(renderer)
+            assert not text.get_text() or (box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1)
+    assert "(nm/N)" in shown[0].get_ylabel() + shown[1].get_ylabel()
+    titles = [(axes.title.get_window_extent(renderer), axes.title.get_text()) for axes in shown]
+    boxes = [box for box, text in titles if text]
+    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[i + 1 :])
