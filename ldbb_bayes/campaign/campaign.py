@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.table import table_html
 
@@ -51,11 +51,9 @@ class ForceLaw:
     offset_N: float = -14.2
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.slope_N_per_bar) and self.slope_N_per_bar > 0 and np.isfinite(self.offset_N)):
-            raise InputError(
-                f"force law must have a positive finite slope and a finite offset, got {self.slope_N_per_bar} N/bar and "
-                f"{self.offset_N} N. Correct the [force] table."
-            )
+        got = f"{self.slope_N_per_bar} N/bar and {self.offset_N} N. Correct the [force] table"
+        holds = 0 < self.slope_N_per_bar < np.inf and np.isfinite(self.offset_N)
+        require(holds, f"force law must have a positive finite slope and a finite offset, got {got}.")
 
     def force_N(self, pressure_bar: float) -> float:
         """Force at a pressure [N]."""
@@ -74,10 +72,8 @@ class MountCompensation:
     compensated: bool = True
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.deflection_um_per_bar) and self.deflection_um_per_bar >= 0):
-            raise InputError(
-                f"mount deflection must be a number ≥ 0 in µm/bar, got {self.deflection_um_per_bar}. Correct the [mount] table."
-            )
+        got = f"{self.deflection_um_per_bar}. Correct the [mount] table"
+        require(0 <= self.deflection_um_per_bar < np.inf, f"mount deflection must be a number ≥ 0 in µm/bar, got {got}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +144,7 @@ class CircularTest:
     def _column(self, plain: str, other: str, convert: Callable[[Array], Array]) -> Array | None:
         """The column as one of two units gives it, in the first."""
         given = {name: value for name in (plain, other) if (value := getattr(self, name)) is not None}
-        if len(given) > 1:
-            raise InputError(f"{self.label} must have {plain} or {other}, got both. Keep one of them.")
+        require(len(given) <= 1, f"{self.label} must have {plain} or {other}, got both. Keep one of them.")
         for name, value in given.items():
             array = np.array(value, dtype=float)
             if array.ndim != 1:
@@ -310,10 +305,8 @@ class Campaign:
 
     def __post_init__(self) -> None:
         tests = tuple(self.tests)
-        if not tests:
-            raise InputError("campaign must have at least one test, got none. Add a circular test.")
-        if not self.name.isprintable():
-            raise InputError(f"campaign must have a name that can be printed, got {self.name[:80]!r}. Correct it.")
+        require(tests, "campaign must have at least one test, got none. Add a circular test.")
+        require(self.name.isprintable(), f"campaign must have a name that can be printed, got {self.name[:80]!r}. Correct it.")
         if self.machine_id is not None and not (self.machine_id.strip() and self.machine_id.isprintable()):
             got = f"{self.machine_id[:80]!r}"
             raise InputError(f"machine_id must be a name that can be printed, got {got}. Correct it or leave it out.")
@@ -329,11 +322,8 @@ class Campaign:
         foreseen = tuple(self._resolved(replace(test.with_reading_um(None), name="")) for test in self.foreseen)
         self.__dict__.update(tests=_named([self._resolved(test) for test in tests]), foreseen=foreseen)
         planned = [test.name for test in self.tests if test.reading_um is None]
-        if 0 < len(planned) < len(self.tests):
-            raise InputError(
-                f"campaign must have readings in all tests or in none, got test {planned[0]!r} without. "
-                "Add its file or plan it apart."
-            )
+        got = f"campaign must have readings in all tests or in none, got test {next(iter(planned), '')!r} without"
+        require(len(planned) in (0, len(self.tests)), f"{got}. Add its file or plan it apart.")
         self.__dict__.update(frames_mm=dict(self.machine().frames_mm))
 
     def _resolved(self, test: CircularTest) -> CircularTest:
@@ -438,11 +428,9 @@ Plan = Campaign
 
 def check_campaign(campaign: object) -> None:
     """Answer a path, or anything else that is no campaign, with the right call; None passes."""
-    if campaign is not None and not isinstance(campaign, Campaign):
-        raise InputError(
-            f"campaign must be a Campaign, got {type(campaign).__name__}. "
-            "Read one with lb.read_campaign(path), or make it from arrays."
-        )
+    cure = "Read one with lb.read_campaign(path), or make it from arrays"
+    holds = campaign is None or isinstance(campaign, Campaign)
+    require(holds, f"campaign must be a Campaign, got {type(campaign).__name__}. {cure}.")
 
 
 def _digested(test: CircularTest) -> list[Any]:
@@ -459,8 +447,7 @@ def _named(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Give unnamed tests names after their force, numbering repeats; refuse repeated given names."""
     given = [test.name for test in tests if test.name]
     repeated = next((name for name in given if given.count(name) > 1), None)
-    if repeated is not None:
-        raise InputError(f"test names must differ, got {repeated!r} twice. Give each test its own name.")
+    require(repeated is None, f"test names must differ, got {repeated!r} twice. Give each test its own name.")
     named, used = [], set(given)
     for test in tests:
         stem = test.name or f"f{test.force_N:03.0f}"

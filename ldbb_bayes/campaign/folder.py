@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, ForceLaw, MountCompensation
 from ldbb_bayes.campaign.spreadsheet import columns_of, numbers_of, read_strict_table
-from ldbb_bayes.errors import InputError, check_known, nearest, placed
+from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated
 
 __all__ = [
@@ -63,11 +63,8 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
     path = Path(path)
     if path.is_dir():
         path = path / TOML_NAME
-    if not path.is_file():
-        raise InputError(
-            f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path}, "
-            f"which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path."
-        )
+    got = f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path},"
+    require(path.is_file(), f"{got} which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path.")
     check_known("option", options, [field.name for field in fields(Campaign) if field.name != "tests"])
     if path.suffix.lower() != ".toml":
         tests = _tests_of_table(path)
@@ -160,10 +157,8 @@ def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, An
         raise InputError(f"{path}: schema must be {SCHEMA}, got {schema}, written by a newer version. Upgrade ldbb-bayes.")
     file = validated(_CampaignFile, content, str(path))
     planned = sum(entry.readings or PLANNED_READINGS for entry in file.test if entry.file is None)
-    if planned > LARGEST_PLAN:
-        raise InputError(
-            f"{path}: a plan must have at most {LARGEST_PLAN} readings, got {planned}. Plan fewer readings a circle."
-        )
+    got = f"a plan must have at most {LARGEST_PLAN} readings, got {planned}"
+    require(planned <= LARGEST_PLAN, f"{path}: {got}. Plan fewer readings a circle.")
     tests = tuple(_test(path, i, entry) for i, entry in enumerate(file.test, start=1))
     with placed(path):
         law = ForceLaw(**file.force.model_dump())
@@ -211,8 +206,7 @@ def _inside(toml: Path, k: int, file: str) -> Path:
 def _tests_of_table(path: Path) -> tuple[CircularTest, ...]:
     """The tests of a tidy CSV: columns test, force_N (or pressure_bar), angle_deg, reading_um, optionally others."""
     columns = _read_columns(path, ("test", *_READINGS, *_OF_TEST))
-    if "test" not in columns:
-        raise InputError(f"{path}, line 1: columns must hold 'test', got none. Name the test each row belongs to.")
+    require("test" in columns, f"{path}, line 1: columns must hold 'test', got none. Name the test each row belongs to.")
     readings = _checked(path, columns)
     tests = []
     for name in dict.fromkeys(columns["test"].tolist()):
@@ -220,11 +214,8 @@ def _tests_of_table(path: Path) -> tuple[CircularTest, ...]:
         own: dict[str, Any] = {key: values[rows] for key, values in readings.items()}
         for key in (key for key in _OF_TEST if key in columns):
             values = columns[key][rows]
-            if len(set(values.tolist())) > 1:
-                raise InputError(
-                    f"{path}: {key} must be the same in all rows of a test, got {values.min()} to {values.max()} in {name!r}. "
-                    "Split the test or correct the rows."
-                )
+            got = f"{path}: {key} must be the same in all rows of a test, got {values.min()} to {values.max()} in {name!r}."
+            require(len(set(values.tolist())) == 1, f"{got} Split the test or correct the rows.")
             own[key] = (values[0] or None) if key in _TEXTS else float(values[0])
         with placed(path):
             tests.append(CircularTest(name=name, **own))
@@ -245,11 +236,9 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
                 f"Did you mean {nearest(name[:60], known)!r}? Rename or remove the column, "
                 "or let ldbb-bayes import read the file."
             )
-        if names.count(name) > 1:
-            raise InputError(f"{path}, line 1: columns must differ, got {name!r} twice. Remove one.")
+        require(names.count(name) == 1, f"{path}, line 1: columns must differ, got {name!r} twice. Remove one.")
     filled = [row for row in rows[1:] if any(row[1])]
-    if not filled:
-        raise InputError(f"{path} must hold readings below its header, got none. Fill the file or remove the test.")
+    require(filled, f"{path} must hold readings below its header, got none. Fill the file or remove the test.")
     if all(any(cells[len(names) :]) for _, cells in filled):
         raise InputError(
             f"{path}, line 1: the header must name every column, got fewer names than columns. Name them all; "
@@ -313,10 +302,8 @@ def _entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
         raise InputError(f"a plan's angles must be evenly spaced to be written, got test {test.name!r}. Plan even angles.")
     full = abs(abs(n * step) - 360.0) < 1e-6 * 360.0
     arc = float(np.copysign(360.0, step) if full else (n - 1) * step)
-    if abs(arc) > 360.0:
-        raise InputError(
-            f"a plan's angles must span one turn to be written, got {arc:g}° in test {test.name!r}. Plan one turn a test."
-        )
+    got = f"{arc:g}° in test {test.name!r}"
+    require(abs(arc) <= 360.0, f"a plan's angles must span one turn to be written, got {got}. Plan one turn a test.")
     return _given(entry | {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": arc})
 
 

@@ -21,7 +21,7 @@ from ldbb_bayes.campaign.heading import Heading, Said, find_headings, load_in_na
 from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes, in_ours
 from ldbb_bayes.campaign.preparation import angles_from_time, average_laps, direction_run, on_the_circle
 from ldbb_bayes.campaign.spreadsheet import Sheet, Unusable, numbers_of, read_sheets
-from ldbb_bayes.errors import InputError, nearest, placed
+from ldbb_bayes.errors import InputError, nearest, placed, require
 from ldbb_bayes.result import Result
 
 __all__ = ["Imported", "import_campaign"]
@@ -238,10 +238,8 @@ class _Table:
         named, option = given or header, "--unit" if role == "reading" else f"--{role}-unit"
         one = in_ours(role, named or default)
         if one is None:
-            raise InputError(
-                f"{self.place}: the {role} must be in {', '.join(UNITS[role])}, got {named[:40]!r} in line {self.heading.line}. "
-                f"Correct the header, or give {option}."
-            )
+            got = f"the {role} must be in {', '.join(UNITS[role])}, got {named[:40]!r} in line {self.heading.line}"
+            raise InputError(f"{self.place}: {got}. Correct the header, or give {option}.")
         if not named:
             self.note(f"unit of the {role}", default, because, option)
         elif not given and " " in header:
@@ -308,11 +306,8 @@ class _Table:
     def _reading(self) -> Array:
         """Actual ball distance − R, shape (n,) [µm]."""
         raw = self._column("reading", "reading")
-        if np.ptp(raw) == 0.0:
-            got = f"{raw[0]:g} in all"
-            raise InputError(
-                f"{self.place}: the reading must change from row to row, got {got}. Say which column it is: --reading-column."
-            )
+        got = f"the reading must change from row to row, got {raw[0]:g} in all"
+        require(np.ptp(raw) > 0.0, f"{self.place}: {got}. Say which column it is: --reading-column.")
         largest, by_radius = float(np.abs(raw).max()), abs(np.median(raw) / self.radius_mm - 1.0) < _NEAR_RADIUS
         usual = "mm" if by_radius or largest < _LARGEST_IN_MM else "um"
         reading = raw * self._unit("reading", usual, f"the largest is {largest:.4g}")
@@ -500,8 +495,7 @@ def import_campaign(
     """
     layout, notes = layout or Layout(), Notes()
     paths = [Path(file) for file in ([files] if isinstance(files, str | os.PathLike) else files)]
-    if not paths:
-        raise InputError("files must be given, got none. Name the tables to read.")
+    require(paths, "files must be given, got none. Name the tables to read.")
     tests: list[CircularTest] = []
     tables = []
     for path in paths:
@@ -520,11 +514,8 @@ def import_campaign(
         tests.append(test)
     names = [test.name for test in tests]
     twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
-    if twice is not None:
-        raise InputError(
-            f"{', '.join(map(str, paths))[:_LONGEST_LIST]}: tests must bear different names, got {twice!r} twice. "
-            "A file or sheet named twice? Else rename one, or give it a name in a [[test]] of --layout."
-        )
+    got = f"{', '.join(map(str, paths))[:_LONGEST_LIST]}: tests must bear different names, got {twice!r} twice."
+    require(twice is None, f"{got} A file or sheet named twice? Else rename one, or give it a name in a [[test]] of --layout.")
     used = {name for table in tables for name in _names(table.sheet, table.label)}
     known = sorted({path.name for path in paths} | set(names))
     for entry in layout.test:
@@ -540,12 +531,9 @@ def _loads_in_order(layout: Layout, tables: Sequence[_Table]) -> dict[str, list[
     """Loads that were given for all tests in their order."""
     given = {key: values for key, (_, name) in _LOADS.items() if (values := getattr(layout, name))}
     for key, values in given.items():
-        if len(values) != len(tables):
-            names = ", ".join(table.label or table.sheet.own_name or table.sheet.path.stem for table in tables)
-            raise InputError(
-                f"{_option(key)} must hold one number for each test, got {len(values)} for {len(tables)} tests "
-                f"({names[:_LONGEST_LIST]}). Give all, in the order of files and sheets."
-            )
+        names = ", ".join(table.label or table.sheet.own_name or table.sheet.path.stem for table in tables)[:_LONGEST_LIST]
+        got = f"{_option(key)} must hold one number for each test, got {len(values)} for {len(tables)} tests ({names})"
+        require(len(values) == len(tables), f"{got}. Give all, in the order of files and sheets.")
     return given
 
 

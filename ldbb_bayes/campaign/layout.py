@@ -29,51 +29,22 @@ __all__ = [
     "unit_named",
 ]
 
-# By role: what one of each unit is in ours, and the words and signs people use for it.
-_TABLE: Mapping[str, Mapping[str, tuple[float, str]]] = {
-    "angle": {
-        "deg": (1.0, "deg degs ° degree degrees"),
-        "rad": (57.29577951308232, "rad radian radians"),
-        "gon": (0.9, "gon grads gradian gradians"),
-        "mrad": (0.05729577951308232, "mrad"),
-        "arcmin": (1.0 / 60.0, "arcmin '"),
-    },
-    "reading": {
-        "um": (1.0, "um µm μm micron microns micrometer micrometers micrometre micrometres mikrometer"),
-        "mm": (1e3, "mm millimeter millimeters millimetre millimetres"),
-        "nm": (1e-3, "nm nanometer nanometers nanometre nanometres"),
-        "m": (1e6, "m"),
-        "cm": (1e4, "cm"),
-        "inch": (25_400.0, 'in inch inches "'),
-        "mil": (25.4, "mil mils thou"),
-        "uinch": (0.0254, "uin µin μin uinch µinch μinch microinch microinches"),
-    },
-    "time": {
-        "s": (1.0, "s sec secs second seconds sekunden"),
-        "ms": (1e-3, "ms msec"),
-        "us": (1e-6, "us µs μs"),
-        "min": (60.0, "min minutes"),
-        "h": (3600.0, "h hour hours"),
-        "d": (86_400.0, "d day days"),
-    },
-    "force": {
-        "N": (1.0, "n newton newtons"),
-        "kN": (1e3, "kn kilonewton"),
-        "daN": (10.0, "dan"),
-        "lbf": (4.4482216152605, "lbf lb lbs"),
-        "kgf": (9.80665, "kgf kp"),
-    },
-    "pressure": {
-        "bar": (1.0, "bar bars barg"),
-        "mbar": (1e-3, "mbar hpa millibar"),
-        "MPa": (10.0, "mpa"),
-        "kPa": (0.01, "kpa"),
-        "Pa": (1e-5, "pa"),
-        "psi": (0.0689475729317831, "psi psig"),
-    },
+# By role: each unit, what one of it is in ours, and the other words and signs people use for it.
+_TABLE = {
+    "angle": """deg 1 degs ° degree degrees; rad 57.29577951308232 radian radians; gon 0.9 grads gradian gradians;
+        mrad 0.05729577951308232; arcmin 0.016666666666666666 '""",
+    "reading": """um 1 µm μm micron microns micrometer micrometers micrometre micrometres mikrometer;
+        mm 1e3 millimeter millimeters millimetre millimetres; nm 1e-3 nanometer nanometers nanometre nanometres; m 1e6; cm 1e4;
+        inch 25400 in inches ";
+        mil 25.4 mils thou; uinch 0.0254 uin µin μin µinch μinch microinch microinches""",
+    "time": """s 1 sec secs second seconds sekunden; ms 1e-3 msec; us 1e-6 µs μs; min 60 minutes; h 3600 hour hours;
+        d 86400 day days""",
+    "force": "N 1 newton newtons; kN 1e3 kilonewton; daN 10; lbf 4.4482216152605 lb lbs; kgf 9.80665 kp",
+    "pressure": "bar 1 bars barg; mbar 1e-3 hpa millibar; MPa 10; kPa 0.01; Pa 1e-5; psi 0.0689475729317831 psig",
 }
+_ENTRIES = {role: [entry.split() for entry in text.split(";")] for role, text in _TABLE.items()}
 UNITS: Mapping[str, Mapping[str, float]] = {
-    role: {unit: one for unit, (one, _) in units.items()} for role, units in _TABLE.items()
+    role: {unit: float(one) for unit, one, *_ in entries} for role, entries in _ENTRIES.items()
 }
 # Words by which headers name what a column holds, in the order they are tried.
 ROLES: Mapping[str, tuple[str, ...]] = {
@@ -97,7 +68,7 @@ def plain(text: str) -> str:
     return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
 
 
-_BY_WORD = {plain(word): unit for units in _TABLE.values() for unit, (_, words) in units.items() for word in words.split()}
+_BY_WORD = {plain(word): unit for entries in _ENTRIES.values() for unit, _, *words in entries for word in (unit, *words)}
 
 
 def unit_named(text: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 
 __all__ = [
     "angles_from_time",
@@ -34,13 +34,9 @@ def compensate_mount(campaign: Campaign) -> Campaign:
     InputError
         When the readings are compensated already.
     """
-    if campaign.is_plan:
-        raise InputError("mount compensation must have readings to correct, got a plan. Measure or simulate it first.")
-    if campaign.mount.compensated:
-        raise InputError(
-            "mount compensation must be applied once, got readings marked compensated. "
-            "Set [mount] compensated = false if they are raw."
-        )
+    require(not campaign.is_plan, "mount compensation must have readings to correct, got a plan. Measure or simulate it first.")
+    got = "mount compensation must be applied once, got readings marked compensated."
+    require(not campaign.mount.compensated, f"{got} Set [mount] compensated = false if they are raw.")
     deflection = campaign.mount.deflection_um_per_bar
     tests = [test.with_reading_um(test.reading_um - deflection * (test.pressure_bar or 0.0)) for test in campaign.tests]
     return replace(campaign, tests=tuple(tests), mount=replace(campaign.mount, compensated=True))
@@ -65,8 +61,7 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> 
             raise InputError(f"arcs_deg must be finite angles, got ({start}, {end}). Give start and end in degrees.")
         width = 360.0 if abs(end - start) >= 360.0 else np.mod(end - start, 360.0)
         keep &= np.mod(test.angle_deg - start, 360.0) > width
-    if not keep.any():
-        raise InputError(f"arcs_deg must leave readings, got arcs that cover all of test {test.name!r}. Make them smaller.")
+    require(keep.any(), f"arcs_deg must leave readings, got arcs that cover all of test {test.name!r}. Make them smaller.")
     return test.select(keep)
 
 
@@ -78,8 +73,7 @@ def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularT
     InputError
         When the half width is not between 0° and 45°.
     """
-    if not 0.0 < half_width_deg < 45.0:
-        raise InputError(f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.")
+    require(0.0 < half_width_deg < 45.0, f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.")
     return mask_angles(test, [(q - half_width_deg, q + half_width_deg) for q in (0.0, 90.0, 180.0, 270.0)])
 
 
@@ -99,11 +93,8 @@ def trim_overshoot(test: CircularTest, *, start_deg: float | None = None, arc_de
         When the recording is shorter than the pass, or its angles do not run in one direction.
     """
     angle, steps = test.angle_deg, np.diff(test.angle_deg)
-    if not (np.all(steps > 0) or np.all(steps < 0)):
-        raise InputError(
-            f"angles must run in one direction to be trimmed, got test {test.name!r} with changes of direction. "
-            "Unwrap the angles past 360° first."
-        )
+    got = f"angles must run in one direction to be trimmed, got test {test.name!r} with changes of direction."
+    require(np.all(steps > 0) or np.all(steps < 0), f"{got} Unwrap the angles past 360° first.")
     travel, step, tolerance = np.sign(steps[0]), abs(np.median(steps)), 1e-6 * arc_deg
     along = travel * angle
     span = along[-1] - along[0]
@@ -132,11 +123,9 @@ def angles_from_time(
         When the log ends before it has covered the overshoot and half a turn.
     """
     travelled = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm) * (time_s - time_s[0])
-    if travelled[-1] < overshoot_deg + 0.5 * _TURN:
-        raise InputError(
-            f"a log must cover the overshoot and half a turn, got {travelled[-1]:.1f}° at {feed_mm_per_min:g} mm/min "
-            f"on {radius_mm:g} mm. Check feed, radius and the unit of time."
-        )
+    got = f"{travelled[-1]:.1f}° at {feed_mm_per_min:g} mm/min on {radius_mm:g} mm. Check feed, radius and the unit of time"
+    enough = travelled[-1] >= overshoot_deg + 0.5 * _TURN
+    require(enough, f"a log must cover the overshoot and half a turn, got {got}.")
     return start_deg + sense * (travelled - overshoot_deg)
 
 
@@ -163,17 +152,13 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     once = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg, reading_um = angle_deg[once], reading_um[once]
     steps = np.diff(angle_deg)
-    if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
-        raise InputError(
-            "angles must run in one direction for laps to be averaged, got changes of direction. Keep the laps (--laps keep)."
-        )
+    got = "angles must run in one direction for laps to be averaged, got changes of direction"
+    require(np.all(steps > 0.0) or np.all(steps < 0.0), f"{got}. Keep the laps (--laps keep).")
     along = np.abs(angle_deg - angle_deg[0])
     step = float(np.median(np.abs(steps)))
     whole = int((along[-1] + 1.01 * step) // _TURN)
-    if whole < 2:
-        raise InputError(
-            f"a recording must hold two whole laps to be averaged, got {along[-1] / _TURN:.2f}. Keep the laps (--laps keep)."
-        )
+    got = f"a recording must hold two whole laps to be averaged, got {along[-1] / _TURN:.2f}"
+    require(whole >= 2, f"{got}. Keep the laps (--laps keep).")
     first = along < _TURN - 1e-6 * step
     laps = [np.interp(along[first] + lap * _TURN, along, reading_um) for lap in range(whole)]
     return angle_deg[first], np.mean(laps, axis=0)

@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
 
 __all__ = [
@@ -204,10 +204,8 @@ def constant(
     """The one value that a column holds in all rows of a test; None where it is empty."""
     other = next((k for k, cell in enumerate(cells) if cell != cells[0]), None)
     if other is not None:
-        raise InputError(
-            f"{place}, line {lines[other]}: {name} must be the same in all rows of test {test!r}, "
-            f"got {cells[other][:_SHOWN]!r} after {cells[0][:_SHOWN]!r}. Correct it."
-        )
+        got = f"{name} must be the same in all rows of test {test!r}, got {cells[other][:_SHOWN]!r} after {cells[0][:_SHOWN]!r}"
+        raise InputError(f"{place}, line {lines[other]}: {got}. Correct it.")
     if not cells[0] or name in ("plane", "direction"):
         return cells[0] or None
     return float(numbers_of(place, name, lines[:1], cells[:1], decimal)[0])
@@ -233,11 +231,8 @@ def read_sheets(
         Of a workbook. Default: all that hold anything.
     """
     raw = _bytes_of(path)
-    if raw.startswith(_OLD_WORKBOOK):
-        raise InputError(
-            f"{path} must be a text table or an XLSX workbook, got the old binary XLS, or one with a "
-            "password. Save it as .xlsx without one, or as 'CSV UTF-8'."
-        )
+    got = "the old binary XLS, or one with a password. Save it as .xlsx without one, or as 'CSV UTF-8'"
+    require(not raw.startswith(_OLD_WORKBOOK), f"{path} must be a text table or an XLSX workbook, got {got}.")
     if raw.startswith(_ZIP) or path.suffix.lower() in _WORKBOOKS:
         return _sheets_of_workbook(path, raw, sheets)
     if sheets:
@@ -260,8 +255,7 @@ def read_strict_table(path: Path) -> tuple[Rows, str]:
 
 def _bytes_of(path: Path) -> bytes:
     raw = bytes_of(path, LARGEST_TABLE_BYTES, what="a file")
-    if not raw.strip(b" \t\r\n\0"):
-        raise InputError(f"{path} must hold a table, got an empty file. Leave it out or export it again.")
+    require(raw.strip(b" \t\r\n\0"), f"{path} must hold a table, got an empty file. Leave it out or export it again.")
     return raw
 
 
@@ -288,10 +282,8 @@ def columns_of(place: str, rows: Rows, width: int) -> tuple[list[int], list[list
     """Lines and columns of rows that are equally wide."""
     for line, cells in rows:
         if len(cells) < width or any(cells[width:]):
-            raise InputError(
-                f"{place}, line {line}: rows must have {width} cells, got {len(cells)}. Complete or remove the line; "
-                "with decimal commas separate the cells by semicolons."
-            )
+            cure = "Complete or remove the line; with decimal commas separate the cells by semicolons"
+            raise InputError(f"{place}, line {line}: rows must have {width} cells, got {len(cells)}. {cure}.")
     return [line for line, _ in rows], [list(column) for column in zip(*(cells[:width] for _, cells in rows), strict=True)]
 
 
@@ -393,8 +385,7 @@ def _sheets_of_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[S
             hidden += [f"{hidden_rows} rows of the workbook"] if hidden_rows else []
             whole = [(k, [*texts, *[""] * (width - len(texts))]) for k, texts in rows]
             found.append(Sheet(path, name, whole, hidden=" and ".join(hidden)))
-    if not found:
-        raise InputError(f"{path} must hold a table, got empty sheets. Leave it out or export it again.")
+    require(found, f"{path} must hold a table, got empty sheets. Leave it out or export it again.")
     return found
 
 
