@@ -9,7 +9,6 @@ from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
 from .analysis.comparison import compare as compare
 from .analysis.comparison import read_comparison as read_comparison
-from .analysis.describe import describe as describe
 from .analysis.design.candidates import Costs as Costs
 from .analysis.design.design import Design as Design
 from .analysis.design.design import design as design
@@ -17,6 +16,7 @@ from .analysis.design.design import read_design as read_design
 from .analysis.differences import differences as differences
 from .analysis.identifiability import Identifiability as Identifiability
 from .analysis.identifiability import ParameterIdentifiability as ParameterIdentifiability
+from .analysis.identifiability import describe as describe
 from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts
 from .analysis.local_fits import local_fits as local_fits

@@ -17,7 +17,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from ldbb_bayes.errors import InputError, nearest
+from ldbb_bayes.errors import InputError, nearest, require
 
 __all__ = [
     "LARGEST_TABLE_BYTES",
@@ -31,8 +31,9 @@ __all__ = [
     "write_whole",
 ]
 
-LARGEST_TABLE_BYTES = 64 * 2**20
+LARGEST_TABLE_BYTES, LARGEST_TOML_BYTES, LONGEST_LINE = 64 * 2**20, 512 * 2**10, 20_000
 _RETIRED = "-old"
+M = TypeVar("M", bound=BaseModel)
 
 
 def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
@@ -44,18 +45,26 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
         Naming the file and the cure.
     """
     try:
-        if not path.is_file():
-            got = "a folder" if path.is_dir() else "no ordinary file" if path.exists() else "nothing"
-            cure = f"Name the files in it: {path}/*" if path.is_dir() else "Check the path"
-            raise InputError(f"{path} must be {what}, got {got}. {cure}.")
+        got = "a folder" if path.is_dir() else "no ordinary file" if path.exists() else "nothing"
+        cure = f"Name the files in it: {path}/*" if path.is_dir() else "Check the path"
+        require(path.is_file(), f"{path} must be {what}, got {got}. {cure}.")
         with path.open("rb") as file:
             raw = file.read(largest + 1)
     except OSError as error:
         raise InputError(f"{path} must be a readable file, got: {error.strerror}. Check the name and the permissions.") from None
-    if len(raw) > largest:
-        size = f"{largest / 2**20:.0f} MB" if largest >= 2**20 else f"{largest / 2**10:.0f} kB"
-        raise InputError(f"{path} must be at most {size}, got more. Remove what does not belong there, or split it.")
+    size = f"{largest / 2**20:.0f} MB" if largest >= 2**20 else f"{largest / 2**10:.0f} kB"
+    require(len(raw) <= largest, f"{path} must be at most {size}, got more. Remove what does not belong there, or split it.")
     return raw
+
+
+@contextmanager
+def _writing(target: Path) -> Iterator[None]:
+    """What the system refuses, in one message."""
+    try:
+        yield
+    except OSError as error:
+        got = error.strerror or error
+        raise InputError(f"{target} must be writable, got: {got}. Free some space or choose another place.") from None
 
 
 def write_whole(target: Path, content: bytes) -> None:
@@ -67,7 +76,7 @@ def write_whole(target: Path, content: bytes) -> None:
         When it cannot be written; what was there before then stands.
     """
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
-    try:
+    with _writing(target):
         try:
             with staging.open("xb") as file:
                 file.write(content)
@@ -76,10 +85,6 @@ def write_whole(target: Path, content: bytes) -> None:
             os.replace(staging, target)
         finally:
             staging.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{target} must be writable, got: {error.strerror or error}. Free some space or choose another place."
-        ) from None
 
 
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
@@ -102,21 +107,15 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     kind = None
     with suppress(OSError):
         kind = target.stat().st_mode
-    if kind is not None and not force:
-        raise InputError(f"{target} must not exist, got an existing one. Choose another name or pass --force.")
-    if kind is not None and not stat.S_ISDIR(kind):
-        raise InputError(f"{target} must be a folder, got a file. Choose another name.")
-    here = Path.cwd()
-    if _resolved(target) in (here, *here.parents):
-        raise InputError(f"{target} must not be the folder you stand in, or one above it. Choose another name.")
+    require(kind is None or force, f"{target} must not exist, got an existing one. Choose another name or pass --force.")
+    require(kind is None or stat.S_ISDIR(kind), f"{target} must be a folder, got a file. Choose another name.")
+    standing = _resolved(target) in (Path.cwd(), *Path.cwd().parents)
+    require(not standing, f"{target} must not be the folder you stand in, or one above it. Choose another name.")
     foreign: list[str] = []
     with suppress(FileNotFoundError, NotADirectoryError):  # another run may be replacing it
         foreign = sorted(set(os.listdir(target)) - set(ours))
-    if foreign:
-        raise InputError(
-            f"{target} must hold nothing but earlier results to be replaced, got {foreign[0]!r}. "
-            "Move it away or choose another name."
-        )
+    got = f"{target} must hold nothing but earlier results to be replaced, got {(foreign or [''])[0]!r}"
+    require(not foreign, f"{got}. Move it away or choose another name.")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent):
@@ -142,16 +141,13 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
     check_target(target, force=force, ours=ours)
     staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
-        yield staging
-        staging.chmod(0o755)
-        _sync(staging)
-        _take_place(staging, target, force=force)
+        with _writing(target):
+            yield staging
+            staging.chmod(0o755)
+            _sync(staging)
+            _take_place(staging, target, force=force)
     except InputError as error:
         raise InputError(str(error).replace(str(staging), str(target))) from None
-    except OSError as error:
-        raise InputError(
-            f"{target} must be writable, got: {error.strerror or error}. Free some space or choose another place."
-        ) from None
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 
@@ -168,10 +164,8 @@ def _take_place(staging: Path, target: Path, *, force: bool) -> None:
             if not (occupied or (error.errno == errno.EACCES and target.is_dir())):
                 _put_back(target)
                 raise
-        if not force:
-            raise InputError(
-                f"{target} must not exist, got one that another run wrote meanwhile. Choose another name or pass --force."
-            )
+        got = "one that another run wrote meanwhile"
+        require(force, f"{target} must not exist, got {got}. Choose another name or pass --force.")
         _discard(retired)
         with suppress(FileNotFoundError):
             os.rename(target, retired)
@@ -198,13 +192,7 @@ def _put_back(target: Path) -> None:
 
 
 def _resolved(path: Path) -> Path:
-    """Links followed.
-
-    Raises
-    ------
-    InputError
-        For links that lead to themselves.
-    """
+    """Links followed; those that lead to themselves are refused."""
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             path.stat()
@@ -237,8 +225,6 @@ def _to_disk(handle: int) -> None:
             raise
 
 
-LARGEST_TOML_BYTES = 512 * 2**10
-LONGEST_LINE = 20_000
 # Keys of more parts cost time that grows with the square of their number; none of our files has more than three.
 _DEEP = re.compile(r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}")
 
@@ -266,24 +252,20 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
     ------
     InputError
     """
-    if len(text) > LARGEST_TOML_BYTES:
-        raise InputError(
-            f"{place} must hold at most {LARGEST_TOML_BYTES // 2**10} kB, got more. Remove what does not belong there."
-        )
+    kilobytes = LARGEST_TOML_BYTES // 2**10
+    require(
+        len(text) <= LARGEST_TOML_BYTES, f"{place} must hold at most {kilobytes} kB, got more. Remove what does not belong there."
+    )
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > LONGEST_LINE or _DEEP.search(line):
-            raise InputError(
-                f"{place}, line {number}: lines must be short and keys plain, got {line[:40]!r}…. Correct that line."
-            )
+            got = f"lines must be short and keys plain, got {line[:40]!r}…"
+            raise InputError(f"{place}, line {number}: {got}. Correct that line.")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{place} must be valid TOML, got: {error}. Correct that place.") from None
     except (RecursionError, ValueError, OverflowError) as error:
         raise InputError(f"{place} must be valid TOML, got what cannot be read ({type(error).__name__}). Correct it.") from None
-
-
-M = TypeVar("M", bound=BaseModel)
 
 
 def validated(model: type[M], content: dict[str, Any], place: str) -> M:

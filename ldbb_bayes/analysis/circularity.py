@@ -6,6 +6,7 @@ circle 50 µm off centre).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -34,9 +35,7 @@ __all__ = [
     "circularity",
     "contribution_paths",
     "contributions",
-    "elastic_columns",
     "first_circle",
-    "geometric_columns",
     "least_squares_zone",
     "measured_circularity",
     "minimum_zone",
@@ -50,6 +49,7 @@ _FEWEST = 3
 _EXCHANGES = 200
 _LEVEL = 1e-9
 _SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
+_SIDES = ((-1.0, 0.0, 1.0), (1.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -86,28 +86,27 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
         Radial deviation of the path from the nominal circle at each angle; any unit.
     """
     columns = _columns(angle_rad, deviation)
-    mean, a, b = np.linalg.lstsq(columns, deviation, rcond=None)[0]
-    rest = deviation - columns[:, 1:] @ [a, b]
-    return Zone((float(a), float(b)), float(rest.min()), float(rest.max()), float(mean))
+    mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()
+    return _zone(columns, deviation, centre, mean)
 
 
 def minimum_zone(angle_rad: Array, deviation: Array) -> Zone:
     """About the centre that makes the zone narrowest: a linear programme, solved exactly."""
     columns = _columns(angle_rad, deviation)
     size = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
-    scaled, ones = deviation / size, np.ones(len(deviation))
-    # a, b, lower, upper: lower ≤ ρ − a cos θ − b sin θ ≤ upper.
-    above = np.column_stack([-columns[:, 1:], 0.0 * ones, -ones])
-    below = np.column_stack([columns[:, 1:], ones, 0.0 * ones])
-    solved = linprog(
-        [0.0, 0.0, -1.0, 1.0], np.vstack([above, below]), np.concatenate([-scaled, scaled]), bounds=(None, None), method="highs"
-    )
+    # Centre, lower, upper: lower ≤ ρ − a cos θ − b sin θ ≤ upper.
+    sides = [sign * np.column_stack([columns[:, 1:], columns[:, :1] * low, columns[:, :1] * high]) for sign, low, high in _SIDES]
+    limits = np.concatenate([-deviation, deviation]) / size
+    solved = linprog([0.0, 0.0, -1.0, 1.0], np.vstack(sides), limits, bounds=(None, None), method="highs")
     if solved.x is None or not solved.success:
         raise InputError(f"a minimum zone must exist, got none ({solved.message}). Check the readings.")
-    a, b = solved.x[:2] * size
-    rest = deviation - columns[:, 1:] @ [a, b]
+    return _zone(columns, deviation, (solved.x[:2] * size).tolist())
+
+
+def _zone(columns: Array, deviation: Array, centre: Sequence[float], mean: float | None = None) -> Zone:
+    rest = deviation - columns[:, 1:] @ centre
     lower, upper = float(rest.min()), float(rest.max())
-    return Zone((float(a), float(b)), lower, upper, 0.5 * (lower + upper))
+    return Zone((centre[0], centre[1]), lower, upper, 0.5 * (lower + upper) if mean is None else mean)
 
 
 def minimum_zone_widths(angle_rad: Array, deviations: Array) -> Array:
@@ -175,14 +174,10 @@ _CLOSED_DEG = 350.0
 _ZONES = 200
 _COS2, _SIN2 = harmonic_index(2)
 QUANTITIES = {
-    "G": "µm",
-    "G_minimum_zone": "µm",
-    "F_max": "µm",
-    "F_min": "µm",
-    "squareness": "µm/m",
-    "scale_mismatch": "µm/m",
+    **dict.fromkeys(("G", "G_minimum_zone", "F_max", "F_min"), "µm"),
+    **dict.fromkeys(("squareness", "scale_mismatch"), "µm/m"),
 }
-BIDIRECTIONAL = {"G_b": "µm", "G_b_minimum_zone": "µm", "D": "µm"}
+BIDIRECTIONAL = dict.fromkeys(("G_b", "G_b_minimum_zone", "D"), "µm")
 
 
 def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -198,10 +193,17 @@ def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataF
     """
     bound = bound_of(posterior)
     tests = {test.name: _measured(bound, test) for test in bound.campaign.tests}
-    pairs = {
-        f"{one.name} + {other.name}": {"force_N": one.force_N, "plane": one.plane, **_both(_trace(one), _trace(other))}
-        for one, other in _pairs(bound.campaign.tests)
-    }
+    pairs = {}
+    for one, other in _pairs(bound.campaign.tests):
+        traces = _trace(one), _trace(other)
+        both = np.concatenate(traces, axis=1)
+        pairs[f"{one.name} + {other.name}"] = {
+            "force_N": one.force_N,
+            "plane": one.plane,
+            "G_b": least_squares_zone(*both).width,
+            "G_b_minimum_zone": minimum_zone(*both).width,
+            "D": float(np.mean([least_squares_zone(*trace).mean for trace in traces])),
+        }
     columns = ["force_N", "plane", *BIDIRECTIONAL]
     return pd.DataFrame.from_dict(tests, orient="index"), pd.DataFrame.from_dict(pairs, orient="index", columns=columns)
 
@@ -228,18 +230,9 @@ def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     }
 
 
-def _trace(test: CircularTest) -> tuple[Array, Array]:
-    return test.angles_rad(), np.asarray(test.reading_um, dtype=float)
-
-
-def _both(one: tuple[Array, Array], other: tuple[Array, Array]) -> dict[str, float]:
-    """G(b) about the common centre of both paths, and D: the mean of their least-squares radii less the nominal one."""
-    angle, deviation = np.concatenate([one[0], other[0]]), np.concatenate([one[1], other[1]])
-    return {
-        "G_b": least_squares_zone(angle, deviation).width,
-        "G_b_minimum_zone": minimum_zone(angle, deviation).width,
-        "D": 0.5 * (least_squares_zone(*one).mean + least_squares_zone(*other).mean),
-    }
+def _trace(test: CircularTest) -> Array:
+    """Angles and readings, shape (2, n)."""
+    return np.array([test.angles_rad(), test.reading_um], dtype=float)
 
 
 def _pairs(tests: Sequence[CircularTest]) -> Iterator[tuple[CircularTest, CircularTest]]:
@@ -288,7 +281,7 @@ def circularity(
     for plane in bound.setting.planes:
         r = first_circle(bound, plane)
         for force in map(float, forces):
-            path = beta @ (geometric_columns(bound, r) + elastic_columns(bound, r, force)).T * 1e3
+            path = beta @ np.add(*_machine_columns(bound, r, force)).T * 1e3
             found = _of_paths(path, _per_second_order(bound, r))
             if plane in travel:
                 constant, proportional = travel[plane]
@@ -343,13 +336,11 @@ def _travel_draws(bound: BoundModel, beta: Array, phi: Array) -> dict[str, tuple
     found = {}
     for plane in bound.setting.both_ways:
         r = next(r for r, own in enumerate(bound.setting.plane) if own == plane and bound.setting.travel[r] != 0.0)
-        parts = [np.zeros((len(beta), SIZE)), np.zeros((len(beta), SIZE))]
-        for j, name in enumerate(drawn.names):
-            if name.startswith("hysteresis"):
-                share = drawn.values[r, :, j] * bound.setting.travel[r]
-                per_force = name.startswith("hysteresis_force")
-                parts[per_force] += np.outer(drawn.draws[:, j], share / (bound.setting.force_N[r] if per_force else 1.0))
-        if parts[0].any() or parts[1].any():
+        parts = []
+        for stem, per in ((r"hysteresis_(?!force)", 1.0), ("hysteresis_force", bound.setting.force_N[r])):
+            own = [j for j, name in enumerate(drawn.names) if re.match(stem, name)]
+            parts.append(drawn.draws[:, own] @ (drawn.values[r][:, own].T * (bound.setting.travel[r] / per)))
+        if any(part.any() for part in parts):
             found[plane] = (parts[0], parts[1])
     return found
 
@@ -381,21 +372,11 @@ def offsets(bound: BoundModel) -> Array:
     return np.array([name.startswith("E_") and name[3] == "t" for name in bound.names])
 
 
-def geometric_columns(bound: BoundModel, r: int) -> Array:
-    """Columns of the geometric errors on the circle of a test, zero for compliances, shape (25, p)."""
+def _machine_columns(bound: BoundModel, r: int, force_N: float) -> tuple[Array, Array]:
+    """Columns of compliances and slopes at any force, and of geometric errors, on the circle of a test, each (25, p)."""
     geometric = np.array([p.group == "geometric" for p in bound.parameters])
-    return np.where(geometric, bound.interest[r], 0.0)
-
-
-def elastic_columns(bound: BoundModel, r: int, force_N: float) -> Array:
-    """Columns of the compliances and slopes at any force on the circle of a test, zero for geometric errors, shape (25, p)."""
-    labels = [name.label for name in bound.compliances]
-    columns = np.zeros((SIZE, len(bound.names)))
-    lever = force_N - bound.setting.reference_force_N
-    for j, parameter in enumerate(bound.parameters):
-        if parameter.group != "geometric":
-            columns[:, j] = force_N * lever**parameter.degree * bound.setting.wrench[r][:, labels.index(parameter.compliance)]
-    return columns
+    elastic = force_N * bound.setting.wrench[r] @ bound.compliance_at(force_N)
+    return elastic, np.where(geometric, bound.interest[r], 0.0)
 
 
 _DRAWS = 2000
@@ -438,17 +419,14 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
 def contribution_paths(bound: BoundModel, r: int, force_N: float, beta: Array) -> Mapping[str, Array]:
     """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in `contributions`."""
     turn = basis(_ANGLE).T * 1e3
-    elastic, geometric = elastic_columns(bound, r, force_N), geometric_columns(bound, r)
+    elastic, geometric = _machine_columns(bound, r, force_N)
     machine = np.where(offsets(bound), 0.0, geometric)
-    found = {
-        TOGETHER: beta @ (elastic + machine).T @ turn,
-        COMPLIANCE: beta @ elastic.T @ turn,
-        GEOMETRY: beta @ machine.T @ turn,
-    }
-    for name in (compliance.label for compliance in bound.compliances):
-        own = np.array([p.group != "geometric" and p.compliance == name for p in bound.parameters])
-        found[name] = beta[:, own] @ elastic[:, own].T @ turn
+    columns = {TOGETHER: elastic + machine, COMPLIANCE: elastic, GEOMETRY: machine}
+    for compliance in bound.compliances:
+        own = [p.group != "geometric" and p.compliance == compliance.label for p in bound.parameters]
+        columns[compliance.label] = np.where(own, elastic, 0.0)
     for j, parameter in enumerate(bound.parameters):
         if parameter.group == "geometric":
-            found[parameter.name] = np.outer(beta[:, j], geometric[:, j]) @ turn
-    return {name: path for name, path in found.items() if path.any()}
+            columns[parameter.name] = np.where(np.arange(len(bound.names)) == j, geometric, 0.0)
+    paths = {name: beta @ own.T @ turn for name, own in columns.items()}
+    return {name: path for name, path in paths.items() if path.any()}

@@ -7,21 +7,20 @@ balls, mount and force device: their errors cancel (`instrument`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import comb
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import scipy.linalg
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import offsets
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, record_of
 from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, information_of
 from ldbb_bayes.model.likelihood import Information
 from ldbb_bayes.model.terms import Columns, Term
@@ -33,78 +32,67 @@ Array = NDArray[Any]
 _LEARNT = 0.05
 
 
-@dataclass(frozen=True, eq=False)
-class _Together:
-    """What both campaigns say: means (2, names), second less first with its covariance, and where they disagree most about the
+class _Together(NamedTuple):
+    """What both campaigns say: means (2, names), second less first with its sd, and where they disagree most about the
     instrument, with the p-value of that (allowing for the number of coefficients; None where neither says anything)."""
 
     means: Array
     difference: Array
-    covariance: Array
+    sd: Array
     conflict: tuple[str, float] | None
 
 
-def _of_one_instrument(bounds: tuple[BoundModel, BoundModel], phi: tuple[Array, Array], read: Sequence[Array]) -> _Together:
+def _of_one_instrument(bounds: Sequence[BoundModel], phi: Sequence[Array], read: Sequence[Array]) -> _Together:
     """Two campaigns run with one instrument; ``read``: rows that take β of each to the parameters compared, each (names, p)."""
     if len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for own in bounds for test in own.campaign.tests}) > 1:
-        bounds = (bounds[0].with_two_balls(), bounds[1].with_two_balls())
-    one, two = bounds
-    if "tau" in one.hyper_prior.names and "tau" in two.hyper_prior.names:
-        i, j = one.hyper_prior.names.index("tau"), two.hyper_prior.names.index("tau")
-        phi[0][i] = phi[1][j] = 0.5 * (phi[0][i] + phi[1][j])
+        bounds = [bound.with_two_balls() for bound in bounds]
+    if all("tau" in bound.hyper_prior.names for bound in bounds):
+        at = [bound.hyper_prior.names.index("tau") for bound in bounds]
+        phi[0][at[0]] = phi[1][at[1]] = 0.5 * (phi[0][at[0]] + phi[1][at[1]])
     information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
     if any(own.flat for own in information):
         raise InputError("same_instrument must go with proper priors, got flat ones. Fit with the default preset.")
-    told = [[_physical(name, bound) for name in own.names] for bound, own in zip(bounds, information, strict=True)]
-    pairs = zip(told[0], information[0].owners, strict=True)
-    alike = [name for name, owner in pairs if owner in Term.kinds and Term.kinds[owner].instrument and name in told[1]]
-    place: dict[tuple[int, str], int] = {}
-    for k, names in enumerate(told):
-        for name in names:
-            place[k, name] = place[0, name] if k and name in alike else len(set(place.values()))
+    names = [[_physical(name, bound) for name in own.names] for bound, own in zip(bounds, information, strict=True)]
+    of_instrument = [owner in Term.kinds and Term.kinds[owner].instrument for owner in information[0].owners]
+    alike = [name for name, shared in zip(names[0], of_instrument, strict=True) if shared and name in names[1]]
+    apart = [name for name in names[1] if name not in alike]
+    place = [list(range(len(names[0]))), [names[0].index(n) if n in alike else len(names[0]) + apart.index(n) for n in names[1]]]
     means = [_mean(bound, values) for bound, values in zip(bounds, phi, strict=True)]
-    size = len(set(place.values()))
-    precision, weighted, scale = np.zeros((size, size)), np.zeros(size), np.ones(size)
-    for k, own in enumerate(information):
-        at = [place[k, name] for name in told[k]]
-        root, _ = own.root()
-        inside = (root.T @ root) / np.outer(own.scale, own.scale)
-        precision[np.ix_(at, at)] += inside
-        weighted[at] += inside @ means[k]
-        scale[at] = own.scale
-    again = [place[0, name] for name in alike]
-    precision[again, again] -= scale[again] ** -2.0
-    cholesky = np.linalg.cholesky(precision * np.outer(scale, scale))
-    covariance = scipy.linalg.cho_solve((cholesky, True), np.eye(size)) * np.outer(scale, scale)
-    mean = covariance @ weighted
+    size = len(names[0]) + len(apart)
+    # The prior of what both have is in both posteriors and counts once.
+    again = np.array([names[0].index(name) for name in alike], dtype=int)
+    prior = np.zeros((size, size))
+    prior[again, again] = information[0].scale[again] ** -2.0
+    both = Gaussian(-prior, np.zeros(size))
     rows = np.zeros((2, len(read[0]), size))
-    for k, bound in enumerate(bounds):
-        rows[k][:, [place[k, name] for name in bound.names]] = read[k]
-    apart = rows[1] - rows[0]
-    return _Together(rows @ mean, apart @ mean, apart @ covariance @ apart.T, _conflict(alike, told, information, means))
+    for k, (own, mean) in enumerate(zip(information, means, strict=True)):
+        root, precision, shift = own.root()[0] / own.scale, np.zeros((size, size)), np.zeros(size)
+        precision[np.ix_(place[k], place[k])] = root.T @ root
+        shift[place[k]] = root.T @ (root @ mean)
+        both = both + Gaussian(precision, shift)
+        rows[k][:, place[k][: read[k].shape[1]]] = read[k]
+    sd = np.sqrt((both.spread(rows[1] - rows[0]) ** 2).sum(axis=1))
+    return _Together(rows @ both.mean, (rows[1] - rows[0]) @ both.mean, sd, _conflict(alike, names, information, means))
 
 
 def _conflict(
-    alike: Sequence[str], told: Sequence[Sequence[str]], information: Sequence[Information], means: Sequence[Array]
+    alike: Sequence[str], names: Sequence[Sequence[str]], information: Sequence[Information], means: Sequence[Array]
 ) -> tuple[str, float] | None:
     """Where the readings of both, each by itself, disagree most about a coefficient: what they say of it beyond its prior,
     n ± 1/√l with l = 1/Var(ν | y) − 1/S, must be the same number."""
-    found = []
-    covariances = [np.diag(own.covariance()) for own in information]
-    for name in alike:
-        said, precision = [], []
-        for names, own, variance, mean in zip(told, information, covariances, means, strict=True):
-            j = names.index(name)
-            learnt = 1.0 / variance[j] - 1.0
-            precision.append(learnt / own.scale[j] ** 2)
-            said.append(mean[j] / (variance[j] * max(learnt, _LEARNT)))
-        if min(precision) * information[0].scale[told[0].index(name)] ** 2 > _LEARNT:
-            apart = (said[0] - said[1]) / np.sqrt(1.0 / precision[0] + 1.0 / precision[1])
-            found.append((name, float(abs(apart))))
-    if not found:
+    places = np.array([[own.index(name) for name in alike] for own in names], dtype=int)
+    scale = np.array([own.scale[at] for own, at in zip(information, places, strict=True)])
+    variance = np.array([np.diag(own.covariance())[at] for own, at in zip(information, places, strict=True)])
+    mean = np.array([own[at] for own, at in zip(means, places, strict=True)])
+    learnt = 1.0 / variance - 1.0
+    precision = learnt / scale**2
+    seen = np.flatnonzero(precision.min(axis=0) * scale[0] ** 2 > _LEARNT).tolist()
+    if not seen:
         return None
-    worst, apart = ranked(found, lambda pair: pair[1])[0]
-    return worst, min(1.0, float(2.0 * ndtr(-apart)) * len(found))
+    stated = mean / (variance * np.maximum(learnt, _LEARNT))
+    apart = {alike[j]: float(abs(stated[0, j] - stated[1, j]) / np.sqrt((1.0 / precision[:, j]).sum())) for j in seen}
+    worst = ranked(apart, apart.__getitem__)[0]
+    return worst, min(1.0, float(2.0 * ndtr(-apart[worst])) * len(seen))
 
 
 def _physical(name: str, bound: BoundModel) -> str:
@@ -156,24 +144,19 @@ def differences(
     names = [name for name, offset in zip(one.names, offsets(one), strict=True) if not offset and name in two.names]
     at = one.setting.reference_force_N
     read = [_reading(bound, names, at) for bound in (one, two)]
-    low, high = 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob
+    levels = 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob
+    drawn = [draws_of(tree, bound) for tree, bound in zip((posterior, other), (one, two), strict=True)]
     conflict = None
     if same_instrument:
-        phi = (draws_of(posterior, one)[1].mean(axis=0), draws_of(other, two)[1].mean(axis=0))
-        shared = _of_one_instrument((one, two), phi, read)
-        means, mean, sd = shared.means, shared.difference, np.sqrt(np.diag(shared.covariance))
-        conflict = shared.conflict
-        reach = float(ndtri(high)) * sd
-        interval, increase = np.array([mean - reach, mean + reach]), ndtr(mean / sd)
+        means, mean, sd, conflict = _of_one_instrument((one, two), [phi.mean(axis=0) for _, phi in drawn], read)
+        interval, increase = mean + ndtri(np.array(levels))[:, None] * sd, ndtr(mean / sd)
     else:
-        drawn = [
-            draws_of(tree, bound)[0] @ rows.T for tree, bound, rows in zip((posterior, other), (one, two), read, strict=True)
-        ]
-        means = np.array([draws.mean(axis=0) for draws in drawn])
-        mean, sd = means[1] - means[0], np.sqrt(drawn[0].var(axis=0) + drawn[1].var(axis=0))
+        first, second = (beta @ rows.T for (beta, _), rows in zip(drawn, read, strict=True))
+        means = np.array([first.mean(axis=0), second.mean(axis=0)])
+        mean, sd = means[1] - means[0], np.sqrt(first.var(axis=0) + second.var(axis=0))
         rng = np.random.default_rng(0)
-        apart = drawn[1][rng.integers(len(drawn[1]), size=_DRAWS)] - drawn[0][rng.integers(len(drawn[0]), size=_DRAWS)]
-        interval, increase = np.quantile(apart, [low, high], axis=0), (apart > 0.0).mean(axis=0)
+        apart = second[rng.integers(len(second), size=_DRAWS)] - first[rng.integers(len(first), size=_DRAWS)]
+        interval, increase = np.quantile(apart, levels, axis=0), (apart > 0.0).mean(axis=0)
     table = pd.DataFrame(
         {
             "unit": [one.parameters[one.names.index(name)].unit for name in names],
@@ -193,22 +176,22 @@ def differences(
 
 def _check(one: BoundModel, two: BoundModel, name: str) -> None:
     first, second = one.campaign, two.campaign
-    if first.sha256 == second.sha256:
-        raise InputError(
-            f"results must be of different readings, got {name!r} twice (SHA-256 {first.sha256[:12]}…). Name another campaign; "
-            "to compare models of one campaign use compare."
+    require(
+        first.sha256 != second.sha256,
+        f"results must be of different readings, got {name!r} twice (SHA-256 {first.sha256[:12]}…). Name another campaign; "
+        "to compare models of one campaign use compare.",
+    )
+    for what, own, others in (("topology", first.topology, second.topology), ("frames_mm", first.frames_mm, second.frames_mm)):
+        require(
+            own == others,
+            f"results must be of machines with the same {what}, got {own!r} and {others!r} ({name!r}). Compare campaigns of one "
+            "kind of machine.",
         )
-    for what in ("topology", "frames_mm"):
-        if getattr(first, what) != getattr(second, what):
-            raise InputError(
-                f"results must be of machines with the same {what}, got {getattr(first, what)!r} and {getattr(second, what)!r} "
-                f"({name!r}). Compare campaigns of one kind of machine."
-            )
-    if set(one.setting.planes) != set(two.setting.planes):
-        raise InputError(
-            f"results must be of the same planes, got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} "
-            f"({name!r}): a compliance would stand for other sets. Compare campaigns of the same planes."
-        )
+    require(
+        set(one.setting.planes) == set(two.setting.planes),
+        f"results must be of the same planes, got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} "
+        f"({name!r}): a compliance would stand for other sets. Compare campaigns of the same planes.",
+    )
 
 
 def _reading(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:

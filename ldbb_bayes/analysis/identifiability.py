@@ -1,4 +1,4 @@
-"""Which numbers come from the readings, which from the prior, and which are two names for one thing.
+"""What circles show: which numbers come from the readings, which from the prior, and which are two names for one thing.
 
 Everything is of the linear Gaussian model at one value of the hyper-parameters φ, without truncation: no readings are needed, and
 a plan can be asked before it is run. With readings φ is its posterior mean, without them its prior median.
@@ -7,7 +7,7 @@ a plan can be asked before it is run. With readings φ is its posterior mean, wi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from math import factorial
@@ -22,21 +22,29 @@ from scipy.special import ndtr
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, cures, degeneracies, standing_degeneracies
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.machine.chain import LARGEST_MM, Circle, Machine, geometric_names
+from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.likelihood import NOISE, Information
+from ldbb_bayes.model.prior import compliance_unit, geometric_unit
 from ldbb_bayes.result import ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked
 
 __all__ = [
     "Confounding",
+    "DescribedMachine",
     "Direction",
     "Identifiability",
     "ParameterIdentifiability",
+    "Seen",
     "Verdict",
+    "describe",
     "identify",
     "overlap",
     "verdicts",
@@ -90,9 +98,10 @@ class Confounding:
         """Confounding fraction 1 − Var(β | y, g) / Var(β | y) of every term g, each shape (p,)."""
         return {term: self.lost_by_knowing([term]) for term in self.terms}
 
-    def lost_by_knowing(self, terms: Sequence[str]) -> Array:
+    def lost_by_knowing(self, terms: Sequence[str], *, clipped: bool = True) -> Array:
         """Share of the variance that vanishes when these terms are known, shape (p,)."""
-        return np.clip(1.0 - self.information.variances(terms) / self.variance, 0.0, 1.0)
+        lost = 1.0 - self.information.variances(terms) / self.variance
+        return np.clip(lost, 0.0, 1.0) if clipped else lost
 
     @cached_property
     def shares(self) -> dict[str, Array]:
@@ -101,20 +110,16 @@ class Confounding:
         A term's share is what knowing it takes from the variance, averaged over all orders in which terms become known
         (Shapley 1953; Owen 2014). What stays when all are known goes to ``ReadingNoise``.
         """
-        terms, count = self.terms, len(self.terms)
-        known = [frozenset(term for i, term in enumerate(terms) if number >> i & 1) for number in range(2**count)]
-        worth = [1.0 - self.information.variances(subset) / self.variance for subset in known]
+        terms, count, numbers = self.terms, len(self.terms), np.arange(2 ** len(self.terms))
+        has = (numbers[:, None] >> np.arange(count)) & 1
+        subsets = [[term for term, there in zip(terms, row, strict=True) if there] for row in has]
+        worth = np.array([self.lost_by_knowing(subset, clipped=False) for subset in subsets])
+        weight = np.array([factorial(k) * factorial(count - k - 1) / factorial(count) for k in range(count)])
         found = {}
         for i, term in enumerate(terms):
-            total = np.zeros(len(self.variance))
-            for number, subset in enumerate(known):
-                if number >> i & 1:
-                    continue
-                weight = factorial(len(subset)) * factorial(count - len(subset) - 1) / factorial(count)
-                total = total + weight * (worth[number | 1 << i] - worth[number])
-            found[term] = total
-        found[NOISE] = 1.0 - worth[-1]
-        return found
+            without = numbers[has[:, i] == 0]
+            found[term] = weight[has[without].sum(axis=1)] @ (worth[without | 1 << i] - worth[without])
+        return found | {NOISE: 1.0 - worth[-1]}
 
     @cached_property
     def sensitivity(self) -> dict[str, Array]:
@@ -314,8 +319,7 @@ def _hyper_and_mean(bound: BoundModel) -> tuple[Array, Array]:
         return bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), _HALF)), bound.prior_mean
     lattice = HyperPosterior(bound, truncated=False).coarse
     phi = lattice.weight @ bound.hyper_prior.phi(lattice.free)
-    _, given = bound.given(phi[None])
-    return phi, given.mean[0]
+    return phi, bound.given(phi[None])[1].mean[0]
 
 
 def _parameters(
@@ -326,44 +330,40 @@ def _parameters(
     drawn: tuple[Array, Array] | None = None,
 ) -> dict[str, ParameterIdentifiability]:
     """``drawn``: prior and posterior sd that replace the Gaussian's, truncation included."""
-    confounding = Confounding(information)
+    confounding, own, proper = Confounding(information), information.own, not information.flat
     covariance = information.covariance()
-    own, proper = information.own, not information.flat
-    unseen = np.stack([confounding.unseen_share(least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)])
-    root, _ = information.root()
-    precision = (root**2).sum(axis=0)
+    unseen = [confounding.unseen_share(least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)]
+    inflation = np.diag(covariance) * (information.root()[0] ** 2).sum(axis=0)
     correlation = _correlation(information, covariance)
+    nominal = np.array([p.prior_sd for p in bound.parameters]), np.sqrt(np.diag(covariance)[own]) * information.scale[own]
     entries = {}
-    for i, (k, parameter) in enumerate(zip(own, bound.parameters, strict=True)):
-        sd, prior_sd = float(np.sqrt(covariance[k, k]) * information.scale[k]), parameter.prior_sd
-        if drawn is not None:
-            prior_sd, sd = float(drawn[0][i]), float(drawn[1][i])
-        ratio = (sd / prior_sd) ** 2
-        others = correlation[parameter.name].drop(parameter.name)
-        rivals = {name: float(others[name] ** 2) for name in bound.names if name != parameter.name}
-        mine = tuple(d for d in found if parameter.name in d.parameters)
-        verdict, partners = _verdict(confounding, i, rivals, unseen[:, i], 1.0 - ratio, mine)
+    for i, (k, p, prior_sd, sd) in enumerate(zip(own, bound.parameters, *(drawn or nominal), strict=True)):
+        ratio = float(sd / prior_sd) ** 2
+        others = correlation[p.name].drop(p.name)
+        rivals = {name: float(others[name] ** 2) for name in bound.names if name != p.name}
+        mine = tuple(d for d in found if p.name in d.parameters)
+        verdict, partners = _verdict(confounding, i, rivals, (unseen[0][i], unseen[1][i]), 1.0 - ratio, mine)
         shares = {term: float(values[i]) for term, values in confounding.fraction.items()}
         every = shares | rivals
-        entries[parameter.name] = ParameterIdentifiability(
-            name=parameter.name,
+        entries[p.name] = ParameterIdentifiability(
+            name=p.name,
             verdict=verdict,
             partners=partners,
             partner_shares={partner: every[partner] for partner in partners if partner in every},
-            unit=parameter.unit,
-            prior_mean=parameter.prior_mean if proper else np.nan,
-            prior_sd=prior_sd,
+            unit=p.unit,
+            prior_mean=p.prior_mean if proper else np.nan,
+            prior_sd=float(prior_sd),
             mean=float(mean[i]),
-            sd=sd,
+            sd=float(sd),
             contraction=1.0 - ratio if proper else np.nan,
             information_gain=float(-0.5 * np.log(ratio)) if proper else np.nan,
-            overlap=overlap((float(mean[i]) - parameter.prior_mean) / prior_sd, np.sqrt(ratio)) if proper else np.nan,
+            overlap=overlap((float(mean[i]) - p.prior_mean) / prior_sd, np.sqrt(ratio)) if proper else np.nan,
             confounding=shares,
             shapley={source: float(values[i]) for source, values in confounding.shares.items()},
             sensitivity={source: float(values[i]) for source, values in confounding.sensitivity.items()},
-            variance_inflation=float(covariance[k, k] * precision[k]),
+            variance_inflation=float(inflation[k]),
             correlations={str(n): float(others[n]) for n in ranked(others.index, others.abs().__getitem__)[:_SHOWN]},
-            unseen_share=float(unseen[0, i]),
+            unseen_share=float(unseen[0][i]),
         )
     return entries
 
@@ -372,14 +372,14 @@ def _verdict(
     confounding: Confounding,
     i: int,
     rivals: Mapping[str, float],
-    unseen: Array,
+    unseen: tuple[float, float],
     contraction: float,
     mine: tuple[Degeneracy, ...],
 ) -> tuple[Verdict, tuple[str, ...]]:
     """See `Verdict` for the rule; with the partners.
 
     ``i``: its number among the parameters; ``rivals``: squared correlations with the other parameters; ``unseen``: shares of the
-    variance where the priors outweigh the readings, once and tenfold, shape (2,); ``mine``: its degeneracies.
+    variance where the priors outweigh the readings, once and tenfold; ``mine``: its degeneracies.
     """
     shared = confounding.information.shared_terms
     share = {term: float(values[i]) for term, values in confounding.fraction.items()} | dict(rivals)
@@ -407,9 +407,8 @@ def overlap(mean: float, sd: float) -> float:
     # The densities cross where (x − mean)² / sd² + 2 ln sd = x².
     a, b, c = 1.0 / sd**2 - 1.0, -2.0 * mean / sd**2, mean**2 / sd**2 + 2.0 * np.log(sd)
     low, high = sorted(((-b - np.sqrt(b * b - 4 * a * c)) / (2 * a), (-b + np.sqrt(b * b - 4 * a * c)) / (2 * a)))
-    wide = ndtr(high) - ndtr(low)
     narrow = ndtr((high - mean) / sd) - ndtr((low - mean) / sd)
-    return float(min(1.0, 1.0 - abs(narrow - wide)))
+    return float(min(1.0, 1.0 - abs(narrow - (ndtr(high) - ndtr(low)))))
 
 
 def _directions(information: Information, covariance: Array) -> tuple[tuple[Direction, ...], float]:
@@ -433,17 +432,150 @@ def _condition(rows: Array) -> float:
 
 
 def _alias_matrix(information: Information, rows: Array) -> pd.DataFrame:
-    own = information.own
-    others = np.setdiff1d(np.arange(len(information.names)), own)
-    every = np.concatenate(information.design)
-    moved = [least_squares(rows, every[:, j] * information.scale[j], information.scale[own]) for j in others]
-    names = [information.names[i] for i in own]
-    table = np.array(moved).reshape(len(others), len(own)).T
+    own, names = information.own, np.array(information.names)
+    others = np.setdiff1d(np.arange(len(names)), own)
+    every = np.concatenate(information.design) * information.scale
+    table = np.array([least_squares(rows, every[:, j], information.scale[own]) for j in others]).reshape(len(others), len(own)).T
     table[np.abs(table) < _ROUNDING * information.scale[own, None]] = 0.0
-    return pd.DataFrame(table, names, [information.names[j] for j in others])
+    return pd.DataFrame(table, names[own].tolist(), names[others].tolist())
 
 
 def _correlation(information: Information, covariance: Array) -> pd.DataFrame:
     sd = np.sqrt(np.diag(covariance))
     names = list(information.names)
     return pd.DataFrame(covariance / np.outer(sd, sd), names, names)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A parameter that circles show.
+
+    Attributes
+    ----------
+    name, unit, meaning : str
+        Inside unit.
+    pattern : mapping of plane to str
+        Change of the reading per unit (per unit and N for a compliance); c = cos θ, s = sin θ, lengths in mm.
+    not_negative : bool
+        Whether it cannot be negative, whatever the joints are; the prior's truncation is about these.
+    members : mapping of name to float
+        What the parameter stands for: the sum of these times their weights. Empty where it stands for itself.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    pattern: Mapping[str, str]
+    not_negative: bool
+    members: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class DescribedMachine(Result):
+    """A machine as its circular tests see it.
+
+    Attributes
+    ----------
+    topology, planes, joints : as words
+        Joints with branch, from the workpiece to the tool.
+    centres_mm : tuple of (X, Y, Z)
+        Of the circles taken together.
+    compliances, geometric_errors : tuple of Seen
+    null, dependent : tuple of str
+        Compliances that no reading shows, and those whose pattern is a combination of several kept ones.
+    rank : int
+    condition_number : float
+        Of the kept compliances' columns, unscaled (mm, N), uniform full circles.
+    """
+
+    topology: str
+    planes: tuple[str, ...]
+    joints: tuple[str, ...]
+    centres_mm: tuple[tuple[float, float, float], ...]
+    compliances: tuple[Seen, ...]
+    geometric_errors: tuple[Seen, ...]
+    null: tuple[str, ...]
+    dependent: tuple[str, ...]
+    rank: int
+    condition_number: float
+
+
+def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
+    """Names, units, patterns and sets of all that circular tests in these planes show.
+
+    Parameters
+    ----------
+    machine : Machine
+    circles : sequence of Circle
+        Default: R = 150 mm about the frames' origin in every plane. Patterns are those of the first circle of each plane.
+    """
+    circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
+    largest = max(abs(x) for circle in circles for x in circle.centre_mm)
+    require(largest <= LARGEST_MM, f"centres must lie within {LARGEST_MM:g} mm, got {largest:g} mm. Check the unit.")
+    stranger = next(iter(sorted({circle.plane for circle in circles} - set(machine.planes))), None)
+    require(not stranger, f"circles must lie in the machine's planes {machine.plane}, got {stranger}. Add the plane.")
+    kept = kept_compliances(machine, *circles)
+    first = {circle.plane: circle for circle in reversed(circles)}
+
+    at = {plane: [replace(first[plane], radius_mm=float(r)) for r in _RADII] for plane in machine.planes if plane in first}
+    elastic = {p: np.stack([compliance_jacobian(machine, own, _ANGLE, kept.names) for own in each]) for p, each in at.items()}
+    rigid = {p: np.stack([geometric_jacobian(machine, own, _ANGLE) for own in each]) for p, each in at.items()}
+    compliances = []
+    for k, name in enumerate(kept.names):
+        members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) | {n.label: w for n, w in kept.absorbed[k].items()}
+        pattern, stands_for = _patterns(elastic, k, 2), members if len(members) > 1 else {}
+        compliances.append(Seen(name.label, compliance_unit(name), name.meaning, pattern, kept.not_negative[k], stands_for))
+    errors = [
+        Seen(name.label, geometric_unit(name.kind), name.meaning, _patterns(rigid, k, 1), False, {})
+        for k, name in enumerate(geometric_names(machine))
+    ]
+    joints = [(joint.axis, joint.branch, ", ".join(f"{x:g}" for x in joint.frame_mm)) for joint in machine.joints]
+    return DescribedMachine(
+        machine.topology,
+        tuple(machine.planes),
+        tuple(f"{axis} in the {branch} branch, frame at ({at}) mm" for axis, branch, at in joints),
+        tuple(dict.fromkeys(circle.centre_mm for circle in circles)),
+        tuple(compliances),
+        tuple(errors),
+        kept.null,
+        kept.dependent,
+        kept.rank,
+        kept.condition_number,
+    )
+
+
+_RADII = np.array([1.0, 2.0, 3.0, 4.0])
+_ANGLE = np.arange(24) * (2 * np.pi / 24)
+_POWERS = ("", "", "²", "³", "⁴")
+_NEGLIGIBLE = 1e-9
+
+
+def _patterns(values: Mapping[str, Array], k: int, base: int) -> dict[str, str]:
+    """Formulas of column k by plane, planes that do not show it left out; values (radii, angles, columns)."""
+    return {plane: text for plane, own in values.items() if (text := _formula(own[:, :, k], base))}
+
+
+def _formula(values: Array, base: int) -> str:
+    """The formula of a column (radii, angles); ``base``: degree in (c, s) of the part without R."""
+    by_power = np.linalg.solve(np.vander(_RADII, increasing=True), values)
+    largest = np.abs(values).max()
+    if largest < _NEGLIGIBLE:
+        return ""
+    text = ""
+    for power in range(len(_RADII) - 1, -1, -1):
+        degree = base + power
+        monomials = np.stack([np.cos(_ANGLE) ** (degree - k) * np.sin(_ANGLE) ** k for k in range(degree + 1)], axis=1)
+        if np.abs(by_power[power]).max() < _NEGLIGIBLE * largest:
+            continue
+        factors = np.linalg.lstsq(monomials, by_power[power], rcond=None)[0]
+        for k, factor in enumerate(factors.tolist()):
+            if abs(factor) > _NEGLIGIBLE * largest:
+                size = abs(round(factor, 9))
+                sign = (" − " if factor < 0 else " + ") if text else "−" * (factor < 0)
+                monomial = _power("R", power, " ") + _power("c", degree - k) + _power("s", k)
+                text += sign + ("" if size == 1.0 else f"{size:g} ") + monomial
+    return text
+
+
+def _power(letter: str, power: int, after: str = "") -> str:
+    return letter + _POWERS[power] + after if power else ""

@@ -12,7 +12,7 @@ from typing import Any
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.campaign.layout import ROLES, UNITS, Layout, Notes, plain, unit_named
 from ldbb_bayes.campaign.spreadsheet import Sheet, could_be_thousands, is_missing, looks_like_number, number
-from ldbb_bayes.errors import InputError, nearest
+from ldbb_bayes.errors import InputError, nearest, require
 
 __all__ = [
     "Heading",
@@ -229,27 +229,29 @@ def _columns_of(where: str, layout: Layout, headers: Sequence[str]) -> tuple[dic
     """Which column is what, and all columns of readings: as the layout says, else by the words of the header."""
     asked = {role: column if isinstance(column, list) else [column] for role, column in layout.columns.items()}
     each = {role: [_asked(where, role, column, headers) for column in columns] for role, columns in asked.items() if columns}
-    found = {role: columns[0] for role, columns in each.items()}
-    readings = each.get("reading", [])
+    found, readings = {role: columns[0] for role, columns in each.items()}, each.get("reading", [])
     if not any(headers):
-        found = _of_bare_columns(where, found, len(headers))
+        if "reading" not in found or not {"angle", "time"} & set(found):
+            require(
+                not found and len(headers) == 2,
+                f"{where}: columns without a header must be named by number, got {len(headers)} of them. "
+                "Give --reading-column and --angle-column or --time-column.",
+            )
+            found = {"angle": 0, "reading": 1}
         return found, readings or [found["reading"]]
     names = [unit_of(header)[0] for header in headers]
-    for role in ROLES:
-        if role in found:
-            continue
-        own = [k for k, name in enumerate(names) if k not in found.values() and _called(name, role)]
+    for role in (role for role in ROLES if role not in found):
+        free = [k for k in range(len(headers)) if k not in found.values()]
+        own = [k for k in free if _called(names[k], role)]
         own = [k for k in own if headers[k] not in PER_TEST] or own
         if role == "reading":  # columns that are called by the load of a test: 36 N [mm], reading 238 N
-            loaded = [k for k, header in enumerate(headers) if k not in found.values() and load_in_name([header]) is not None]
+            loaded = [k for k in free if load_in_name([headers[k]]) is not None]
             if len(loaded) > 1 and set(own) <= set(loaded):
                 readings, own = loaded, loaded[:1]
         if len(own) > 1:
             both = ", or all, each a test of its own, by naming it once for each" if role == "reading" else ""
-            raise InputError(
-                f"{where}: one column must hold the {role}, got {' and '.join(repr(headers[k][:_LONGEST_NAME]) for k in own)}. "
-                f"Say which: --{role}-column{both}."
-            )
+            got = " and ".join(repr(headers[k][:_LONGEST_NAME]) for k in own)
+            raise InputError(f"{where}: one column must hold the {role}, got {got}. Say which: --{role}-column{both}.")
         if own and (role == "reading" or headers[own[0]] not in PER_TEST):
             found[role] = own[0]
     if "angle" in found and "time" not in layout.columns:
@@ -266,33 +268,20 @@ def _columns_of(where: str, layout: Layout, headers: Sequence[str]) -> tuple[dic
     return found, readings
 
 
-def _of_bare_columns(where: str, found: dict[str, int], width: int) -> dict[str, int]:
-    """Without a header: angle, then reading, if there are only two columns; else what was asked for."""
-    if "reading" in found and ("angle" in found or "time" in found):
-        return found
-    if found or width != 2:
-        raise InputError(
-            f"{where}: columns without a header must be named by number, got {width} of them. "
-            "Give --reading-column and --angle-column or --time-column."
-        )
-    return {"angle": 0, "reading": 1}
-
-
 def _asked(where: str, role: str, column: str | int, headers: Sequence[str]) -> int:
     """The column that was asked for, by its number or its header, with or without the unit."""
     if isinstance(column, int):
-        if not 1 <= column <= len(headers):
-            raise InputError(f"{where}: column of the {role} must be 1 to {len(headers)}, got {column}. Correct it.")
+        right = 1 <= column <= len(headers)
+        require(right, f"{where}: column of the {role} must be 1 to {len(headers)}, got {column}. Correct it.")
         return column - 1
     exact = [k for k, header in enumerate(headers) if plain(header) == plain(column)]
     matching = exact or [k for k, header in enumerate(headers) if plain(unit_of(header)[0]) == plain(unit_of(column)[0])]
-    if len(matching) == 1:
-        return matching[0]
-    known = ", ".join(repr(header[:_LONGEST_NAME]) for header in headers if header) or "no header"
-    hint = f" Did you mean {nearest(column, headers)!r}?" if any(headers) else ""
-    raise InputError(
-        f"{where}: column of the {role} must be one of {known}, got {column!r} ({len(matching) or 'none'} such).{hint}"
-    )
+    if len(matching) != 1:
+        known = ", ".join(repr(header[:_LONGEST_NAME]) for header in headers if header) or "no header"
+        hint = f" Did you mean {nearest(column, headers)!r}?" if any(headers) else ""
+        got = f"{column!r} ({len(matching) or 'none'} such)"
+        raise InputError(f"{where}: column of the {role} must be one of {known}, got {got}.{hint}")
+    return matching[0]
 
 
 class _NoTableError(InputError):
@@ -344,8 +333,7 @@ def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
 
     It begins below its header, whatever its first rows hold: a bad row is for the reader of rows to refuse.
     """
-    rows = sheet.rows
-    block = _block(sheet, layout)
+    rows, block = sheet.rows, _block(sheet, layout)
     k, width = _header_row(sheet, layout, block), len(rows[block][1])
     if k is None:
         first = last = _upwards(sheet, block)
@@ -371,12 +359,10 @@ def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
 
 def _block(sheet: Sheet, layout: Layout) -> int:
     """The first of nine rows of numbers, cell for cell alike; of the first below the header line that was given."""
-    rows = sheet.rows
-    if layout.header_line and all(line != layout.header_line for line, _ in rows):
-        raise InputError(
-            f"{sheet.place}: header line must hold names, got nothing in line {layout.header_line}. Correct --header-line."
-        )
-    start = next((k for k, (line, _) in enumerate(rows) if line > (layout.header_line or 0)), len(rows))
+    rows, header = sheet.rows, layout.header_line
+    if header and header not in [line for line, _ in rows]:
+        raise InputError(f"{sheet.place}: header line must hold names, got nothing in line {header}. Correct --header-line.")
+    start = next((k for k, (line, _) in enumerate(rows) if line > (header or 0)), len(rows))
     for k in range(start, min(len(rows) - 1, start + _LARGEST_ABOVE)):
         if all(_numbers(cells) >= 2 and len(cells) == len(rows[k][1]) for _, cells in rows[k : k + _BLOCK]):
             return k
@@ -399,36 +385,29 @@ def _upwards(sheet: Sheet, block: int) -> int:
     while k and len(rows[k - 1][1]) == len(rows[block][1]) and _numbers(rows[k - 1][1]):
         k -= 1
     if k and (_numbers(rows[k - 1][1]) or any(_numbers(cells) >= 2 for _, cells in rows[:k])):
-        raise InputError(
-            f"{sheet.place}, line {rows[k - 1][0]}: rows of a table without a header must be alike, got "
-            f"{', '.join(map(repr, rows[k - 1][1]))[:60]}. Correct or remove the line, or give --header-line."
-        )
+        got = f"rows of a table without a header must be alike, got {', '.join(map(repr, rows[k - 1][1]))[:60]}"
+        raise InputError(f"{sheet.place}, line {rows[k - 1][0]}: {got}. Correct or remove the line, or give --header-line.")
     return k
 
 
 def _header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
     """Index of the row of names: as given, or the last row of words above the numbers."""
-    rows = sheet.rows
-    if layout.header_line == 0:
+    rows, given = sheet.rows, layout.header_line
+    if given == 0:
         return None
-    if layout.header_line:
-        k = next(k for k, (line, _) in enumerate(rows) if line == layout.header_line)
+    if given:
+        k = [line for line, _ in rows].index(given)
         if _numbers(rows[k][1]) >= 2 and not _names_columns(rows[k][1]):
-            raise InputError(
-                f"{sheet.place}, line {layout.header_line}: the header must hold names, got numbers. "
-                "Correct --header-line; 0: none."
-            )
+            cure = "Correct --header-line; 0: none"
+            raise InputError(f"{sheet.place}, line {given}: the header must hold names, got numbers. {cure}.")
     else:
         wordy = [k for k, (_, cells) in enumerate(rows[:block]) if _names_columns(cells)]
         if not wordy:
             return None
         k = wordy[-2] if _units_alone(rows[wordy[-1]][1]) and len(wordy) > 1 else wordy[-1]
     amid = next((line for line, cells in rows[:k] if _numbers(cells) >= 2 and len(cells) == len(rows[block][1])), None)
-    if amid is not None:
-        raise InputError(
-            f"{sheet.place}, line {rows[k][0]}: the header must stand above all numbers, got numbers in line {amid}. "
-            "Remove the line, or correct --header-line."
-        )
+    got = f"the header must stand above all numbers, got numbers in line {amid}"
+    require(amid is None, f"{sheet.place}, line {rows[k][0]}: {got}. Remove the line, or correct --header-line.")
     return k
 
 
@@ -471,18 +450,14 @@ def _units_alone(cells: Sequence[str]) -> list[str]:
 
 def find_headings(sheets: Sequence[Sheet], layout: Layout, notes: Notes) -> list[tuple[Sheet, Heading]]:
     """Sheets with their headings; of several in a workbook those without a table are left out, and told."""
-    found, without = [], []
+    found: list[tuple[Sheet, Heading]] = []
     for sheet in sheets:
         try:
             found.append((sheet, _find_heading(sheet, layout)))
         except _NoTableError:
-            if len(sheets) == 1 or layout.sheets:
+            if len(sheets) == 1 or layout.sheets or (sheet is sheets[-1] and not found):
                 raise
-            without.append(sheet)
-    if not found:
-        _find_heading(sheets[0], layout)
-    for sheet in without:
-        notes.add(sheet.place, "left out", "the sheet", "it holds no table", "--sheets")
+            notes.add(sheet.place, "left out", "the sheet", "it holds no table", "--sheets")
     return found if len(found) > 1 else [(replace(sheet, only=True), heading) for sheet, heading in found]
 
 

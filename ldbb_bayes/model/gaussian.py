@@ -6,7 +6,7 @@
 | likelihood of white rows y = J x + N(0, I) | `Gaussian.from_rows(J, y)`; prior × likelihood: `prior.observe(J, y)` |
 | sums of information, possibly singular | `Gaussian(P, η, constant)`; `+` multiplies densities, `-` divides them |
 | ∫ g, moments, p(x_i), p(x_r given x_i) | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)`, `given(index, values)` |
-| draws, standard coordinates, densities, KL | `draw`, `at`, `white`, `log_density`, `kl_from` |
+| draws, standard coordinates, densities | `draw`, `at`, `white`, `log_density` |
 
 The square root is what is kept: P = S⁻¹ L Lᵀ S⁻¹, S diagonal scales. Rows are factored by QR, columns scaled; no normal
 equations, nothing is inverted. Moments need P positive definite; sums and conditionals do not.
@@ -30,7 +30,6 @@ from ldbb_bayes.errors import InputError
 __all__ = [
     "Gaussian",
     "central_differences",
-    "covariance_root",
     "factor_and_solve",
     "holm",
     "least_squares",
@@ -75,38 +74,24 @@ class Gaussian:
 
     @classmethod
     def of(cls, mean: Array, covariance: Array) -> Gaussian:
-        """N(mean, covariance), from a covariance (..., q, q) or independent variances (..., q).
-
-        Raises
-        ------
-        InputError
-            When a covariance is not positive definite.
-        """
+        """N(mean, covariance), from covariances (..., q, q) that must be positive definite, or independent variances (..., q)."""
         q = mean.shape[-1]
         if covariance.shape == mean.shape:
             if not np.all(covariance > 0):
                 raise InputError(f"variances must be positive, got {covariance.min()}. Remove that column or correct it.")
             return cls.factored(mean, np.broadcast_to(np.eye(q), (*mean.shape, q)), np.sqrt(covariance))
         sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-        root = covariance_root(covariance / (sd[..., :, None] * sd[..., None, :]), "covariance")
+        try:
+            root = np.linalg.cholesky(covariance / (sd[..., :, None] * sd[..., None, :]))
+        except np.linalg.LinAlgError:
+            raise InputError("a covariance must be positive definite, got a singular or indefinite one. Correct it.") from None
         inverse = solve_lower(root, np.broadcast_to(np.eye(q), covariance.shape))
         return cls.factored(mean, _positive(np.asarray(np.linalg.qr(inverse, mode="r"))), sd)
 
     @classmethod
     def from_rows(cls, rows: Array, values: Array) -> Gaussian:
-        """Π N(values; rows · x, 1) as a function of x: least squares, whose residual sum of squares is in ``log_integral``.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (..., n, q)
-            In units of the noise.
-        values : ndarray, shape (..., n)
-
-        Raises
-        ------
-        InputError
-            Where rows do not determine x.
-        """
+        """Π N(values; rows · x, 1) as a function of x, rows (..., n, q) in units of the noise and values (..., n): least squares,
+        whose residual sum of squares is in ``log_integral``. InputError where rows do not determine x."""
         n, q = rows.shape[-2:]
         scale = _powers_of_two(rows)
         stack = np.concatenate([rows * scale[..., None, :], values[..., None]], axis=-1)
@@ -117,14 +102,8 @@ class Gaussian:
         return cls._of_triangle(triangle, np.zeros(q), scale, -0.5 * n * _LOG_2PI + 0.5 * q * _LOG_2PI)
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
-        """The product with Π N(values; rows · x, 1): prior to posterior, ``log_integral`` gaining the log evidence.
-
-        Parameters
-        ----------
-        rows : ndarray, shape (..., n, q)
-            In units of the noise.
-        values : ndarray, shape (..., n)
-        """
+        """The product with Π N(values; rows · x, 1), rows (..., n, q) in units of the noise and values (..., n): prior to
+        posterior, ``log_integral`` gaining the log evidence."""
         mean, root, scale = self._factored
         residual = values - (rows @ mean[..., None])[..., 0]
         stack = np.concatenate([rows * scale[..., None, :], residual[..., None]], axis=-1)
@@ -253,14 +232,6 @@ class Gaussian:
         """Independent draws, shape (*size, ..., q)."""
         return self.at(rng.standard_normal((*size, *self.mean.shape)))
 
-    def kl_from(self, other: Gaussian) -> Array:
-        """Kullback-Leibler divergence of this distribution from ``other`` [nat], shape (...)."""
-        mixed = np.swapaxes(other.root, -1, -2) @ (self.spread() / other.scale[..., :, None])
-        apart = other.white(self.mean)
-        log_ratio = log_diagonal(self.root) - log_diagonal(other.root) + np.log(other.scale / self.scale).sum(axis=-1)
-        trace = (mixed**2).sum(axis=(-1, -2)) + (apart**2).sum(axis=-1)
-        return np.asarray(0.5 * (trace - self.mean.shape[-1]) + log_ratio)
-
 
 def factor_and_solve(matrix: Array, right: Array) -> tuple[Array, Array]:
     """Cholesky factor L of A, shape (..., q, q), and L⁻¹ b, shape (..., q).
@@ -303,40 +274,13 @@ def solve_upper(lower: Array, right: Array) -> Array:
 
 
 def least_squares(jacobian: Array, y: Array, scale: Array | None = None, *, rank_tolerance: float = 1e-10) -> Array:
-    """Minimum-norm least squares in units of ``scale`` per column.
-
-    Parameters
-    ----------
-    jacobian : ndarray, shape (n, p)
-    y : ndarray, shape (n,)
-    scale : ndarray, shape (p,), optional
-        Typical sizes of the parameters; default: reciprocal column norms.
-    rank_tolerance : float
-        Relative singular value below which a direction counts as undetermined.
-
-    Returns
-    -------
-    ndarray, shape (p,)
-    """
+    """Minimum-norm least squares (p,) of y (n,) by the columns of a Jacobian (n, p), in units of ``scale`` (p,), typical sizes of
+    the parameters, by default reciprocal column norms; directions of smaller relative singular values are undetermined."""
     if scale is None:
         norms = np.linalg.norm(jacobian, axis=0)
         scale = 1.0 / np.where(norms > 0, norms, 1.0)
     solution, *_ = np.linalg.lstsq(jacobian * scale, y, rcond=rank_tolerance)
     return solution * scale
-
-
-def covariance_root(covariance: Array, name: str) -> Array:
-    """Lower triangular square root of covariances, shape (..., p, p).
-
-    Raises
-    ------
-    InputError
-        Naming ``name`` when one is not positive definite.
-    """
-    try:
-        return np.asarray(np.linalg.cholesky(covariance))
-    except np.linalg.LinAlgError:
-        raise InputError(f"{name} must be positive definite, got a singular or indefinite matrix. Correct it.") from None
 
 
 def singular_root(covariance: Array) -> Array:
@@ -375,12 +319,7 @@ def mixture_moments(weight: Array, mean: Array, sd: Array) -> tuple[Array, Array
 def mixture_quantiles(weight: Array, mean: Array, sd: Array, levels: Sequence[float] | Array) -> Array:
     """Quantiles, shape (levels, ...), of mixtures of Gaussians: Newton's method kept inside a bracket.
 
-    Parameters
-    ----------
-    weight : ndarray, shape (k,), or one that broadcasts with the components
-        Sums to one along the first axis.
-    mean, sd : ndarray, shape (k, ...)
-    levels : sequence of float
+    Components (k, ...); weights (k,), or an array that broadcasts with them, sum to one along the first axis.
     """
     flat_mean, flat_sd = (part.reshape(len(mean), -1) for part in (mean, sd))
     weight = weight.reshape(-1, *(1,) * (mean.ndim - 1)) if weight.ndim == 1 else weight

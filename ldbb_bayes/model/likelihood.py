@@ -459,27 +459,33 @@ class Information:
         """Posterior variances of the parameters of interest in units of their prior variance, shape (p,); see `covariance`."""
         return np.diag(self.covariance(known, times=times))[self.own]
 
-    def contributions(self) -> dict[str, Array]:
-        """Posterior variance of the parameters by its independent sources, in shares that sum to one, each shape (p,).
+    def shares(self, covariance: Array | None = None) -> dict[tuple[str, str], Array]:
+        """Share of every independent source, (coefficient or noise, term), in the variance of the parameters, each shape (p,).
 
-        With the estimate written as a linear map of prior means and readings, every source passes through it alone. The share
-        of a source is also d ln sd(β) / d ln (its scale), the other scales held (half the logarithmic derivative of C).
+        With the estimate written as a linear map of prior means and readings, every source s passes through it alone; with Cov_s
+        what it leaves and C their sum, E[part_s | error] = Γ_s error with Γ_s = Cov_s C⁻¹, Σ Γ_s = 1. The share in the variance
+        of parameter i is [Γ_s V]_ii / V_ii: shares sum to one. V is C, or the ``covariance`` (p, p) given.
         """
-        covariance = self.covariance()
-        own = self.own
-        variance = np.diag(covariance)[own]
-        found = {}
-        if not self.flat:
-            found[OWN] = (covariance[np.ix_(own, own)] ** 2).sum(axis=1) / variance
-        for term in dict.fromkeys(owner for owner in self.owners if owner != OWN):
-            members = np.flatnonzero([owner == term for owner in self.owners])
-            found[term] = (covariance[np.ix_(own, members)] ** 2).sum(axis=1) / variance
+        joint, own = self.covariance(), self.own
+        total = joint[np.ix_(own, own)]
+        weight = np.eye(len(own)) if covariance is None else np.linalg.solve(total, covariance)
+        weight = weight / np.diag(total if covariance is None else covariance)
+        parts: dict[tuple[str, str], Array] = {} if self.flat else {(OWN, OWN): total @ total.T}
+        for k, (name, owner) in enumerate(zip(self.names, self.owners, strict=True)):
+            if owner != OWN:
+                parts[name, owner] = np.outer(joint[own, k], joint[own, k])
         for design, noise in zip(self.design, self.noise, strict=True):
-            total = np.linalg.cholesky(sum(noise.values(), np.zeros((len(design), len(design)))))
-            weight = scipy.linalg.cho_solve((total, True), design * self.scale) @ covariance[:, own]
+            root = np.linalg.cholesky(sum(noise.values(), np.zeros((len(design), len(design)))))
+            gain = scipy.linalg.cho_solve((root, True), design * self.scale) @ joint[:, own]
             for source, part in noise.items():
-                gained = np.einsum("ki,kl,li->i", weight, part, weight) / variance
-                found[source] = found.get(source, np.zeros(len(own))) + gained
+                parts[source, source] = parts.get((source, source), 0.0) + gain.T @ part @ gain
+        return {key: np.einsum("ij,ji->i", part, weight) for key, part in parts.items()}
+
+    def contributions(self) -> dict[str, Array]:
+        """`shares` by term. That of a source is also d ln sd(β) / d ln (its scale), the other scales held."""
+        found: dict[str, Array] = {}
+        for (_, term), share in self.shares().items():
+            found[term] = found.get(term, 0.0) + share
         return found
 
     @property

@@ -5,19 +5,20 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import os
-from dataclasses import Field as DataField
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation
 from ldbb_bayes.campaign.folder import LARGEST_PLAN, iso
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.files import LARGEST_TOML_BYTES, bytes_of, parse_toml, read_toml
+from ldbb_bayes.files import parse_toml, read_toml, validated
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import Term
@@ -67,38 +68,12 @@ def model_from_toml(text: str, *, degree: int | None = None) -> HybridModel:
     InputError
         For invalid TOML, unknown keys, or values that cannot be.
     """
-    content = parse_toml(text, "model")
-    check_known("model key", content, ("schema", "preset", "degree", "reference_force_N", "fixed", "prior", "terms"))
-    try:
-        spec = _SpecFile.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"model {place!r} must be valid, got {first['input']!r}: {first['msg']}. Correct it.") from None
-    model = HybridModel.paper() if spec.preset == "paper" else HybridModel.default()
-    chosen = spec.degree if spec.degree is not None else degree
-    degree = model.degree if chosen is None else chosen
-    model = replace(model, degree=degree, reference_force_N=spec.reference_force_N, fixed=tuple(spec.fixed))
-    check_known("prior key", spec.prior, [field.name for field in fields(Prior)])
-    prior = replace(model.prior, **_checked_prior(spec.prior))
-    if spec.terms is None:
-        return replace(model, prior=prior)
-    check_known("term", spec.terms, Term.kinds)
-    terms = [kind(**_checked_term(kind, spec.terms[name])) for name, kind in Term.kinds.items() if name in spec.terms]
-    return replace(model, prior=prior, nuisances=tuple(terms))
+    return _model_of(parse_toml(text, "model"), "model", degree)
 
 
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
     """A model from a TOML file; see `model_from_toml`."""
-    raw = bytes_of(Path(path), LARGEST_TOML_BYTES, what="a readable TOML file")
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} must be UTF-8, got: {error}. Save it as UTF-8.") from None
-    try:
-        return model_from_toml(text, degree=degree)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    return _model_of(read_toml(Path(path)), str(path), degree)
 
 
 def model_sha256(model: HybridModel) -> str:
@@ -106,21 +81,32 @@ def model_sha256(model: HybridModel) -> str:
     return hashlib.sha256(model_to_toml(model).encode()).hexdigest()
 
 
-def _checked_term(kind: type[Term], given: dict[str, Any]) -> dict[str, Any]:
-    known: dict[str, DataField[Any]] = {field.name: field for field in fields(cast("Any", kind))}
-    check_known(f"{kind.__name__} key", given, known)
+def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
+    spec = validated(_SpecFile, content, place)
+    try:
+        model = HybridModel.paper() if spec.preset == "paper" else HybridModel.default()
+        chosen = next(k for k in (spec.degree, degree, model.degree) if k is not None)
+        model = replace(model, degree=chosen, reference_force_N=spec.reference_force_N, fixed=tuple(spec.fixed))
+        kinds = {field.name: dict if field.name in _TABLES else type(field.default) for field in fields(Prior)}
+        prior = replace(model.prior, **_checked("prior", kinds, spec.prior))
+        if spec.terms is None:
+            return replace(model, prior=prior)
+        check_known("term", spec.terms, Term.kinds)
+        terms = []
+        for name, kind in Term.kinds.items():
+            if name in spec.terms:
+                kinds = {field.name: str if isinstance(field.default, str) else float for field in fields(cast("Any", kind))}
+                terms.append(kind(**_checked(name, kinds, spec.terms[name])))
+        return replace(model, prior=prior, nuisances=tuple(terms))
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+
+
+def _checked(what: str, kinds: Mapping[str, type], given: dict[str, Any]) -> dict[str, Any]:
+    check_known(f"{what} key", given, kinds)
     for key, value in given.items():
-        wanted = str if isinstance(known[key].default, str) else float
-        if not isinstance(value, wanted):
-            raise InputError(f"{kind.__name__} {key} must be a {wanted.__name__}, got {value!r}. Correct it.")
-    return given
-
-
-def _checked_prior(given: dict[str, Any]) -> dict[str, Any]:
-    for name, value in given.items():
-        wanted = {"truncated": bool, "flat": bool, **dict.fromkeys(_TABLES, dict)}.get(name, float)
-        if not isinstance(value, wanted):
-            raise InputError(f"prior {name} must be a {wanted.__name__}, got {value!r}. Correct it.")
+        if not isinstance(value, kinds[key]):
+            raise InputError(f"{what} {key} must be a {kinds[key].__name__}, got {value!r}. Correct it.")
     return given
 
 
@@ -167,11 +153,9 @@ def is_truths(path: Path) -> bool:
     """Whether a TOML file holds truths rather than a campaign."""
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
-    try:
-        content = read_toml(path)
-    except InputError:
-        return False
-    return "test" not in content
+    with suppress(InputError):
+        return "test" not in read_toml(path)
+    return False
 
 
 def read_truths(path: Path) -> Truths:
@@ -182,19 +166,11 @@ def read_truths(path: Path) -> Truths:
     InputError
         Naming the file and the place.
     """
-    content = read_toml(path)
+    file = validated(_TruthsFile, read_toml(path), str(path))
     try:
-        known = [field.alias or name for name, field in _TruthsFile.model_fields.items()]
-        check_known("key", content, known)
-        file = _TruthsFile.model_validate(content)
-        plan = None if file.forces_N is None else _plan(file, path.stem)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {place!r} must be valid, got {first['input']!r}: {first['msg']}. Correct it.") from None
+        return Truths(None if file.forces_N is None else _plan(file, path.stem), file.parameters, file.hyper_um, file.exact)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    return Truths(plan, file.parameters, file.hyper_um, file.exact)
 
 
 def _plan(file: _TruthsFile, name: str) -> Campaign:

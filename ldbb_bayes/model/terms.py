@@ -270,19 +270,17 @@ class BallForm(Term):
     runs over another great circle of the balls: it has forms of its own.
     """
 
-    stem: ClassVar = ("form", "work_form", "tool_form")
-    calibration: ClassVar[str] = "a calibration of the balls' form"
-    remedy: ClassVar[str] = "Clock both balls (not by 180° alone), or measure a second radius."
-    instrument: ClassVar[bool] = True
-    on_demand: ClassVar[bool] = False
+    stem = ("form", "work_form", "tool_form")
+    calibration = "a calibration of the balls' form"
+    remedy = "Clock both balls (not by 180° alone), or measure a second radius."
+    instrument = True
+    on_demand = False
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """τ."""
         return (Scale("tau", "tau_um", "τ", "ball form"),)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Columns, hyper-parameter τ [mm]."""
         balls = [("form", setting.work_ball_rad, 1.0)]
         if setting.two_balls:
             half = 1.0 / np.sqrt(2.0)
@@ -304,14 +302,12 @@ class BallForm(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """form_cos2 → 2-lobe form (cos 2θ)."""
         ball, order = cls._ball(coefficient), _order(coefficient)
         lobes = order.split()[1].removesuffix("θ")
         return f"{ball + chr(39) + 's ' if ball else ''}{lobes}-lobe form ({order}{_in_plane(coefficient)})"
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """work_form_cos2 →  in cos 2θ of the work ball."""
         ball = cls._ball(coefficient)
         return f" in {_order(coefficient)}{f' of {ball}' if ball else ''}{_in_plane(coefficient)}"
 
@@ -321,20 +317,18 @@ class BarLength(Term):
     """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another radius is another length."""
 
     sd_um: float = 9.4
-    calibration: ClassVar[str] = "a calibration of the bar's length"
-    remedy: ClassVar[str] = "Calibrate the bar's length."
-    instrument: ClassVar[bool] = True
-    on_demand: ClassVar[bool] = False
+    calibration = "a calibration of the bar's length"
+    remedy = "Calibrate the bar's length."
+    instrument = True
+    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """One shared column per radius [1]."""
         names, own = zip(*((f"bar_length{radius}", own) for _, radius, own in setting.each("radius")), strict=True)
         values = setting.constant(np.column_stack(own).astype(float))
         return (Columns(names, values, np.full(len(names), self.sd_um * 1e-3)),)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """bar_length_150 → bar length at R = 150 mm."""
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
         return cls.words + (f" at R = {radius} mm" if radius else "")
 
@@ -344,21 +338,19 @@ class Mount(Term):
     """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value (Eq. 32)."""
 
     relative_sd: float = 0.10
-    unit: ClassVar[Unit] = Unit("mm/bar", 1e-3, "µm/bar")
-    calibration: ClassVar[str] = "a measurement of the mount's deflection"
-    remedy: ClassVar[str] = "Measure the mount's deflection."
-    instrument: ClassVar[bool] = True
-    common: ClassVar[bool] = True
-    on_demand: ClassVar[bool] = False
+    unit = Unit("mm/bar", 1e-3, "µm/bar")
+    calibration = "a measurement of the mount's deflection"
+    remedy = "Measure the mount's deflection."
+    instrument = True
+    common = True
+    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """One shared column [bar]: the deviation from the nominal deflection."""
         sd = np.array([self.relative_sd * (setting.deflection_um_per_bar * 1e-3)])
         return (Columns(("mount",), setting.constant(setting.pressure_bar), sd),)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """mount → mount deflection."""
         return "mount deflection"
 
 
@@ -368,16 +360,15 @@ class ForceError(Term):
 
     gain_sd: float = 0.01
     random_sd_N: float = 4.0
-    stem: ClassVar = ("force_gain", "force_random")
-    unit: ClassVar[Unit] = Unit("1", 1e-2, "%")
-    calibration: ClassVar[str] = "a calibration of the force"
-    remedy: ClassVar[str] = "Calibrate the force."
-    instrument: ClassVar[bool] = True
-    common: ClassVar[bool] = True
-    on_demand: ClassVar[bool] = False
+    stem = ("force_gain", "force_random")
+    unit = Unit("1", 1e-2, "%")
+    calibration = "a calibration of the force"
+    remedy = "Calibrate the force."
+    instrument = True
+    common = True
+    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """One shared column [mm] and one column per test [mm/N]."""
         deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
         gain = setting.force_N[:, None, None] * deflection
         return (
@@ -387,12 +378,10 @@ class ForceError(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Of the gain 1, of the random part N."""
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """force_gain → force gain."""
         return coefficient.replace("_", " ")
 
 
@@ -407,19 +396,17 @@ class SetupShift(Term):
     """
 
     moves: Moves = "together"
-    words: ClassVar[str] = "set-up shift"
-    remedy: ClassVar[str] = "Run more circles: zero and centre move from one to the next."
-    on_demand: ClassVar[bool] = False
+    words = "set-up shift"
+    remedy = "Run more circles: zero and centre move from one to the next."
+    on_demand = False
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """δ, or δ_0 and δ_1."""
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)
         return tuple(Scale(f"delta_{n}", "delta_um", "δ", f"set-up shift of order {n}") for n in (0, 1))
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Coefficients of order 0 and 1 [mm]."""
         zero, centre = np.where(ORDERS == 0, 1.0, 0.0), np.where(ORDERS == 1, 1.0, 0.0)
         if self.moves == "apart":
             return BasisNoise("delta_0", zero), BasisNoise("delta_1", centre)
@@ -431,16 +418,14 @@ class Discrepancy(Term):
     """cos nθ, sin nθ, n = 2 … 12, separate for every test: model inadequacy and run-to-run change, κ/n^decay."""
 
     decay: float = 1.0
-    remedy: ClassVar[str] = "Run more circles: what differs from one to the next averages out."
-    on_demand: ClassVar[bool] = False
+    remedy = "Run more circles: what differs from one to the next averages out."
+    on_demand = False
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """κ."""
         return (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Coefficients of order 2 to 12, hyper-parameter κ [mm]."""
         return (BasisNoise("kappa", np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)),)
 
 
@@ -461,12 +446,11 @@ class Hysteresis(Term):
 
     constant_um: float = 2.0
     proportional_um_per_kN: float = 2.0
-    calibration: ClassVar[str] = "a narrower prior of it"
-    remedy: ClassVar[str] = "Run both directions at the same forces."
-    on_demand: ClassVar[bool] = False
+    calibration = "a narrower prior of it"
+    remedy = "Run both directions at the same forces."
+    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Columns [1] and [N]."""
         count = 2 * _TRAVEL_ORDERS + 1
         suffixes = ("0", *(f"{trig}{n}" for n in range(1, _TRAVEL_ORDERS + 1) for trig in ("cos", "sin")))
         spread = 1.0 / np.maximum(ORDERS[:count], 1.0)
@@ -485,18 +469,15 @@ class Hysteresis(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """mm, or mm/N of what is in proportion to force."""
         return Unit("mm/N", 1e-6, "µm/kN") if coefficient.startswith("hysteresis_force") else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """hysteresis_force_cos1 → hysteresis in proportion to force (cos θ)."""
         force = " in proportion to force" if coefficient.startswith("hysteresis_force") else ""
         return f"hysteresis{force} ({_order(coefficient)}{_in_plane(coefficient)})"
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """hysteresis_force_cos1 →  in cos θ times force."""
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {_order(coefficient)}{force}{_in_plane(coefficient)}"
 
@@ -518,7 +499,7 @@ class Drift(Term):
     over: Covariate = "time"
     length_um: float = 2.0
     centre_um: float = 5.0
-    remedy: ClassVar[str] = "Run the forces in an order that has nothing to do with time."
+    remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """One shared column of length and one per direction of the centre [h or K].
@@ -542,12 +523,10 @@ class Drift(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Per hour, or per kelvin."""
         per = "h" if coefficient.startswith("drift_time") else "K"
         return Unit(f"mm/{per}", 1e-3, f"µm/{per}")
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """drift_time_length → drift of the bar's length over time."""
         over, what = coefficient.removeprefix("drift_").split("_")
         return f"drift of {'the bar' + chr(39) + 's length' if what == 'length' else f'the centre along {what}'} over {over}"

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from ldbb_bayes.analysis.budget import Budget, Contribution
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, COMPLIANCE, GEOMETRY, QUANTITIES, TOGETHER, squareness_name
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.describe import describe
 from ldbb_bayes.analysis.design.design import Design
+from ldbb_bayes.analysis.identifiability import describe
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import figures, wording
@@ -524,7 +524,7 @@ def method(found: Findings) -> Iterator[Part]:
     """In short, with digests, versions and seed."""
     provenance, tests, model = (found.result[key] for key in ("provenance", "campaign", "model"))
     yield prose("method", nuisances=[name for name in model["terms"] if name not in ("Compliance", "GeometricErrors")])
-    yield tuple(note.strip() for note in prose("notes").split("¶"))
+    yield wording.method_notes()
     rows = (
         ("campaign", tests["name"]),
         ("readings, SHA-256", tests["sha256"]),

@@ -14,9 +14,8 @@ import pandas as pd
 
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.describe import DescribedMachine, Seen
 from ldbb_bayes.analysis.design.design import Design
-from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability
+from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen
 from ldbb_bayes.campaign.importing import Imported
 from ldbb_bayes.campaign.preview import CampaignPreview
 from ldbb_bayes.inference.least_squares import LeastSquares

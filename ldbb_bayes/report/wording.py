@@ -17,9 +17,8 @@ from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, StandingKind
 from ldbb_bayes.analysis.budget import Budget
 from ldbb_bayes.analysis.calibration import Validation
 from ldbb_bayes.analysis.comparison import WHITE_NOISE, Comparison, Sign
-from ldbb_bayes.analysis.describe import DescribedMachine, Seen
 from ldbb_bayes.analysis.design.design import Design, Outcome, RemedyKind
-from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, Verdict
+from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen, Verdict
 from ldbb_bayes.analysis.slopes import SlopeSubset
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit
@@ -1038,7 +1037,7 @@ _CONFLICT, _WORTH = 0.01, 0.95
 
 
 @cache
-def _prose() -> Any:
+def _paragraphs() -> Any:
     import jinja2
 
     environment = jinja2.Environment(loader=jinja2.PackageLoader("ldbb_bayes.report"), undefined=jinja2.StrictUndefined)
@@ -1048,7 +1047,12 @@ def _prose() -> Any:
 
 def prose(paragraph: str, **values: Any) -> str:
     """Return a paragraph of the page from ``templates/prose.j2``, filled with its values."""
-    return " ".join(str(getattr(_prose(), paragraph)(**values)).split())
+    return " ".join(str(getattr(_paragraphs(), paragraph)(**values)).split())
+
+
+def method_notes() -> tuple[str, ...]:
+    """Return what a reader of the page should know of words and limits."""
+    return tuple(" ".join(note.split()) for note in str(_paragraphs().notes()).split("¶"))
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:

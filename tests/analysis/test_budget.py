@@ -9,7 +9,7 @@ import pytest
 from campaigns import HYPER_UM, plan
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.budget import Budget, _shares, budgets
+from ldbb_bayes.analysis.budget import Budget, budgets
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.likelihood import NOISE, OWN
@@ -94,7 +94,7 @@ def test_every_source_alone(arc_deg: float) -> None:
     own = information.own
     covariance = information.covariance()[np.ix_(own, own)]
     np.testing.assert_allclose(np.diag(covariance) * information.scale[own] ** 2, total, rtol=1e-6)
-    shares = _shares(information, covariance)
+    shares = information.shares(covariance)
     assert {term for _, term in shares} == set(parts)
     for name, expected in parts.items():
         share = sum((values for (_, term), values in shares.items() if term == name), np.zeros(len(own)))

@@ -194,20 +194,6 @@ def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
         lb.read_campaign(folder)
 
 
-def test_a_failed_write_leaves_the_old_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign = simulated(plan())
-    folder = lb.write_campaign(campaign, tmp_path / "c")
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("pandas.DataFrame.to_csv", full)
-    with pytest.raises(InputError, match="No space left on device"):
-        lb.write_campaign(campaign.without("f036"), folder, force=True)
-    assert lb.read_campaign(folder).sha256 == campaign.sha256
-    assert [p.name for p in tmp_path.iterdir()] == ["c"]
-
-
 def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
     """Kept in the folder and in a fit, not part of the digest: they change no number."""
     plain = lb.read_campaign(lb.embedded_campaign())
@@ -238,7 +224,7 @@ def tidy(campaign: lb.Campaign, extra: str = "") -> str:
 def test_tidy_is_the_same_campaign(tmp_path: Path) -> None:
     campaign = simulated(plan(work_deg=20.0))
     path = tmp_path / "all.csv"
-    path.write_text(tidy(campaign))
+    path.write_text(tidy(campaign, "direction"))
     assert lb.read_campaign(path).sha256 == campaign.sha256
     assert lb.read_campaign(path, radius_mm=100.0).tests[0].radius_mm == 100.0
 
@@ -248,13 +234,6 @@ def test_rows_of_a_test_must_agree(tmp_path: Path) -> None:
     path.write_text(tidy(simulated(plan())).replace("f036,36.0", "f036,37.0", 1))
     with pytest.raises(InputError, match=r"all\.csv: force_N must be the same in all rows of a test, got 36.0 to 37.0 in 'f036'"):
         lb.read_campaign(path)
-
-
-def test_empty_direction_is_none(tmp_path: Path) -> None:
-    path = tmp_path / "all.csv"
-    path.write_text(tidy(simulated(plan()), "direction"))
-    assert all(test.direction is None for test in lb.read_campaign(path).tests)
-    assert np.isfinite(lb.read_campaign(path).forces_N).all()
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def book(path: Path, sheets: dict[str, list[list[Any]]]) -> Path:
     return path
 
 
-SHEET = [["angle", "reading um"], *([5 * k, k % 7] for k in range(72))]
+SHEET = [["measured", datetime(2026, 3, 4), ""], ["angle", "reading um", "check"], *([5 * k, k % 7, "=B2*2"] for k in range(72))]
 
 
 def imported(path: Path | list[Path], layout: dict[str, Any] | None = None, **campaign: Any) -> lb.Imported:
@@ -89,11 +89,6 @@ def test_a_number_written_any_way_comes_back(value: float, decimal: str, digits:
     marks = str.maketrans({",": "," if decimal == "." else ".", ".": decimal})
     written = f"{value:,.{digits}f}".translate(marks)
     assert numbers_of("here", "x", [1], [written], decimal)[0] == pytest.approx(round(value, digits), rel=1e-12, abs=1e-12)
-
-
-def test_a_mark_that_changes_is_refused_with_its_line() -> None:
-    with pytest.raises(lb.InputError, match=r"here, line 3: the decimal mark must be the same"):
-        decimal_mark("here", [(1, "1.5"), (2, "2.5"), (3, "3,5")])
 
 
 @pytest.mark.parametrize(
@@ -202,17 +197,14 @@ def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("schema = 2\n", "'schema' must be valid"),
         ("colums = {}\n", "got 'colums'. Did you mean 'columns'"),
         ("[columns]\nangel = 'a'\n", "got 'angel'. Did you mean 'angle'"),
         ("laps = 'mean'\n", "'laps' must be valid, got 'mean'"),
         ("[[test]]\nfile = 'a'\nforce = 3.0\n", "in [test 1] must be among file, name, force_N"),
-        ("[[test]]\nname = 'a'\n", "'file' in [test 1] must be given"),
         ("[[test]]\nfile = 'a'\n[[test]]\nfile = 'a'\n", "got two for 'a'"),
         ("reading_unit = 'bar'\n", "it should be one of um, mm"),
         ("a = " + "[\n" * 5000, "valid TOML"),
         ("a." * 400 + "b = 1", "line 1"),
-        ("x = 'é'\n", "UTF-8"),
     ],
 )
 def test_layouts_that_are_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -341,7 +333,6 @@ def test_rows_and_radii_of_labels(tmp_path: Path) -> None:
     ("header", "rows", "layout", "message"),
     [
         ("angle_deg,error,status", lines("{a},0,{k}"), {}, "the reading must change from row to row, got 0 in all"),
-        (HEADER, [*CIRCLE, "---,---"], {}, "line 74: angle must be a finite number, got '---'"),
         (HEADER, [*lines("{a},{r}", 73), *lines("{a},{r}")[::-1]], {}, r"run one way in a test, got -360° after \+360°"),
         (HEADER, lines("{a} deg,{k} um"), {}, r"Line 37 reads '175', 'deg,35', 'um'\."),
         (HEADER, CIRCLE, {"header_line": 3}, "line 3: the header must hold names, got numbers"),
@@ -351,7 +342,6 @@ def test_rows_and_radii_of_labels(tmp_path: Path) -> None:
         ("test,force_N,angle_deg,reading_um,work_ball_deg", [*lines("a,36,{a},{r},45", 30), *lines("a,36,{a},{r},50")[30:]], {},
          "line 32: work_ball_deg must be the same in all rows of test 'a', got '50' after '45'"),
         ("", lines("{k},{a},{r}.25"), {}, "must be named by number, got 3"),
-        ("", lines("{a},0,{r},25"), {}, "must be named by number, got 4"),
         *[("", [*CIRCLE[:3], bad, *CIRCLE[4:]], {}, "line [34]") for bad in ("-,-", ",", "pause", "15.0", "15,-3,1")],
         *[(HEADER, [*CIRCLE[:5], f"25,{bad}", *CIRCLE[6:]], {}, "line 7: reading must be a") for bad in ("---", "NaN", "")],
         *[(HEADER, [*CIRCLE[:3], f"{bad},{bad}", *CIRCLE[3:]], {}, "line 5") for bad in ("NaN", "n/a", "#DIV/0!", "paused")],
@@ -369,12 +359,9 @@ def test_refused(header: str, rows: list[str], layout: dict[str, Any], message: 
 
 
 def test_distances_on_another_radius_ask_for_it(tmp_path: Path) -> None:
-    for radius in (100, 155):
-        path = table(tmp_path / NAME, "angle_deg,radius (mm)", lines("{a}," + str(radius) + ".00{r}"))
-        with pytest.raises(lb.InputError, match=rf"or distances near it, got {radius} mm\. Give --radius-mm"):
-            imported(path)
-        (test,) = imported(path, radius_mm=float(radius)).campaign.tests
-        assert (test.radius_mm, test.reading_um[1]) == (radius, pytest.approx(1.0, abs=1e-6))
+    path = table(tmp_path / NAME, "angle_deg,radius (mm)", lines("{a},155.00{r}"))
+    (test,) = imported(path, radius_mm=155.0).campaign.tests
+    assert (test.radius_mm, test.reading_um[1]) == (155.0, pytest.approx(1.0, abs=1e-6))
 
 
 # ---- what is read
@@ -415,13 +402,6 @@ def test_bare_columns_by_number_and_decimal_commas_between_blanks(tmp_path: Path
     path = table(tmp_path / NAME, "", lines("{k},{a},{r}.25"))
     assert imported(path, {"columns": {"angle": 2, "reading": 3}}).campaign.tests[0].reading_um[1] == 1.25
     assert imported(table(tmp_path / "b 36N.txt", "", lines("{a},0 {r},25"))).campaign.tests[0].reading_um[1] == 1.25
-
-
-def test_the_angle_of_the_first_axis_is_as_the_file_counts(tmp_path: Path) -> None:
-    """Clockwise with X at 30: the file's 30 is 0, its 120 is -90."""
-    path = table(tmp_path / NAME, rows=[f"{(30 - 5 * k) % 360},{k % 7}" for k in range(72)])
-    (test,) = imported(path, {"angle_sign": -1, "angle_offset_deg": 30.0}).campaign.tests
-    np.testing.assert_allclose(np.mod(test.angle_deg, 360.0), [5 * k for k in range(72)], atol=1e-9)
 
 
 def test_names_of_files_and_labels(tmp_path: Path) -> None:
@@ -470,11 +450,7 @@ def test_a_column_for_each_force(header: str, expected: list[tuple[str, float, s
     assert lb.import_campaign(path, layout=found.layout).campaign.sha256 == found.campaign.sha256
 
 
-def test_columns_of_readings_that_are_named(tmp_path: Path) -> None:
-    path = table(tmp_path / "wide.csv", "angle_deg,A [um],B [nm]", lines("{a},{r},{q}"))
-    found = imported(path, {"columns": {"reading": ["A", "B"]}, "forces_N": [36.0, 742.0]})
-    np.testing.assert_allclose(found.campaign.tests[1].reading_um, [0.001 * (k % 5) for k in range(72)], atol=1e-12)
-    assert found.campaign.forces_N.tolist() == [36.0, 742.0]
+def test_one_of_the_columns_of_readings(tmp_path: Path) -> None:
     one = table(tmp_path / "one.csv", "angle;36 N (CW) [um];238 N (CCW) [um]", lines("{a};{r};{q}"))
     assert loads_of(one, columns={"reading": "238 N (CCW) [um]"}) == [("one", 238.0, "CCW")]
     bare = table(tmp_path / "bare.csv", "", lines("{a},{r},{q}"))
@@ -482,18 +458,6 @@ def test_columns_of_readings_that_are_named(tmp_path: Path) -> None:
 
 
 # ---- workbooks
-
-
-def test_workbooks_with_titles_dates_and_notes(tmp_path: Path) -> None:
-    """A date and a formula outside the table, a sheet of words, two books with the usual name of a sheet."""
-    rows = [["measured", datetime(2026, 3, 4, 10, 15)], ["angle_deg", "reading_um", "check"]]
-    rows += [[5 * k, k % 7 + 0.25, f"=B{k + 3}*2"] for k in range(72)]
-    notes = {"Info": [["operator", "J. D."]]}
-    found = imported([book(tmp_path / f"own {force}N.xlsx", {"Sheet1": rows} | notes) for force in (36, 742)])
-    assert [(test.name, test.force_N) for test in found.campaign.tests] == [("own 36N", 36.0), ("own 742N", 742.0)]
-    assert ("left out", "the sheet") in told(found)
-    with pytest.raises(lb.InputError, match="must hold a table of at least 9 rows"):
-        imported(book(tmp_path / "notes.xlsx", notes | {"More": [["nothing"]]}))
 
 
 def test_one_force_for_each_sheet(tmp_path: Path) -> None:

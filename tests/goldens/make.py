@@ -516,7 +516,7 @@ def _marginals(work: Work, name: str) -> Any:
 # What it means.
 
 
-@of_each("identify", [*circles.CAMPAIGNS, "plan"], fast=("arcs", "both_ways", "plan"))
+@of_each("identify", [*circles.CAMPAIGNS, "plan"], fast=("arcs", "both_ways", "plan"), relative=FOUND)
 def _identify(work: Work, name: str) -> Any:
     arguments = ("identify", work.campaign(name), "--degree", DEGREES.get(name, 1))
     found = work.run(*arguments, "--json")

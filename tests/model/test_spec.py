@@ -44,10 +44,10 @@ def test_what_is_left_out_is_the_presets() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("schema =", "model must be valid TOML"),
-        ("schema = 2", "model 'schema' must be valid, got 2"),
+        ("schema =", r"model\.toml must be valid TOML"),
+        ("schema = 2", "'schema' must be valid, got 2"),
         ("schema = 1\npresett = 'paper'", "Did you mean 'preset'"),
-        ("schema = 1\ndegree = 4", "model 'degree' must be valid"),
+        ("schema = 1\ndegree = 4", "'degree' must be valid, got 4"),
         ("schema = 1\n[prior]\ntau = 1.0", "Did you mean 'tau_um'"),
         ("schema = 1\n[prior]\ntruncated = 1.0", "prior truncated must be a bool"),
         ("schema = 1\n[prior]\ntau_um = -1.0", "prior tau_um must be a positive"),
@@ -58,7 +58,7 @@ def test_what_is_left_out_is_the_presets() -> None:
         ("schema = 1\n[terms.SetupShift]\nmoves = 'zeros'", "SetupShift moves must be one of .* Did you mean 'zero'"),
         ("schema = 1\n[terms.SetupShift]\nmoves = 1.0", "SetupShift moves must be a str, got 1.0"),
         ("schema = 1\n[terms.Discrepancy]\ndecay = 'fast'", "Discrepancy decay must be a float, got 'fast'"),
-        ("schema = 1\nfixed = 'C_XYX_1'", "model 'fixed' must be valid"),
+        ("schema = 1\nfixed = 'C_XYX_1'", "'fixed' must be valid, got 'C_XYX_1'"),
         ("schema = 1\nreference_force_N = nan", "reference_force_N must be finite"),
     ],
 )

@@ -1,11 +1,9 @@
-"""Awkward files import to one campaign; malformed ones are refused by a message that names the place; nothing is written."""
+"""Awkward files import to one campaign; mutated ones are read or refused in one line, without a traceback or a long wait."""
 
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -13,76 +11,92 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli.main import app
+from ldbb_bayes.errors import LONGEST_MESSAGE
 
 STUDY = Path(__file__).parents[2] / "studies" / "10_files"
 sys.path.insert(0, str(STUDY))
 import awkward  # noqa: E402
+import fuzz  # noqa: E402
 import malformed  # noqa: E402
 
 
-def imported(folder: Path, case: awkward.Case) -> lb.Campaign:
-    for name, content in case.files.items():
-        (folder / name).write_bytes(content)
+def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Campaign:
     files = [str(folder / name) for name in case.files]
-    found = CliRunner().invoke(app, ["import", *files, "--out", str(folder / "campaign"), *case.options])
+    found = CliRunner().invoke(app, ["import", *files, "--out", str(folder / out), *options])
     assert found.exit_code == 0, found.output
-    return lb.read_campaign(folder / "campaign")
+    return lb.read_campaign(folder / out)
 
 
 @pytest.mark.parametrize("name", awkward.CASES)
 def test_awkward(name: str, tmp_path: Path) -> None:
-    """Forces, angles and readings as far as their digits tell."""
-    campaign, wanted = imported(tmp_path, awkward.CASES[name]), awkward.campaign()
+    """Forces, angles and readings as far as their digits tell; the import.toml that is written reads the same without options."""
+    case, wanted = awkward.CASES[name], awkward.campaign()
+    for file, content in case.files.items():
+        (tmp_path / file).write_bytes(content)
+    campaign = imported(tmp_path, case, "campaign", *case.options)
     assert len(campaign.tests) == len(wanted.tests)
     for test, own in zip(campaign.tests, wanted.tests, strict=True):
         order = np.argsort(np.mod(np.round(test.angle_deg, 3), 360.0))
         np.testing.assert_allclose(np.mod(test.angle_deg[order] - own.angle_deg + 180.0, 360.0) - 180.0, 0.0, atol=1e-3)
         np.testing.assert_allclose(test.reading_um[order], own.reading_um, atol=6e-3)
         assert test.force_N == pytest.approx(own.force_N, abs=1e-4)
+    again = imported(tmp_path, case, "again", "--layout", str(tmp_path / "campaign" / "import.toml"))
+    assert [test.reading_um.tolist() for test in again.tests] == [test.reading_um.tolist() for test in campaign.tests]
+    assert again.forces_N.tolist() == campaign.forces_N.tolist()
 
 
-@pytest.mark.parametrize("name", awkward.CASES)
-def test_awkward_with_its_own_layout(name: str, tmp_path: Path) -> None:
-    """The import.toml beside the campaign reads the same files to the same campaign, option or no option."""
-    case = awkward.CASES[name]
-    first = imported(tmp_path, case)
-    files = [str(tmp_path / own) for own in case.files]
-    layout = ["--layout", str(tmp_path / "campaign" / "import.toml")]
-    again = CliRunner().invoke(app, ["import", *files, "--out", str(tmp_path / "again"), *layout])
-    assert again.exit_code == 0, again.output
-    assert [test.reading_um.tolist() for test in lb.read_campaign(tmp_path / "again").tests] == [
-        test.reading_um.tolist() for test in first.tests
-    ]
-    assert lb.read_campaign(tmp_path / "again").forces_N.tolist() == first.forces_N.tolist()
+def test_the_page_counts_them() -> None:
+    """What is refused, and how, is a golden (import_malformed)."""
+    assert (len(awkward.CASES) >= 30, len(malformed.CASES) >= 60) == (True, True)
+    page = (STUDY.parents[1] / "docs" / "readings.md").read_text(encoding="utf-8")
+    assert f"{len(awkward.CASES)} awkward ways" in page
+    assert f"{len(malformed.CASES)} files that are refused" in page
 
 
-@pytest.mark.parametrize("name", malformed.CASES)
-def test_malformed(name: str, tmp_path: Path) -> None:
-    case = malformed.CASES[name]
-    (tmp_path / case.file).write_bytes(case.content)
-    start = time.process_time()
-    found = CliRunner().invoke(app, ["import", str(tmp_path / case.file), "--out", str(tmp_path / "campaign"), *case.options])
-    said = " ".join(found.output.split())
-    assert found.exit_code == 2, said
-    assert isinstance(found.exception, SystemExit)
-    for word in case.names:
-        assert word in said
-    assert [path.name for path in tmp_path.iterdir()] == [case.file]
-    assert time.process_time() - start < 20.0
+def without_memory(found: fuzz.Findings) -> list[str]:
+    """What was wrong; the process holds the other tests' memory too."""
+    return [line for line in found.wrong if not line.endswith(" MB")]
 
 
-def test_there_are_as_many_as_promised() -> None:
-    assert len(awkward.CASES) >= 30
-    assert len(malformed.CASES) >= 60
+@pytest.mark.parametrize("name", ["import, text", "import, workbook", "layout", "tidy table", "model", "truths"])
+def test_a_few_hundred_mutations(name: str) -> None:
+    found = fuzz.fuzz(name, 300, 11, {})
+    assert without_memory(found) == []
+    assert found.read + found.refused == 300
 
 
-def test_the_readme_counts_them() -> None:
-    readme = (STUDY.parents[1] / "docs" / "readings.md").read_text(encoding="utf-8")
-    assert f"{len(awkward.CASES)} awkward ways" in readme
-    assert f"{len(malformed.CASES)} files that are refused" in readme
+@pytest.mark.slow
+def test_many_mutations() -> None:
+    """In other inputs than those of the study: no traceback, no input above 2 s, no reader above 500 MB."""
+    every = list(fuzz.fuzz_all(20_000, 2, list(fuzz.readers({}))))
+    assert sum(found.inputs for found in every) >= 20_000
+    for found in every:
+        assert found.wrong == (), found.reader
+        assert found.refused > 0
+        assert found.slowest_s < 2.0
+        assert found.largest_mb < 500.0
 
 
-def test_modules_are_those_of_the_study() -> None:
-    for module in (awkward, malformed):
-        assert isinstance(module, ModuleType)
-        assert Path(str(module.__file__)).parent == STUDY
+def test_a_reader_that_fails_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A traceback and a long message are found."""
+
+    def fails(path: Path) -> None:
+        if path.stat().st_size % 2:
+            raise KeyError("angle")
+        raise lb.InputError("x" * 5 * LONGEST_MESSAGE)
+
+    calls = iter([lambda path: None, *[fails] * 40])
+    reader = fuzz.Reader("x.csv", [b"12345678" * 4], lambda path: next(calls)(path), 1.0)
+    monkeypatch.setattr(fuzz, "readers", lambda own: {"own": reader})
+    monkeypatch.setattr(fuzz, "keep", lambda *_: None)
+    found = without_memory(fuzz.fuzz("own", 40, 1, {}))
+    assert 0 < len(found) < 40
+    assert all("KeyError" in line for line in found)
+
+
+def test_mutations_are_of_every_kind(rng: np.random.Generator) -> None:
+    """Longer, shorter, changed; of the same seed the same."""
+    raw = b"angle_deg,reading_um\n" + b"5,1.25\n" * 72
+    sizes = {len(fuzz.mutated(raw, rng)) - len(raw) for _ in range(200)}
+    assert min(sizes) < 0 < max(sizes)
+    assert fuzz.mutated(raw, np.random.default_rng(3)) == fuzz.mutated(raw, np.random.default_rng(3))

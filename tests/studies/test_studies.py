@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -136,37 +137,22 @@ def test_a_simulated_campaign_that_is_lost_is_said(study: ModuleType, monkeypatc
         study._on_all_cores(slower_first, [("a", 7)])
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--scheduler", "tcp://a:1"], "06_validation: --scheduler must go with --executor dask"),
-        (["--executor", "dusk"], "invalid choice: 'dusk'"),
-    ],
-)
-def test_what_a_study_runs_on(options: list[str], message: str) -> None:
-    """Of all studies and of one."""
-    ended = subprocess.run(
-        [sys.executable, str(STUDIES), "06", "--quick", *options], capture_output=True, text=True, check=False, timeout=120
-    )
-    assert ended.returncode == 1
-    assert message in ended.stderr
-    assert "Not reproduced: 06_validation" in ended.stderr
-
-
-@pytest.mark.parametrize(
-    ("value", "digits", "expected"),
-    [(0.0996, 2, "0.10"), (198.09, 2, "200"), (-5.46, 2, "−5.5"), (0.0, 2, "0"), (0.996, 2, "1.0")],
-)
-def test_significant_digits(study: ModuleType, value: float, digits: int, expected: str) -> None:
-    assert study._sig(value, digits) == expected
-
-
-@pytest.mark.parametrize(
-    ("mean", "sd", "expected"),
-    [(-129.7, 0.395, "−129.70 ± 0.40"), (1.056, 14.46, "1 ± 14"), (434.0, 133.6, "430 ± 130"), (0.0, 0.996, "0.0 ± 1.0")],
-)
-def test_mean_and_sd(study: ModuleType, mean: float, sd: float, expected: str) -> None:
-    assert study._plus_minus(mean, sd) == expected
+def test_significant_digits(study: ModuleType) -> None:
+    for value, digits, expected in (
+        (0.0996, 2, "0.10"),
+        (198.09, 2, "200"),
+        (-5.46, 2, "−5.5"),
+        (0.0, 2, "0"),
+        (0.996, 2, "1.0"),
+    ):
+        assert study._sig(value, digits) == expected
+    for mean, sd, expected in (
+        (-129.7, 0.395, "−129.70 ± 0.40"),
+        (1.056, 14.46, "1 ± 14"),
+        (434.0, 133.6, "430 ± 130"),
+        (0.0, 0.996, "0.0 ± 1.0"),
+    ):
+        assert study._plus_minus(mean, sd) == expected
 
 
 def test_the_papers_tables_and_figures_are_found_by_number() -> None:
@@ -217,40 +203,6 @@ def test_the_table_of_priors_is_that_of_the_default_model() -> None:
     assert stated["force: gain; each test"] == f"{100 * force.gain_sd:g} %; {force.random_sd_N:g} N"
 
 
-def test_side_by_side_says_the_same() -> None:
-    """Each study in one piece, and both that failed in the end."""
-    command = [sys.executable, str(STUDIES), "06", "08", "--scheduler", "tcp://a:1", "--at-once"]
-    ended = [subprocess.run([*command, n], capture_output=True, text=True, check=False, timeout=120) for n in ("2", "0")]
-    assert [done.returncode for done in ended] == [1, 2]
-    for name in ("06_validation", "08_other_campaigns"):
-        assert f"== {name}\n{name}: --scheduler must go with --executor dask" in ended[0].stdout
-    assert "Not reproduced: 06_validation, 08_other_campaigns" in ended[0].stderr
-    assert "--at-once must be at least 1, got 0" in ended[1].stderr
-
-
-def test_one_command_runs_them() -> None:
-    done = subprocess.run([sys.executable, str(STUDIES), "99"], capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "unknown study 99" in done.stderr
-    done = subprocess.run([sys.executable, str(STUDIES), "3", "--quick"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "03_confounding: reproduced" in done.stdout
-    done = subprocess.run([sys.executable, str(STUDIES), "90", "--quick"], capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "90_speed is run by hand" in done.stderr
-
-
-@pytest.fixture
-def copied(tmp_path: Path) -> Path:
-    """A copy of study 03 that may be damaged."""
-    shutil.copytree(STUDIES / "03_confounding", tmp_path / "studies" / "03_confounding")
-    for name in ("02_recovered_experiment", "04_constant_or_linear"):
-        shutil.copytree(STUDIES / name, tmp_path / "studies" / name)
-    shutil.copy(STUDIES / "study.py", tmp_path / "studies")
-    shutil.copytree(STUDIES.parent / "data", tmp_path / "data")
-    return tmp_path / "studies" / "03_confounding"
-
-
 # The one in the docstring of study.py, whole.
 SMALLEST = """
 import sys
@@ -272,51 +224,101 @@ def smallest(tmp_path: Path) -> Path:
     """The smallest study, stated, on data of its own; it may be damaged."""
     folder = tmp_path / "studies" / "00_smallest"
     folder.mkdir(parents=True)
-    shutil.copy(STUDIES / "study.py", tmp_path / "studies")
+    for name in ("study.py", "__main__.py"):
+        shutil.copy(STUDIES / name, tmp_path / "studies")
     shutil.copytree(STUDIES.parent / "data", tmp_path / "data")
     (folder / "run.py").write_text(SMALLEST, encoding="utf-8")
     (folder / "README.md.j2").write_text("{{ r.rmse_um | to('.2f') }} µm\n", encoding="utf-8")
-    subprocess.run([sys.executable, str(folder / "run.py"), "--write"], check=True, capture_output=True)
+    assert ended(folder, "--write") == ""
     return folder
 
 
-def said(folder: Path, *options: str) -> str:
-    """What a study says when it fails: never a traceback."""
-    done = subprocess.run([sys.executable, str(folder / "run.py"), *options], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "Traceback" not in done.stderr
-    return done.stderr
+def ended(folder: Path, *options: str) -> str:
+    """What a study says when it fails, run here; empty where all is reproduced."""
+    path, arguments, own = list(sys.path), sys.argv, sys.modules.pop("study", None)
+    sys.argv = ["run.py", *options]
+    try:
+        runpy.run_path(str(folder / "run.py"), run_name="__main__")
+    except SystemExit as left:
+        return str(left.code)
+    finally:
+        sys.path[:], sys.argv = path, arguments
+        sys.modules.pop("study", None)
+        if own is not None:
+            sys.modules["study"] = own
+    return ""
 
 
-def test_a_number_that_is_not_reproduced_fails(copied: Path) -> None:
-    stated = copied / "results.json"
-    results = json.loads(stated.read_text(encoding="utf-8"))
-    results["plans"]["as run"]["E_C0YX"]["sd"] *= 1.02
-    stated.write_text(json.dumps(results, indent=2, ensure_ascii=False), encoding="utf-8")
-    assert "plans/as run/E_C0YX/sd" in said(copied)
+def command(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """``python studies`` in a process of its own."""
+    return subprocess.run([sys.executable, str(folder), *options], capture_output=True, text=True, check=False, timeout=900)
+
+
+def test_one_command_runs_them(smallest: Path) -> None:
+    done = command(smallest.parent)
+    assert (done.returncode, "00_smallest: reproduced" in done.stdout) == (0, True), done.stderr
+    stated = smallest / "results.json"
+    stated.write_text(json.dumps({"rmse_um": 1.02 * json.loads(stated.read_text())["rmse_um"]}), encoding="utf-8")
+    done = command(smallest.parent, "0", "--quick")
+    assert (done.returncode, "rmse_um" in done.stderr, "Not reproduced: 00_smallest" in done.stderr) == (1, True, True)
+    for options, message in ((("99",), "unknown study 99"), (("90", "--quick"), "90_speed is run by hand")):
+        done = command(STUDIES, *options)
+        assert (done.returncode, message in done.stderr) == (2, True)
+
+
+def test_side_by_side_says_the_same() -> None:
+    """Each study in one piece, and both that failed in the end, for what they cannot run on."""
+    at_once, none = (command(STUDIES, "06", "08", "--scheduler", "tcp://a:1", "--at-once", n) for n in ("2", "0"))
+    assert (at_once.returncode, none.returncode) == (1, 2)
+    for name in ("06_validation", "08_other_campaigns"):
+        assert f"== {name}\n{name}: --scheduler must go with --executor dask" in at_once.stdout
+    assert "Not reproduced: 06_validation, 08_other_campaigns" in at_once.stderr
+    assert "--at-once must be at least 1, got 0" in none.stderr
 
 
 def test_files_that_are_missing_or_damaged(smallest: Path) -> None:
     """One line that names the file and the cure."""
-    ended = subprocess.run([sys.executable, str(smallest / "run.py")], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ended(smallest) == ""
     for name in ("results.json", "README.md", "README.md.j2"):
         content = (smallest / name).read_bytes()
         (smallest / name).unlink()
-        assert name in (text := said(smallest))
+        assert name in (text := ended(smallest))
         assert "git checkout" in text
         (smallest / name).write_bytes(content)
     stated = (smallest / "results.json").read_bytes()
     for damage, message in (('{"rmse_um": {', "damaged"), ("[]", "must hold numbers by name"), ("{}", "rmse_um")):
         (smallest / "results.json").write_text(damage, encoding="utf-8")
-        assert message in said(smallest)
+        assert message in ended(smallest)
     (smallest / "results.json").write_bytes(stated)
     template = smallest / "README.md.j2"
     template.write_text(template.read_text(encoding="utf-8") + "{{ r.nothing }}", encoding="utf-8")
-    assert "'nothing'" in (text := said(smallest))
+    assert "'nothing'" in (text := ended(smallest))
     assert "a template asks for" in text
     shutil.rmtree(smallest.parents[1] / "data" / "recovered_experiment")
-    assert "recovered_experiment" in said(smallest)
+    assert "recovered_experiment" in ended(smallest)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["90_speed", "91_fleet"])
+def test_what_is_run_by_hand_still_runs(name: str, tmp_path: Path) -> None:
+    """Small: without peers; every executor gives the same dataset and reports what is broken."""
+    if name == "91_fleet":
+        pytest.importorskip("pyarrow")
+        pytest.importorskip("distributed")
+    done = command(STUDIES / name / "run.py", "--quick", "--out", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    results = json.loads((tmp_path / "results.json").read_text())
+    if name == "90_speed":
+        assert set(results["race"]) == {"joint", "independent"}
+        assert all(max(row["worst_mean_z"]) < 5.0 and max(row["worst_sd_error"]) < 0.15 for row in results["race"].values())
+        assert "| joint |" in (tmp_path / "table.md").read_text()
+        return
+    runs = {f"{pool} {workers} {count}" for pool in ("process", "dask") for workers, count in ((1, 4), (2, 4), (2, 8))}
+    assert set(results["runs"]) == runs
+    assert all(run["reported"] and run["worker_MB"] > 50.0 for run in results["runs"].values())
+    assert all(results["same_dataset"].values())
+    assert [pool["machines"] for pool in results["population"]] == [20]
+    assert "**A million campaigns.**" in (tmp_path / "README.md").read_text()
 
 
 def test_kept_campaigns_that_are_damaged(tmp_path: Path, study: ModuleType) -> None:
@@ -334,7 +336,9 @@ def test_kept_campaigns_that_are_damaged(tmp_path: Path, study: ModuleType) -> N
         study.kept(kept, made, {"a": 1}, "usual")
 
 
-def test_a_figure_or_template_that_is_gone(copied: Path, study: ModuleType) -> None:
+def test_a_figure_or_template_that_is_gone(tmp_path: Path, study: ModuleType) -> None:
+    copied = tmp_path / "03_confounding"
+    shutil.copytree(STUDIES / "03_confounding", copied)
     assert study._pages_that_differ(copied) == []
     (copied / "confounding.png").unlink()
     (wrong,) = study._pages_that_differ(copied)
