@@ -6,29 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ldbb_bayes.machine.chain import Circle, Machine, geometric_names, joint_names, wrench_names
-from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian, wrench_jacobian
+import ldbb_bayes as lb
+from ldbb_bayes.machine.chain import Circle, Machine, joint_names, wrench_names
+from ldbb_bayes.machine.forward import compliance_jacobian, wrench_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
 
 ANGLE = np.linspace(-1.0, 8.0, 77)
 C, S, R = np.cos(ANGLE), np.sin(ANGLE), 150.0
-TYPED_WRENCH = {
-    "C_XXX": C**2,
-    "C_XYX": C * S,
-    "C_YYY": S**2,
-    "C_CXY": R * C**2 * S,
-    "C_CYY": R * C * S**2,
-    "C_CCY": R**2 * C**2 * S**2,
-}
-TYPED_GEOMETRIC = {
-    "E_XX1": R * C**2,
-    "E_YX2": R**2 * C**2 * S,
-    "E_XY2": R**2 * S**2 * C,
-    "E_YY1": R * S**2,
-    "E_C0YX": R * C * S,
-    "E_Xt0": C,
-    "E_Yt0": S,
-}
 
 
 def test_rank_and_condition_number() -> None:
@@ -45,34 +29,6 @@ def test_table_2(root) -> None:
     assert [set(group) for group in kept.sets] == [set(text.split()) for text in table["set"]]
     assert set(kept.null) == {"C_XCX", "C_YCX", "C_CXX", "C_CYX", "C_CCX"}
     assert kept.dependent == ()
-
-
-@pytest.mark.parametrize("name", TYPED_WRENCH)
-def test_wrench_columns_as_typed(name: str) -> None:
-    labels = [n.label for n in wrench_names(Machine())]
-    column = wrench_jacobian(Machine(), Circle(R), ANGLE)[:, labels.index(name)]
-    np.testing.assert_allclose(column, TYPED_WRENCH[name], atol=1e-9)
-
-
-@pytest.mark.parametrize("name", TYPED_GEOMETRIC)
-def test_geometric_columns_as_typed(name: str) -> None:
-    column = geometric_jacobian(Machine(), Circle(R), ANGLE)[:, [n.label for n in geometric_names(Machine())].index(name)]
-    np.testing.assert_allclose(column, TYPED_GEOMETRIC[name], atol=1e-9)
-
-
-def test_wrench_jacobian_by_equation_20() -> None:
-    """B̂ᵀ J C_joint Jᵀ W with 3 × 3 joint matrices, one unit compliance at a time."""
-    machine, circle = Machine("wXFYZt", "XY", {"Y": (7.0, -3.0, 0.0)}), Circle(120.0, (15.0, -8.0, 0.0))
-    levers = {joint.axis: machine.lever_mm(joint, circle, ANGLE) for joint in machine.joints}
-    for column, name in enumerate(wrench_names(machine)):
-        compliance = np.zeros((3, 3))
-        compliance["XYC".index(name.twist), "XYC".index(name.wrench)] = 1.0
-        expected = []
-        for theta, lever in zip(ANGLE, levers[name.joint], strict=True):
-            bar = np.array([np.cos(theta), np.sin(theta)])
-            jacobian = np.array([[1.0, 0.0, -lever[1]], [0.0, 1.0, lever[0]]])
-            expected.append(bar @ jacobian @ compliance @ jacobian.T @ bar)
-        np.testing.assert_allclose(wrench_jacobian(machine, circle, ANGLE)[:, column], expected, atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -104,47 +60,6 @@ def test_columns_of_a_rank_deficient_machine_are_dropped() -> None:
     """With both balls at the frames of both joints no rotation can show: only translations remain."""
     kept = kept_compliances(Machine("wXFYZt"))
     assert [name.label for name in kept.names] == ["C_XXX", "C_XYX", "C_YYY"]
-
-
-def test_a_joint_frame_offset_by_hand() -> None:
-    """wCAFYXZSt, Y's frame at (a, b), X carries the tool: the tool ball stands at lever (x − a, −b) from Y's frame, x = R c.
-
-    A unit force along the bar has the moment (x − a) s + b c about it. The rotation C of joint Y for a force along X then moves
-    the ball along the bar by c · ((R c − a) s + b c) = R c²s − a cs + b c²: the paper's R c²s, a part that looks like C_XYX and
-    one that looks like C_XXX.
-    """
-    a, b = 20.0, -35.0
-    machine = Machine(frames_mm={"Y": (a, b, 0.0)})
-    labels = [name.label for name in wrench_names(machine)]
-    columns = dict(zip(labels, wrench_jacobian(machine, Circle(R), ANGLE).T, strict=True))
-    np.testing.assert_allclose(columns["C_CXY"], R * C**2 * S - a * C * S + b * C**2, atol=1e-9)
-    np.testing.assert_allclose(columns["C_CYY"], R * C * S**2 - a * S**2 + b * C * S, atol=1e-9)
-    np.testing.assert_allclose(columns["C_CCY"], (R * C * S - a * S + b * C) ** 2, atol=1e-7)
-    # The squareness turns the same lever: −b along −X, x − a along Y.
-    square = geometric_jacobian(machine, Circle(R), ANGLE)[:, 4]
-    np.testing.assert_allclose(square, b * C + (R * C - a) * S, atol=1e-9)
-
-
-def test_an_axis_in_the_workpiece_branch_by_hand() -> None:
-    """wXYFZt, the table X on Y, the work ball at (p, q) on the table: seen from Y's frame it stands at (p − x, q), x = p + R c,
-    so at (−R c, q).
-
-    The pull on it is −B̂, its moment about Y's frame −(−R c s − q c) = R cs + q c. Deflecting by C times that, the ball goes
-    along −B̂, which lengthens the bar: the reading is the product of twist and wrench, both signs gone: C_CXY by
-    c (−R c s − q c) = −R c²s − q c². The offset p does not show: the ball rides on X.
-    """
-    p, q = 30.0, -12.0
-    machine, circle = Machine("wXYFZt"), Circle(R, (p, q, 0.0))
-    labels = [name.label for name in wrench_names(machine)]
-    columns = dict(zip(labels, wrench_jacobian(machine, circle, ANGLE).T, strict=True))
-    np.testing.assert_allclose(columns["C_CXY"], -R * C**2 * S - q * C**2, atol=1e-9)
-    np.testing.assert_allclose(columns["C_CCY"], (R * C * S + q * C) ** 2, atol=1e-7)
-    np.testing.assert_allclose(columns["C_XXX"], C**2, atol=1e-12)
-    # Squareness: what Y carries is turned, the work ball goes by (−q, −R c) per radian, the reading by minus that along B̂.
-    square = geometric_jacobian(machine, circle, ANGLE)[:, 4]
-    np.testing.assert_allclose(square, q * C + R * C * S, atol=1e-9)
-    # Positioning X: the table goes −x, its scale error moves the work ball by −x E, the reading by x c E.
-    np.testing.assert_allclose(geometric_jacobian(machine, circle, ANGLE)[:, 0], (p + R * C) * C, atol=1e-9)
 
 
 def test_height_above_a_guideway_by_hand() -> None:
@@ -226,3 +141,29 @@ def test_what_cannot_be_negative(machine: Machine, circles: tuple[Circle, ...], 
             assert low < -1e-6, label
     diagonal = {name.label for name in kept.names if name.twist == name.wrench}
     assert {label for label in diagonal if not by_name[label][1]} == unbounded
+
+
+def test_columns_are_those_of_the_paper() -> None:
+    found = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), ANGLE, 400.0, degree=2, reference_force_N=389.0)
+    elastic = {"C_XXX": C**2, "C_XYX": C * S, "C_YYY": S**2, "C_CXY": R * C**2 * S, "C_CYY": R * C * S**2}
+    elastic["C_CCY"] = R**2 * C**2 * S**2
+    geometric = {"E_XX1": R * C**2, "E_YX2": R**2 * C**2 * S, "E_XY2": R**2 * S**2 * C, "E_YY1": R * S**2}
+    geometric |= {"E_C0YX": R * C * S, "E_Xt0": C, "E_Yt0": S}
+    expected = {f"{name}{k}": 400.0 * 11.0**p * own for p, k in enumerate(("", "_1", "_2")) for name, own in elastic.items()}
+    assert list(found.columns) == [*expected, *geometric]
+    for name, own in (expected | geometric).items():
+        np.testing.assert_allclose(found[name], own, atol=1e-9 * np.abs(own).max(), err_msg=name)
+
+
+def test_patterns_hold_every_column() -> None:
+    found = lb.patterns(lb.Machine(), lb.Circle(), ANGLE)
+    assert found.shape == (len(ANGLE), 18 + 7)
+    np.testing.assert_allclose(found["C_XXY"], found["C_XXX"], atol=1e-12)
+    assert not found[["C_XCX", "C_YCX", "C_CXX", "C_CYX", "C_CCX"]].any(axis=None)
+    kept = lb.hybrid_jacobian(lb.Machine(), lb.Circle(), ANGLE, 1.0)
+    np.testing.assert_allclose(found[list(kept.columns)], kept, atol=1e-12)
+
+
+def test_degrees_are_refused() -> None:
+    with pytest.raises(lb.InputError, match="degree must be 0, 1 or 2"):
+        lb.hybrid_jacobian(lb.Machine(), lb.Circle(), ANGLE, 100.0, degree=3)

@@ -9,7 +9,7 @@ import pytest
 from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.machine.forward import wrench_jacobian
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel
@@ -79,16 +79,6 @@ def test_every_term_can_be_switched_off(sampling: str, dropped: str) -> None:
     np.testing.assert_allclose(bound.log_likelihood(phi, beta), expected, atol=1e-5)
 
 
-def test_one_test_alone(rng: np.random.Generator) -> None:
-    campaign = simulated(plan((40,), forces_N=(300.0,)))
-    bound = lb.HybridModel.default(0).bind(campaign)
-    oracle = oracle_of(campaign, 0)
-    phi, beta = points(bound)
-    np.testing.assert_allclose(
-        bound.log_likelihood(phi, beta), [oracle.log_likelihood(p, b) for p, b in zip(phi, beta, strict=True)], atol=1e-5
-    )
-
-
 def test_bayes_identity_at_any_beta() -> None:
     """ln p(y | β, φ) + ln p(β) = ln p(y | φ) + ln p(β | y, φ)."""
     bound = lb.HybridModel.default(1).without("truncation").bind(simulated(plan()))
@@ -153,29 +143,6 @@ def assert_same(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, 
         np.testing.assert_allclose(a, b, atol=atol)
 
 
-@pytest.mark.parametrize("sampling", ["uniform", "few on arc", "both balls"])
-def test_order_of_tests_and_readings_does_not_matter(sampling: str, rng: np.random.Generator) -> None:
-    campaign = simulated(SAMPLINGS[sampling])
-    shuffled = []
-    for i in rng.permutation(len(campaign.tests)):
-        test = campaign.tests[i]
-        order = rng.permutation(len(test.angle_deg))
-        shuffled.append(replace(test, angle_deg=test.angle_deg[order], reading_um=test.reading_um[order]))
-    assert_same(everything(campaign), everything(replace(campaign, tests=tuple(shuffled))))
-
-
-@pytest.mark.parametrize("sampling", ["uniform", "few on arc"])
-def test_units_do_not_matter(sampling: str) -> None:
-    campaign = simulated(SAMPLINGS[sampling])
-    other = tuple(
-        CircularTest(
-            force_N=test.force_N, angle_rad=np.deg2rad(test.angle_deg), reading_mm=test.reading_um * 1e-3, name=test.name
-        )
-        for test in campaign.tests
-    )
-    assert_same(everything(campaign), everything(Campaign(other)))
-
-
 @pytest.mark.parametrize("sampling", ["uniform", "arc", "both balls"])
 def test_start_angle_and_whole_turns_do_not_matter(sampling: str) -> None:
     campaign = simulated(SAMPLINGS[sampling])
@@ -189,28 +156,6 @@ def test_start_angle_and_whole_turns_do_not_matter(sampling: str) -> None:
         for i, test in enumerate(campaign.tests)
     )
     assert_same(everything(campaign), everything(replace(campaign, tests=turned)), atol=1e-5)
-
-
-def test_direction_of_travel_does_not_matter() -> None:
-    campaign = simulated(plan())
-    reverse = tuple(
-        replace(test, angle_deg=test.angle_deg[::-1], reading_um=test.reading_um[::-1], direction="CW") for test in campaign.tests
-    )
-    assert_same(everything(campaign), everything(replace(campaign, tests=reverse)))
-
-
-def test_reduced_and_unreduced_cost_the_same_numbers() -> None:
-    """The same circles sampled 40 and 4000 times without noise differ only through n and σ: means agree."""
-    model = lb.HybridModel.default(1)
-    truth = {"C_XXX": 5e-5, "C_YYY": 4e-5, "E_XX1": -1e-4, "E_Xt0": 3e-3}
-    silent = {"sigma": 1e-7, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
-    few = model.simulate(plan((40,) * 4), seed=1, parameters=truth, hyper_um=silent).campaign
-    many = model.simulate(plan((4000,) * 4), seed=1, parameters=truth, hyper_um=silent).campaign
-    bounds = [model.without("setup-shift", "bar-length", "mount", "force-error").bind(c) for c in (few, many)]
-    phi = np.array([[1e-4, 1e-4, 1e-9]])
-    phi_many = phi * [[10.0, 1.0, 1.0]]
-    first, second = bounds[0].given(phi)[1].mean, bounds[1].given(phi_many)[1].mean
-    np.testing.assert_allclose(first / bounds[0].prior_sd, second / bounds[0].prior_sd, atol=1e-6)
 
 
 @pytest.mark.parametrize("forces", [FORCES_N, (300.0, 300.0, 742.0, 742.0)])
@@ -228,11 +173,6 @@ def test_one_force_gives_the_minimum_norm_estimate() -> None:
     bound, oracle = lb.HybridModel.default(0).bind(campaign), oracle_of(campaign, 0)
     expected = np.linalg.pinv(oracle.J * oracle.sd, rcond=1e-10) @ oracle.y
     np.testing.assert_allclose(bound.setting.compliance_estimate / oracle.sd[:6], expected[:6], atol=1e-8)
-
-
-def test_planned_compliance() -> None:
-    bound = lb.HybridModel.default(1).bind(plan())
-    np.testing.assert_array_equal(bound.setting.compliance_estimate, [5e-5, 0.0, 5e-5, 0.0, 0.0, 0.0])
 
 
 def test_the_force_error_is_that_of_the_estimate() -> None:

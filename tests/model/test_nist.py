@@ -6,10 +6,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
 from dataclasses import dataclass
-from decimal import Decimal, localcontext
-from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
@@ -51,16 +48,11 @@ class Certified:
     sd: tuple[str, ...]
     residual: str
 
-    def design(self, number: Callable[[str], object]) -> tuple[list[list], list]:
-        """J and y in any arithmetic."""
-        y = [number(row[0]) for row in self.rows]
-        if len(self.rows[0]) > 2:
-            return [[number("1"), *map(number, row[1:])] for row in self.rows], y
-        return [[number(row[1]) ** power for power in self.powers] for row in self.rows], y
-
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        jacobian, y = self.design(float)
-        return np.array(jacobian), np.array(y)
+        """J and y."""
+        y, *columns = np.array(self.rows, dtype=float).T
+        longley = len(columns) > 1
+        return np.stack([np.ones(len(y)), *columns] if longley else [columns[0] ** power for power in self.powers], axis=1), y
 
 
 @cache
@@ -95,41 +87,10 @@ def digits(values: np.ndarray, printed: tuple[str, ...]) -> float:
     return float(-np.log10(max(error.max(), 1e-15)))
 
 
-def solve_exactly(matrix: list[list[Fraction]], right: list[list[Fraction]]) -> list[list[Fraction]]:
-    """Gauss and Jordan."""
-    rows = [left + extra for left, extra in zip(matrix, right, strict=True)]
-    for i in range(len(rows)):
-        rows[i] = [value / rows[i][i] for value in rows[i]]
-        for k in range(len(rows)):
-            if k != i:
-                factor = rows[k][i]
-                rows[k] = [a - factor * b for a, b in zip(rows[k], rows[i], strict=True)]
-    return [row[len(rows) :] for row in rows]
-
-
-def as_printed(exact: Decimal, printed: str) -> bool:
-    """Whether ``exact`` rounds to the printed digits."""
-    unit = Decimal(1).scaleb(Decimal(printed).as_tuple().exponent)
-    return abs(exact - Decimal(printed)) <= unit / 2
-
-
-@pytest.mark.parametrize("name", DIGITS)
-def test_typed_data_give_the_certified_values_in_rational_arithmetic(name: str) -> None:
-    data = certified(name)
-    jacobian, y = data.design(Fraction)
-    n, p = len(jacobian), len(jacobian[0])
-    gram = [[sum(row[i] * row[j] for row in jacobian) for j in range(p)] for i in range(p)]
-    moments = [sum(row[i] * value for row, value in zip(jacobian, y, strict=True)) for i in range(p)]
-    solved = solve_exactly(gram, [[moments[i], *(Fraction(i == j) for j in range(p))] for i in range(p)])
-    estimate = [row[0] for row in solved]
-    left = [value - sum(a * b for a, b in zip(row, estimate, strict=True)) for row, value in zip(jacobian, y, strict=True)]
-    variance = sum(value**2 for value in left) / Fraction(n - p)
-    with localcontext(prec=60):
-        for value, printed in zip(estimate, data.estimate, strict=True):
-            assert as_printed(Decimal(value.numerator) / value.denominator, printed)
-        squares = [variance * solved[i][1 + i] for i in range(p)] + [variance]
-        for square, printed in zip(squares, [*data.sd, data.residual], strict=True):
-            assert as_printed((Decimal(square.numerator) / square.denominator).sqrt(), printed)
+def test_normal_equations_miss_filip() -> None:
+    """The thresholds can fail: a usual way has no digit of Filip right."""
+    jacobian, y = certified("Filip").arrays()
+    assert digits(np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ y), certified("Filip").estimate) < 1.0
 
 
 @pytest.mark.parametrize("name", DIGITS)
@@ -138,21 +99,6 @@ def test_certified_digits(name: str) -> None:
     estimate, sd, residual = regression(*data.arrays())
     attained = (digits(estimate, data.estimate), digits(sd, data.sd), digits(np.array([residual]), (data.residual,)))
     assert np.all(np.array(attained) >= DIGITS[name]), f"{name}: {np.round(attained, 1)} digits"
-
-
-def by_normal_equations(jacobian: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ y)
-
-
-def by_default_lstsq(jacobian: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return np.linalg.lstsq(jacobian, y, rcond=None)[0]
-
-
-@pytest.mark.parametrize("wrong", [by_normal_equations, by_default_lstsq])
-def test_naive_solutions_miss_filip(wrong: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
-    """The thresholds can fail: two usual ways have no digit of Filip right."""
-    data = certified("Filip")
-    assert digits(wrong(*data.arrays()), data.estimate) < 1.0
 
 
 def test_a_wide_prior_loses_no_digits() -> None:

@@ -11,11 +11,9 @@ from scipy import stats
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.inference.posterior import bound_of, record_of
 from ldbb_bayes.machine.chain import geometric_names
 from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.specification import model_from_toml, model_to_toml
 from ldbb_bayes.model.terms import Columns, Drift
 from ldbb_bayes.report.wording import standing_words
 
@@ -207,47 +205,3 @@ def test_drift_of_a_sorted_campaign_is_stated() -> None:
     assert not [d for d in degeneracies(model.bind(Campaign(mixed))) if d.term == "Drift"]
     notes = tuple(map(standing_words, standing_degeneracies(HybridModel.default(1).bind(Campaign(tests)), ())))
     assert any("record time" in note for note in notes)
-
-
-def test_a_campaign_of_everything_survives_files_and_fits(tmp_path) -> None:
-    """Folder, tidy table and result file give it back; the fit knows its terms."""
-    model = HybridModel.default(0).including(Drift("time"))
-    campaign = model.simulate(everything(), seed=5).campaign
-    assert lb.read_campaign(lb.write_campaign(campaign, tmp_path / "c")).sha256 == campaign.sha256
-    posterior = lb.sample(model, campaign, seed=1, sampler="independent")
-    lb.save(posterior, tmp_path / "p.nc")
-    again = bound_of(lb.load(tmp_path / "p.nc"))
-    assert again.names == model.bind(campaign).names
-    assert again.campaign.sha256 == campaign.sha256
-    assert again.model == model
-    record = record_of(posterior)["model"]
-    assert record["terms"][-2:] == ["Hysteresis", "Drift"]
-    one = replace(campaign, tests=tuple(t for t in campaign.tests if t.direction == "CW"))
-    assert record_of(lb.sample(HybridModel.default(0), one, seed=1, sampler="independent"))["model"]["idle_terms"] == [
-        "Hysteresis"
-    ]
-
-
-def test_a_tidy_table_of_planes_and_set_ups(tmp_path) -> None:
-    rows = ["test,force_N,angle_deg,reading_um,plane,setup,direction,centre_z_mm,time_s"]
-    for name, force, plane, setup, way in (("a", 100, "XY", 1, "CW"), ("b", 400, "YZ", 2, "CCW")):
-        rows += [f"{name},{force},{angle},0.5,{plane},{setup},{way},-12.5,{force}" for angle in range(0, 360, 10)]
-    path = tmp_path / "readings.csv"
-    path.write_text("\n".join(rows))
-    campaign = lb.read_campaign(path)
-    second = campaign.tests[1]
-    assert (second.plane, second.setup, second.direction, second.circle.centre_mm) == ("YZ", 2, "CCW", (0.0, 0.0, -12.5))
-    assert campaign.machine().planes == ("XY", "YZ")
-    path.write_text("\n".join(rows).replace(",2,CCW", ",2.5,CCW"))
-    with pytest.raises(lb.InputError, match=r"'b' must have a setup of 1, 2, …, got 2.5"):
-        lb.read_campaign(path)
-
-
-def test_models_with_the_new_terms_as_toml() -> None:
-    model = HybridModel.default(1).including(Drift("temperature", centre_um=3.0), lb.Hysteresis(1.0, 4.0))
-    assert model_from_toml(model_to_toml(model)) == model
-    assert "Drift" not in model_to_toml(HybridModel.default(1))
-    with pytest.raises(lb.InputError, match="Drift over must be a str"):
-        model_from_toml("schema = 1\n[terms.Drift]\nover = 1.0\n")
-    with pytest.raises(lb.InputError, match="Hysteresis constant_um must be a positive number"):
-        model_from_toml("schema = 1\n[terms.Hysteresis]\nconstant_um = 0.0\n")

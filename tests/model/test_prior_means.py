@@ -12,7 +12,6 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
 
 PRIORS = {"C_XXX": (5.1e-5, 4e-6), "C_YYY": (4.6e-5, 8e-6), "C_CXY": (-2e-8, 3e-8), "E_YY1": (-5e-5, 4e-5)}
@@ -80,24 +79,6 @@ def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> No
         mean, sd = CLOSE.get(name, (0.0, bound.prior_sd[bound.names.index(name)]))
         low = -mean / sd if truncated and name in CLOSE else -np.inf
         assert stats.kstest((values - mean) / sd, stats.truncnorm(low, np.inf).cdf).pvalue > 1e-4, name
-
-
-def test_readings_less_what_the_means_expect() -> None:
-    """y with means m has the density of y − J m without; the posterior is moved by m."""
-    model = with_priors(lb.HybridModel.default(1).without("force-error", "truncation"), PRIORS)
-    plain = replace(model, prior=replace(model.prior, means=dict.fromkeys(MEANS, 0.0)))
-    campaign = simulated(plan())
-    bound = model.bind(campaign)
-    less = tuple(
-        test.with_reading_um(np.asarray(test.reading_um) - basis(test.angles_rad()) @ bound.interest[r] @ bound.prior_mean * 1e3)
-        for r, test in enumerate(campaign.tests)
-    )
-    other = plain.bind(replace(campaign, tests=less))
-    phi = np.array([[3e-4, 5e-4, 2e-4, 2e-3], [1e-3, 2e-3, 1e-3, 8e-3]])
-    (value, given), (expected, about) = bound.given(phi), other.given(phi)
-    np.testing.assert_allclose(value, expected, atol=1e-6)
-    np.testing.assert_allclose((given.mean - bound.prior_mean - about.mean) / bound.prior_sd, 0.0, atol=1e-8)
-    np.testing.assert_allclose(given.spread(), about.spread(), rtol=1e-9)
 
 
 def test_slopes_keep_their_scale_beside_a_mean() -> None:

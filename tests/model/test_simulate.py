@@ -62,13 +62,6 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
     assert np.abs(sample - np.eye(24)).max() < 0.25
 
 
-def test_prior_draws_respect_the_truncation() -> None:
-    for seed in range(20):
-        truth = lb.HybridModel.default(1).simulate(plan(), seed=seed).parameters
-        assert truth["C_CCY"] - abs(truth["C_CCY_1"]) * 353.0 >= 0.0
-        assert truth["C_XXX"] >= 0.0
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

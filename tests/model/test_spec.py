@@ -10,7 +10,7 @@ import pytest
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
-from ldbb_bayes.model.terms import BarLength, Discrepancy, Mount, SetupShift
+from ldbb_bayes.model.terms import BarLength, Discrepancy, Drift, Mount, SetupShift
 
 MODELS = [
     lb.HybridModel.default(1),
@@ -18,6 +18,7 @@ MODELS = [
     lb.HybridModel.default(2).without("mount", "truncation"),
     lb.HybridModel.default(1).fixing("C_XYX_1", "E_C0YX"),
     lb.HybridModel(1, (SetupShift("apart"), Discrepancy(2.0))),
+    lb.HybridModel.default(1).including(Drift("temperature", centre_um=3.0), lb.Hysteresis(1.0, 4.0)),
     lb.HybridModel(0, (BarLength(3.0), Mount(0.2)), replace(lb.Prior.default(), tau_um=9.0, overrides={"C_XXX": 1e-5}), 0.0),
 ]
 
@@ -35,6 +36,7 @@ def test_digests_differ() -> None:
 
 def test_what_is_left_out_is_the_presets() -> None:
     assert model_from_toml("schema = 1") == lb.HybridModel.default(1)
+    assert "Drift" not in model_to_toml(lb.HybridModel.default(1))
     assert model_from_toml("schema = 1", degree=2).degree == 2
     model = model_from_toml("schema = 1\ndegree = 0\n[prior]\ntau_um = 15.0\n[terms.BarLength]\nsd_um = 2.0\n")
     assert model.nuisances == (BarLength(2.0),)
@@ -59,6 +61,8 @@ def test_what_is_left_out_is_the_presets() -> None:
         ("schema = 1\n[terms.SetupShift]\nmoves = 1.0", "SetupShift moves must be a str, got 1.0"),
         ("schema = 1\n[terms.Discrepancy]\ndecay = 'fast'", "Discrepancy decay must be a float, got 'fast'"),
         ("schema = 1\nfixed = 'C_XYX_1'", "'fixed' must be valid, got 'C_XYX_1'"),
+        ("schema = 1\n[terms.Drift]\nover = 1.0", "Drift over must be a str"),
+        ("schema = 1\n[terms.Hysteresis]\nconstant_um = 0.0", "Hysteresis constant_um must be a positive number"),
         ("schema = 1\nreference_force_N = nan", "reference_force_N must be finite"),
     ],
 )
