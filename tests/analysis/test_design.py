@@ -15,9 +15,9 @@ from oracle import Oracle, OracleTest
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import candidates
-from ldbb_bayes.analysis.design.candidates import Space, foreseen_by, grid_of_tests, running_order, templates
+from ldbb_bayes.analysis.design.candidates import Space, bind_tests, foreseen_by, grid_of_tests, running_order, templates
 from ldbb_bayes.analysis.design.design import Outcome, RemedyKind, _limits, fewest
-from ldbb_bayes.analysis.design.forecast import States, bind_tests, discrimination_of, forecast, narrowed
+from ldbb_bayes.analysis.design.forecast import States, discrimination_of, narrowed
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import information_of
@@ -95,7 +95,7 @@ def test_information_against_the_dense_oracle(pilot: lb.Campaign) -> None:
     _, _, covariance = dense.given(PHI)
     p = len(dense.names)
     prior = Gaussian.of(np.zeros((1, p)), dense.sd[None] ** 2)
-    found = forecast(model, pilot, tests, States(PHI[None], np.zeros((1, p)), prior))
+    found = Space(model, pilot, LEVELS).forecast(tests, states=States(PHI[None], np.zeros((1, p)), prior))
     assert list(found.expected) == dense.names
     sd = np.array([entry.sd for entry in found.expected.values()])
     np.testing.assert_allclose(sd, np.sqrt(np.diag(covariance)), rtol=1e-7)
@@ -121,7 +121,8 @@ def test_hysteresis_counts_for_every_design_that_could_have_both_ways(clockwise:
     p = len(plain.bind(wider).names)
     prior = Gaussian.of(np.zeros((1, p)), plain.bind(wider).prior_sd[None] ** 2)
     for tests in (both.tests, one_way):
-        found = forecast(plain, wider, tests, States(PHI[None], np.zeros((1, p)), prior)).expected["C_XYX"]
+        states = States(PHI[None], np.zeros((1, p)), prior)
+        found = Space(plain, wider, THREE).forecast(tests, states=states).expected["C_XYX"]
         assert found.sd == pytest.approx(dense_sd(plain, wider, tests, "C_XYX", times=1.0), rel=1e-9)
         assert found.floor_sd == pytest.approx(dense_sd(plain, wider, tests, "C_XYX", times=1e6), rel=1e-3)
     # F s sin 2θ of 1 µm/kN is 2 µm/kN of C_XYX: with one sd of 2 µm/kN / 2 a friction of 2e-6 mm/N stays in it.

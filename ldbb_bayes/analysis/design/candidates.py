@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from ldbb_bayes.analysis.design.criteria import CriterionName, Objective, case_of, chosen_parameters, criterion_of, together
 from ldbb_bayes.analysis.design.forecast import (
     DECISIVE,
+    Expected,
     Forecast,
     States,
-    bind_tests,
-    forecast,
+    discrimination_of,
     hyper_nodes,
+    narrowed,
+    posteriors,
     states_before,
 )
 from ldbb_bayes.analysis.design.solvers import MOST_TESTS, Found, Search, better, optimal_shares
@@ -31,12 +33,14 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.fourier import TRAVEL
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 
 __all__ = [
     "Clocking",
     "Costs",
     "Space",
+    "bind_tests",
     "foreseen_by",
     "frame_of",
     "grid_of_tests",
@@ -125,6 +129,14 @@ def grid_of_tests(
         replace(like, force_N=float(force), work_ball_deg=float(work), tool_ball_deg=float(tool), radius_mm=float(radius))
         for like, radius, (work, tool), force in product(plain, radii_mm, clockings_deg, forces_N)
     )
+
+
+def bind_tests(model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool) -> BoundModel:
+    """The model bound to a plan of these tests, after the pilot's own where these are kept; F0, force range and Ĉ the pilot's."""
+    run = pilot.plan().tests
+    planned = tuple(replace(test, name="") for test in tests)
+    known = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
+    return BoundModel(model, replace(pilot, tests=(*(run if keep else ()), *planned), foreseen=known), pilot=pilot)
 
 
 @dataclass(frozen=True)
@@ -431,17 +443,36 @@ class Space:
         """The machine as it may be before these tests."""
         return states_before(self.model, self.pilot, _REPORTED, self.seed, augment=self.augment)
 
-    def forecast(self, tests: Sequence[CircularTest], *, decide: bool = True) -> Forecast:
-        """What to expect of tests, over more hyper-parameters than the search uses; with ``decide`` of slopes or none too."""
-        slopes = self.chosen if self.criterion == "discriminate" else ()
-        return forecast(
-            self.model,
-            self.pilot,
-            tests,
-            self.states,
-            augment=self.augment,
-            slopes=slopes if decide else None,
-            slope_size=self.slope_size,
+    def forecast(self, tests: Sequence[CircularTest], *, decide: bool = True, states: States | None = None) -> Forecast:
+        """What to expect of tests (added to the pilot's own when ``augment``), over more hyper-parameters than the search uses;
+        with ``decide`` of slopes or none too. ``states``: the machine as it may be before them."""
+        states = self.states if states is None else states
+        bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
+        after, floor = posteriors(bound, states.phi)
+        if after is None:
+            nothing = {p.name: Expected(p.unit, p.prior_sd, np.inf, np.inf, np.inf) for p in bound.parameters}
+            return Forecast(nothing, np.inf, None)
+        scale, covariance = bound.scale, after.covariance
+        gaussian = scale * np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
+        inside = np.sqrt(narrowed(bound, states, covariance * np.outer(scale, scale), self.seed))
+        expected = {
+            p.name: Expected(p.unit, p.prior_sd, float(sd), float(plain), float(min(least, least * sd / plain)))
+            for p, sd, plain, least in zip(bound.parameters, inside, gaussian, scale * floor, strict=True)
+        }
+        if self.model.prior.flat:
+            return Forecast(expected, np.inf, None)
+        gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
+        slopes = self.chosen if self.criterion == "discriminate" else [p.name for p in bound.parameters if p.group == "slope"]
+        own = [bound.names.index(name) for name in slopes] if decide else []
+        if not own:
+            return Forecast(expected, gain, None)
+        before = states.before.marginal(own) if self.augment and not self.pilot.is_plan else None
+        decision = discrimination_of(
+            covariance[:, own][:, :, own],
+            tuple(slopes),
+            size=self.slope_size,
+            before=before and Gaussian.factored(before.mean / scale[own], before.root, before.scale / scale[own]),
             threshold=self.threshold,
             seed=self.seed,
         )
+        return Forecast(expected, gain, decision)

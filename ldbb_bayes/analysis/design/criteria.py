@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.model.hybrid import BoundModel, informations_of
 from ldbb_bayes.model.likelihood import OWN
 from ldbb_bayes.model.prior import Prior
@@ -152,17 +152,17 @@ def chosen_parameters(bound: BoundModel, criterion: CriterionName, names: Sequen
     wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(criterion, {"compliance", "slope", "geometric"})
     chosen = tuple(p.name for p in bound.parameters if (p.name in names if names else p.group in wanted))
     groups = {p.group for p in bound.parameters if p.name in chosen}
-    if criterion == "c" and len(chosen) != 1:
-        raise InputError(f"criterion c must be given one parameter, got {len(chosen)}. Name it, for example E_C0YX.")
-    if criterion == "discriminate" and groups != wanted:
-        raise InputError(
-            "criterion discriminate must be about slopes, got others or none. Name slopes such as C_XYX_1, or use a model of "
-            "degree 1 or 2."
-        )
-    if criterion == "discriminate" and bound.model.prior.flat:
-        raise InputError("criterion discriminate must have proper priors, got flat ones. Use the default preset.")
-    if not groups <= wanted:
-        raise InputError("criterion i must be about compliances and their slopes, got a geometric error. Leave it out.")
+    one = criterion != "c" or len(chosen) == 1
+    require(one, f"criterion c must be given one parameter, got {len(chosen)}. Name it, for example E_C0YX.")
+    require(
+        criterion != "discriminate" or groups == wanted,
+        "criterion discriminate must be about slopes, got others or none. Name slopes such as C_XYX_1, or use a model of degree "
+        "1 or 2.",
+    )
+    proper = criterion != "discriminate" or not bound.model.prior.flat
+    require(proper, "criterion discriminate must have proper priors, got flat ones. Use the default preset.")
+    concerned = "criterion i must be about compliances and their slopes, got a geometric error. Leave it out."
+    require(groups <= wanted, concerned)
     return chosen
 
 

@@ -16,9 +16,9 @@ import pandas as pd
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
-from ldbb_bayes.analysis.design.candidates import Clocking, Costs, Space, frame_of, place_columns, running_order
+from ldbb_bayes.analysis.design.candidates import Clocking, Costs, Space, bind_tests, frame_of, place_columns, running_order
 from ldbb_bayes.analysis.design.criteria import CriterionName, Variance
-from ldbb_bayes.analysis.design.forecast import DECISIVE, Expected, Forecast, bind_tests
+from ldbb_bayes.analysis.design.forecast import DECISIVE, Expected, Forecast
 from ldbb_bayes.analysis.design.solvers import MOST_TESTS, Found
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign
 from ldbb_bayes.errors import InputError, require
@@ -49,19 +49,9 @@ _RESERVED = ("recommended", _STEPS)
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """That no shares of as many tests are better (Kiefer and Wolfowitz 1960).
-
-    Attributes
-    ----------
-    max_sensitivity : float
-        Of all candidates, for the best shares.
-    bound : float
-        What it does not exceed for the best shares: for D with flat priors the number of parameters.
-    is_global : bool
-        False where the criterion is not concave: then only designs nearby are ruled out. In JSON ``global``.
-    holds : bool
-        Whether it does, within a ten-thousandth.
-    """
+    """That no shares of as many tests are better (Kiefer and Wolfowitz 1960): the largest sensitivity of all candidates does not
+    exceed the bound (for D with flat priors the number of parameters) by more than a ten-thousandth. Where the criterion is not
+    concave it is not ``global``: only designs nearby are ruled out."""
 
     max_sensitivity: float
     bound: float
@@ -113,7 +103,6 @@ class Goal(Result):
 
     Attributes
     ----------
-    outcome : Outcome
     targets : dict of parameter to sd
         In inside units; empty where a power is asked for.
     power : float, optional

@@ -6,8 +6,7 @@ takes the general route through `ldbb_bayes.model.likelihood.Information` and no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -15,7 +14,7 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
 from ldbb_bayes.model.gaussian import Gaussian, singular_root
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, informations_of
@@ -27,11 +26,10 @@ __all__ = [
     "Expected",
     "Forecast",
     "States",
-    "bind_tests",
     "discrimination_of",
-    "forecast",
     "hyper_nodes",
     "narrowed",
+    "posteriors",
     "states_before",
 ]
 
@@ -141,14 +139,6 @@ class States:
     phi: Array
     beta: Array
     before: Gaussian
-
-
-def bind_tests(model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool) -> BoundModel:
-    """The model bound to a plan of these tests, after the pilot's own where these are kept; F0, force range and Ĉ the pilot's."""
-    run = pilot.plan().tests
-    planned = tuple(replace(test, name="") for test in tests)
-    known = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
-    return BoundModel(model, replace(pilot, tests=(*(run if keep else ()), *planned), foreseen=known), pilot=pilot)
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
@@ -277,53 +267,7 @@ def discrimination_of(
     )
 
 
-def forecast(
-    model: HybridModel,
-    pilot: Campaign,
-    tests: Sequence[CircularTest],
-    states: States,
-    *,
-    augment: bool = False,
-    slopes: Sequence[str] | None = (),
-    slope_size: float = 1.0,
-    threshold: float = DECISIVE,
-    seed: int = 1,
-) -> Forecast:
-    """Forecast of tests (added to the pilot's own when ``augment``), from the machine as it may be before them.
-
-    ``slopes`` are to be decided on: empty for all, None for no decision.
-    """
-    bound = bind_tests(model, pilot, tests, keep=augment)
-    after, floor = _posteriors(bound, states.phi)
-    if after is None:
-        nothing = {p.name: Expected(p.unit, p.prior_sd, np.inf, np.inf, np.inf) for p in bound.parameters}
-        return Forecast(nothing, np.inf, None)
-    scale, covariance = bound.scale, after.covariance
-    gaussian = scale * np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
-    inside = np.sqrt(narrowed(bound, states, covariance * np.outer(scale, scale), seed))
-    expected = {
-        p.name: Expected(p.unit, p.prior_sd, float(sd), float(plain), float(min(least, least * sd / plain)))
-        for p, sd, plain, least in zip(bound.parameters, inside, gaussian, scale * floor, strict=True)
-    }
-    if model.prior.flat:
-        return Forecast(expected, np.inf, None)
-    gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
-    decided = [i for i, p in enumerate(bound.parameters) if p.group == "slope" and (not slopes or p.name in slopes)]
-    if not decided or slopes is None:
-        return Forecast(expected, gain, None)
-    before = states.before.marginal(decided) if augment and not pilot.is_plan else None
-    decision = discrimination_of(
-        covariance[:, decided][:, :, decided],
-        tuple(bound.names[i] for i in decided),
-        size=slope_size,
-        before=before and Gaussian.factored(before.mean / scale[decided], before.root, before.scale / scale[decided]),
-        threshold=threshold,
-        seed=seed,
-    )
-    return Forecast(expected, gain, decision)
-
-
-def _posteriors(bound: BoundModel, phi: Array) -> tuple[Gaussian | None, Array]:
+def posteriors(bound: BoundModel, phi: Array) -> tuple[Gaussian | None, Array]:
     """p(β | y, φ) about zero and floor sd (p,), both in units of the prior sd; none where flat priors leave something open."""
     after: list[Gaussian] = []
     floors: list[Gaussian] = []
