@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -255,6 +256,7 @@ def _likely(objective: Objective, base: Array, size: int, rng: np.random.Generat
 
 
 _STARTS, _TOLERANCE = 6, 1e-5
+_MOST_SHAKES, _WORK, _FEW_DESIGNS = 100, 4_000_000, 1000
 MOST_TESTS = 300
 
 
@@ -305,7 +307,9 @@ class Search:
             )
         optimum, rng = self.shares(float(tests)), np.random.default_rng(self.seed)
         best, value = np.zeros(self.objective.candidates, dtype=int), -np.inf
-        for start in self._starts(optimum.share, tests, rng, starts):
+        first = _designs_to_start_from(optimum.share, tests, rng, starts)
+        for k in range(starts + (self._shakes(tests) if starts == _STARTS else 0)):
+            start = self._repaired(first[k] if k < starts else _shaken(best, rng), rng)
             counts, own = exchange(self.objective, start, rng, feasible=self._feasible, thorough=False)
             if better(own, value):
                 best, value = counts, own
@@ -321,13 +325,29 @@ class Search:
     def _feasible(self, counts: Array) -> bool:
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
-    def _starts(self, share: Array, tests: int, rng: np.random.Generator, number: int) -> Iterator[Array]:
-        """The rounded optimum, and draws from it and from all candidates in turn."""
-        n = len(share)
-        drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, number)]
-        for start in (efficient_rounding(share, tests), *drawn):
-            if not self._feasible(start):
-                most = np.argmax(start)
-                start[most] -= 1
-                start[rng.choice(np.flatnonzero(self.forces_N != self.forces_N[np.argmax(start)]))] += 1
-            yield start
+    def _repaired(self, start: Array, rng: np.random.Generator) -> Array:
+        """The design, or one with a test at another force where it has too few forces."""
+        if not self._feasible(start):
+            start[np.argmax(start)] -= 1
+            start[rng.choice(np.flatnonzero(self.forces_N != self.forces_N[np.argmax(start)]))] += 1
+        return start
+
+    def _shakes(self, tests: int) -> int:
+        """How often a part of the best design is drawn anew: as often as costs little, where there are many designs."""
+        n = self.objective.candidates
+        size = sum(case.prior.size for case in self.objective.cases) * tests * (n if n <= _ALL else 2 * _LEADING)
+        return min(_MOST_SHAKES, _WORK // size) if comb(n + tests - 1, tests) > _FEW_DESIGNS else 0
+
+
+def _designs_to_start_from(share: Array, tests: int, rng: np.random.Generator, starts: int) -> list[Array]:
+    """The rounded optimum, and draws from it and from all candidates in turn."""
+    n = len(share)
+    drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, starts)]
+    return [efficient_rounding(share, tests), *drawn]
+
+
+def _shaken(counts: Array, rng: np.random.Generator) -> Array:
+    """The design with a third of its tests drawn anew from all candidates."""
+    n, some = len(counts), max(1, int(counts.sum()) // 3)
+    out = rng.choice(np.repeat(np.arange(n), counts), some, replace=False)
+    return np.asarray(counts - np.bincount(out, minlength=n) + np.bincount(rng.integers(n, size=some), minlength=n))
