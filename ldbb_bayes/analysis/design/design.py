@@ -20,7 +20,7 @@ from ldbb_bayes.analysis.design.candidates import Clocking, Costs, Space, bind_t
 from ldbb_bayes.analysis.design.criteria import CriterionName, Variance
 from ldbb_bayes.analysis.design.forecast import DECISIVE, Expected, Forecast
 from ldbb_bayes.analysis.design.solvers import MOST_TESTS, Found
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign, distinct_forces
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -42,7 +42,7 @@ __all__ = [
 ]
 
 _MOST = 100
-_HOLDS, _SHOWN_SHARE, _STUCK, _APART = 1e-4, 1e-4, 0.8, 0.05
+_HOLDS, _SHOWN_SHARE, _STUCK = 1e-4, 1e-4, 0.8
 _STEPS = "equal steps"
 _RESERVED = ("recommended", _STEPS)
 
@@ -523,8 +523,7 @@ def _model_of(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
 
 def _limits(space: Space, tests: Sequence[CircularTest], expected: Forecast, *, of_budget: bool = False) -> Limits:
     """What no number of such tests shows, and what would."""
-    forces = np.sort([float(test.force_N or 0.0) for test in tests])
-    levels = 1 + int(np.sum(np.diff(forces) > _APART * max(np.ptp(forces), 1e-12)))
+    levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
     terms = {type(term) for term in space.model.nuisances}
     ways = {plane: {test.direction for test in bound.campaign.tests if test.plane == plane} for plane in bound.setting.both_ways}

@@ -202,6 +202,17 @@ def test_exchange_finds_the_best_of_all() -> None:
     assert max(exchange(wanted, start, rng)[1] for start in starts) == pytest.approx(best, rel=1e-12)
 
 
+@pytest.mark.parametrize("apart", [1.0, 100.0])
+def test_neighbouring_forces_are_one_where_that_costs_nothing(apart: float) -> None:
+    """A parabola's middle is split over levels beside it, 2 N or 200 N apart: the first are run at one of them, the others not."""
+    forces = np.array([100.0, 500.0 - apart, 500.0 + apart, 900.0])
+    wanted = objective(polynomial(2, (forces - 500.0) / 400.0), Determinant(3))
+    best = max(wanted.value(np.array(own, dtype=float)) for own in ((2, 1, 1, 2), (2, 2, 0, 2), (2, 0, 2, 2)))
+    found = Search(wanted, forces, 1, 1).of_number(6)
+    assert bool(found.counts[1] and found.counts[2]) is (apart == 100.0)
+    assert np.exp((found.value - best) / 3.0) >= 1.0 - 1e-4
+
+
 def test_a_wrong_design_has_no_certificate() -> None:
     x = np.linspace(-1.0, 1.0, 21)
     wanted = objective(polynomial(2, x), Determinant(3))
