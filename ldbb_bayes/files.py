@@ -298,8 +298,7 @@ def validated(model: type[M], content: dict[str, Any], place: str) -> M:
         raise InputError(
             f"{place}: keys{where} must be among {', '.join(known)}, got {keys[-1]!r}. Did you mean {nearest(keys[-1], known)!r}?"
         )
-    if first["type"] == "missing":
-        raise InputError(f"{place}: {keys[-1]!r}{where} must be given, got nothing. Add it.")
+    require(first["type"] != "missing", f"{place}: {keys[-1]!r}{where} must be given, got nothing. Add it.")
     why = first["msg"].removeprefix("Value error, ")
     got = f"{keys[-1]!r}{where} must be valid, got {first['input']!r}"
     raise InputError(f"{place}: {got}: {why[0].lower()}{why[1:]}. Correct it.")

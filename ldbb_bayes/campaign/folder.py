@@ -26,6 +26,7 @@ __all__ = [
     "LARGEST_PLAN",
     "TOML_NAME",
     "TRUTH_NAME",
+    "TestFields",
     "embedded_campaign",
     "files_of",
     "iso",
@@ -112,14 +113,17 @@ class _ForceFile(_Strict):
     offset_N: float = -14.2
 
 
-class _TestFile(_Strict):
-    file: str | None = None
+class TestFields(_Strict):
+    """What a file may say of a test."""
+
+    __test__ = False
+
+    name: str | None = None
     force_N: float | None = None
     pressure_bar: float | None = None
-    name: str | None = None
     direction: Literal["CW", "CCW"] | None = None
-    work_ball_deg: float = 0.0
-    tool_ball_deg: float = 0.0
+    work_ball_deg: float | None = None
+    tool_ball_deg: float | None = None
     radius_mm: float | None = None
     plane: Literal["XY", "YZ", "ZX"] | None = None
     centre_x_mm: float | None = None
@@ -128,8 +132,12 @@ class _TestFile(_Strict):
     setup: int | None = None
     temperature_C: float | None = None
     time_s: float | None = None
-    readings: int | None = Field(default=None, ge=9, le=1_000_000)
     start_deg: float | None = None
+
+
+class _TestFile(TestFields):
+    file: str | None = None
+    readings: int | None = Field(default=None, ge=9, le=1_000_000)
     arc_deg: float | None = Field(default=None, ge=-360.0, le=360.0)
 
 
@@ -172,7 +180,7 @@ def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, An
 
 
 def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
-    own: dict[str, Any] = entry.model_dump(exclude={"file", "name", "readings", "start_deg", "arc_deg"})
+    own: dict[str, Any] = entry.model_dump(exclude_none=True, exclude={"file", "name", "readings", "start_deg", "arc_deg"})
     own["name"] = entry.name or (Path(entry.file).stem if entry.file else "")
     planned = [key for key in ("readings", "start_deg", "arc_deg") if getattr(entry, key) is not None]
     if entry.file is None:

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import BaseModel, Field, ValidationError, ValidationInfo, field_validator
 
+from ldbb_bayes.campaign.folder import TestFields
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.files import read_toml, validated
 
@@ -93,33 +94,16 @@ def in_ours(role: str, unit: str) -> float | None:
     return one * float(above or 1) / float(below or 1)
 
 
-class _Keys(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class TestLayout(_Keys):
+class TestLayout(TestFields, allow_inf_nan=False):
     """What one file (or sheet, or name in the test column) is, where the table does not say."""
 
-    __test__ = False
-
     file: str
-    name: str | None = None
-    force_N: float | None = None
-    pressure_bar: float | None = None
-    direction: Literal["CW", "CCW"] | None = None
-    work_ball_deg: float | None = None
-    tool_ball_deg: float | None = None
-    radius_mm: float | None = None
-    setup: int | None = None
-    temperature_C: float | None = None
-    time_s: float | None = None
-    start_deg: float | None = None
 
 
 _Column = str | int | list[str | int]
 
 
-class Layout(_Keys):
+class Layout(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     """How tables are read. None: found out from each file, and said.
 
     Attributes

@@ -200,7 +200,7 @@ def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
         ("colums = {}\n", "got 'colums'. Did you mean 'columns'"),
         ("[columns]\nangel = 'a'\n", "got 'angel'. Did you mean 'angle'"),
         ("laps = 'mean'\n", "'laps' must be valid, got 'mean'"),
-        ("[[test]]\nfile = 'a'\nforce = 3.0\n", "in [test 1] must be among file, name, force_N"),
+        ("[[test]]\nfile = 'a'\nforce = 3.0\n", "in [test 1] must be among name, force_N"),
         ("[[test]]\nfile = 'a'\n[[test]]\nfile = 'a'\n", "got two for 'a'"),
         ("reading_unit = 'bar'\n", "it should be one of um, mm"),
         ("a = " + "[\n" * 5000, "valid TOML"),
