@@ -229,13 +229,7 @@ class Machine:
         return tuple(sorted((j for j in self.slides if j.branch == branch), key=self._from_foundation))
 
     def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
-        """Lever arm from the joint's frame, which moves with it, to the ball its branch carries.
-
-        Returns
-        -------
-        ndarray, shape (n, 3) [mm]
-            Tool ball − frame in the tool branch; work ball − frame in the workpiece branch.
-        """
+        """Lever arm from the joint's frame, which moves with it, to the ball its branch carries, shape (n, 3) [mm]."""
         position = circle.position_mm(angle_rad)
         lever = self.end_mm(joint.branch, circle, angle_rad) - np.asarray(joint.frame_mm)
         own = self.branch(joint.branch)

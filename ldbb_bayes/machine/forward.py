@@ -44,18 +44,8 @@ def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array
 
 
 def compliance_jacobian(machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]) -> Array:
-    """Reading per unit force and unit compliance, Eq. 20-23.
-
-    Parameters
-    ----------
-    angle_rad : ndarray, shape (n,) [rad]
-    names : sequence of ComplianceName
-        Any of `joint_names`.
-
-    Returns
-    -------
-    ndarray, shape (n, compliances) [1, mm or mm²]
-    """
+    """Reading per unit force and unit compliance, Eq. 20-23, at angles (n,) [rad], of any of `joint_names`, shape
+    (n, compliances) [1, mm or mm²]."""
     direction, joints = circle.direction(angle_rad), {name.joint for name in names}
     wrench = {axis: _wrench(machine.lever_mm(machine.joint(axis), circle, angle_rad), direction) for axis in joints}
     columns = np.zeros((len(angle_rad), len(names)))
@@ -66,13 +56,8 @@ def compliance_jacobian(machine: Machine, circle: Circle, angle_rad: Array, name
 
 
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """Reading per unit geometric error, Eq. 16-18.
-
-    Returns
-    -------
-    ndarray, shape (n, geometric errors)
-        Columns in the order of `geometric_names` [mm per unit of the error].
-    """
+    """Reading per unit geometric error, Eq. 16-18, shape (n, geometric errors): columns in the order of `geometric_names` [mm per
+    unit of the error]."""
     return np.stack([_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)], axis=1)
 
 

@@ -35,24 +35,18 @@ class Kept:
     ----------
     names : tuple of ComplianceName
         One representative per proportional set, in the order of Table 1.
-    sets : tuple of tuples of str
-        The proportional sets (Table 2), representative first. Each kept parameter stands for its set's weighted sum.
-    weights : tuple of tuples of float
-        Of each member: its pattern in units of the representative's; all one for the paper's machine [mm or mm² per rotation
-        that it has more].
+    sets, weights : tuple of tuples of str and float
+        The proportional sets (Table 2), representative first, whose weighted sums the kept parameters are; the pattern of each
+        member in units of the representative's [mm or mm² per rotation that it has more].
     absorbed : tuple of mappings of ComplianceName to float
         What each kept parameter stands for beside its set: compliances of the dropped sets, with their weights.
     not_negative : tuple of bool
         Whether it cannot be negative: as a deflection under the load itself, whatever the joints' (positive semi-definite)
         compliance matrices are.
-    null : tuple of str
-        Compliances that never change a reading.
-    dependent : tuple of str
-        Sets dropped because they are combinations of several others (with joint-frame offsets or several planes).
-    rank : int
-        Rank of the full Jacobian.
-    condition_number : float
-        Ratio of singular values of the kept columns: unit force, full uniform circle, unscaled (mm, N).
+    null, dependent : tuple of str
+        Compliances that never change a reading; heads of sets that are combinations of several others.
+    rank, condition_number : int, float
+        Of the full Jacobian, and of the kept columns: unit force, full uniform circle, unscaled (mm, N).
     """
 
     names: tuple[ComplianceName, ...]
@@ -223,17 +217,8 @@ def hybrid_jacobian(
 
 
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
-    """What one unit of every planar compliance, and of every geometric error, does to the reading (Tables 2 and 3).
-
-    Parameters
-    ----------
-    angle_rad : ndarray, shape (n,) [rad]
-
-    Returns
-    -------
-    DataFrame, shape (n, compliances + geometric errors)
-        For one plane 18 compliances, null columns included [mm per unit and N], and 7 geometric errors [mm per unit].
-    """
+    """What one unit of every planar compliance, 18 for one plane, null columns included, and of every geometric error, 7, does to
+    the reading (Tables 2 and 3): DataFrame, shape (n, compliances + geometric errors) [mm per unit, and N of compliances]."""
     angle = np.asarray(angle_rad, dtype=float)
     names = [*(name.label for name in wrench_names(machine)), *(name.label for name in geometric_names(machine))]
     values = np.hstack([wrench_jacobian(machine, circle, angle), geometric_jacobian(machine, circle, angle)])

@@ -62,17 +62,7 @@ def harmonic_index(order: int) -> tuple[int, int]:
 
 
 def coefficients(columns: Callable[[Array], Array]) -> Array:
-    """Basis coefficients of functions of the angle that are trigonometric polynomials of order ≤ 12.
-
-    Parameters
-    ----------
-    columns : callable
-        Angles (n,) [rad] → values (n, p).
-
-    Returns
-    -------
-    ndarray, shape (25, p)
-    """
+    """Basis coefficients (25, p) of trigonometric polynomials of order ≤ 12 of the angle, (n,) [rad] → (n, p)."""
     n = 4 * MAX_ORDER
     angle = np.arange(n) * (2 * np.pi / n)
     weight = np.where(ORDERS == 0, 1.0, 2.0) / n
@@ -82,19 +72,8 @@ def coefficients(columns: Callable[[Array], Array]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """One test after projection on the basis.
-
-    Attributes
-    ----------
-    projection : ndarray, shape (m,), or None for a planned test
-        z = Qᵀ y [mm], m = min(n, 25).
-    factor : ndarray, shape (m, 25)
-        R of the QR factorisation of the basis at the test's angles.
-    residual_ss : float
-        Squares left outside the basis [mm²].
-    readings : int
-        n.
-    """
+    """One test after projection on the basis: ``projection`` z = Qᵀ y [mm], m = min(n, 25) numbers, None of a planned test;
+    ``factor`` R (m, 25) of the basis at the test's angles; the squares left outside, ``residual_ss`` [mm²]; ``readings`` n."""
 
     projection: Array | None
     factor: Array
@@ -126,33 +105,27 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """One row per test.
+    """A campaign as terms see it, one row per test (the whole campaign's: F0, range, and the fields after them).
 
     Attributes
     ----------
-    force_N, pressure_bar, radius_mm : ndarray, shape (tests,)
-    work_ball_rad, tool_ball_rad : ndarray, shape (tests,)
-    plane, setup : ndarray of str and int, shape (tests,)
+    force_N, pressure_bar, radius_mm, work_ball_rad, tool_ball_rad, plane, setup : ndarray, shape (tests,)
     travel : ndarray, shape (tests,)
         +1 clockwise, −1 counterclockwise, 0 where not stated.
     time_h, temperature_K : ndarray, shape (tests,)
         From the mean of the whole campaign; NaN where not recorded.
-    direction : ndarray, shape (tests, 25, 3)
-        Basis coefficients of the bar's direction (X, Y, Z).
-    wrench : ndarray, shape (tests, 25, compliances)
-        Basis coefficients of j_C.
-    geometric : ndarray, shape (tests, 25, geometric errors)
-        Basis coefficients of j_G.
+    direction, wrench, geometric : ndarray, shape (tests, 25, 3 or compliances or geometric errors)
+        Basis coefficients of the bar's direction (X, Y, Z), of j_C and of j_G.
     reference_force_N, force_range_N : float
         F0 and F_max − F_min.
     two_balls : bool
         Whether the clocking of either ball differs between tests.
     radii_mm, setups, planes, both_ways : tuple
-        Of the whole campaign: different radii and set-ups, planes, and planes run in both directions of travel.
+        Different radii and set-ups, planes, and planes run in both directions of travel.
     compliance_estimate : ndarray, shape (compliances,)
         Ĉ, used only to linearise the force error.
-    compensated : bool
-    deflection_um_per_bar : float
+    compensated, deflection_um_per_bar : bool, float
+        Of the mount.
     """
 
     force_N: Array

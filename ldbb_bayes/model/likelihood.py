@@ -39,13 +39,7 @@ _MALLOC_BYTES = 31 << 20
 
 
 class ParameterConditional(Gaussian):
-    """p(β | y, φ) for w values of φ, truncation aside.
-
-    Attributes
-    ----------
-    physical : Truncation
-        A β ≥ 0, whether or not the model imposes it.
-    """
+    """p(β | y, φ) for w values of φ, truncation aside; ``physical``: A β ≥ 0, whether or not the model imposes it."""
 
     physical: Truncation
 
@@ -110,16 +104,8 @@ class _Condensed(NamedTuple):
 class StructuredGaussian:
     """p(z | β, φ) with the shared and private columns integrated out.
 
-    Parameters
-    ----------
-    reduced : sequence of Reduced
-    columns : sequence of Columns or BasisNoise
-        Of the nuisances; those that tests share come in this order in `conditional`.
-    interest : ndarray, shape (tests, 25, p)
-        H: columns whose coefficients are given in every call.
-    offset : ndarray, shape (tests, 25)
-        Known part of the readings in the basis, subtracted beforehand.
-    hypers : names of φ's components
+    Columns that tests share come in the order given in `conditional`; ``interest`` H (tests, 25, p), whose coefficients are given
+    in every call; ``offset`` (tests, 25), the known part of the readings in the basis, is subtracted beforehand.
     """
 
     def __init__(
@@ -149,13 +135,7 @@ class StructuredGaussian:
         self._shared_mean = np.concatenate([np.zeros(0), *means])
 
     def log_density(self, phi: Array, beta: Array) -> Array:
-        """ln p(z | β, φ), shape (w,).
-
-        Parameters
-        ----------
-        phi : ndarray, shape (w, hypers) [mm]
-        beta : ndarray, shape (w, p), or (p,)
-        """
+        """ln p(z | β, φ), shape (w,), at φ (w, hypers) [mm] and β (w, p), or (p,)."""
         total = self._outside(phi).sum(axis=1)
         for _, log_density, *_ in self._integrated(phi, beta):
             total = total + log_density
@@ -359,32 +339,19 @@ def _to_ten_digits(values: Array) -> Array:
 
 @cache
 def _keep_freed_memory() -> None:
-    """Let go of one large array that was never touched.
-
-    GNU's malloc takes its size as a sign: arrays up to it, and twice as much freed memory in all, then stay with the process
-    (mallopt(3), M_MMAP_THRESHOLD, dynamic up to 32 MiB). Stacks of small matrices are two to three times faster for it.
-    """
+    """Let go of one large array: GNU's malloc then keeps freed arrays up to its size (mallopt(3), M_MMAP_THRESHOLD): stacks of
+    small matrices are two to three times faster."""
     np.empty(_MALLOC_BYTES, dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """A linear Gaussian model of coefficients c, stacked in blocks of readings.
+    """z = A c + e at given φ, c in units of its prior sd and e white: the posterior covariance of c is (1 + AᵀA)⁻¹.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the m coefficients.
-    owners : tuple of str
-        Of each coefficient: the term it belongs to, ``OWN`` for a parameter of interest.
-    scale : ndarray, shape (m,)
-        Prior sd, or a typical size where the prior is flat.
-    flat : bool
-        Whether the parameters of interest have flat priors.
-    design : tuple of ndarray, each (k, m)
-        Columns per unit of the coefficients, block by block.
-    noise : tuple of mapping of source to ndarray, each (k, k)
-        Covariance of every independent source of noise in each block.
+    Of the m coefficients ``names`` and ``owners``, the term of each or ``OWN`` for a parameter of interest; ``scale`` (m,), the
+    prior sd, or a typical size where parameters have ``flat`` priors; by block of readings ``design`` (k, m), columns per unit of
+    the coefficients, and ``noise``, the covariance (k, k) of every independent source. What a question takes as known leaves
+    the design or the noise. No readings are needed, only where they would be taken.
     """
 
     names: tuple[str, ...]
@@ -436,19 +403,13 @@ class Information:
         pairs = zip(self.owners, self.names, strict=True)
         left = np.flatnonzero([owner not in known and name not in known for owner, name in pairs])
         rows = np.sqrt(times) * (self.rows(known) if known else self._rows)[:, left]
-        stacked: Any = np.concatenate([rows, np.diag(self._prior_precision[left])])
+        prior = np.array([0.0 if self.flat and self.owners[k] == OWN else 1.0 for k in left])
+        stacked: Any = np.concatenate([rows, np.diag(prior)])
         return np.asarray(np.linalg.qr(stacked, mode="r")), left
 
     def covariance(self, known: Collection[str] = (), *, times: float = 1.0) -> Array:
-        """Posterior covariance in units of the prior sd, shape (m, m), zero for what is known.
-
-        Parameters
-        ----------
-        known : collection of str
-            Terms, nuisance columns and noise alike, and single coefficients taken as known.
-        times : float
-            How often all readings are taken, each time with noise of its own.
-        """
+        """Posterior covariance in units of the prior sd, shape (m, m), zero for what is known: terms (noise too), or single
+        coefficients; ``times``: how often all readings are taken, each time with noise of its own."""
         root, left = self.root(known, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
         covariance = np.zeros((len(self.names), len(self.names)))
@@ -487,10 +448,6 @@ class Information:
         for (_, term), share in self.shares().items():
             found[term] = found.get(term, 0.0) + share
         return found
-
-    @property
-    def _prior_precision(self) -> Array:
-        return np.array([0.0 if self.flat and owner == OWN else 1.0 for owner in self.owners])
 
     @cached_property
     def _rows(self) -> Array:

@@ -110,10 +110,9 @@ class Prior:
                 raise InputError(f"prior {name} must be a positive number, got {value}. To drop a term, leave it out instead.")
         if self.flat and self.truncated:
             raise InputError("a flat prior must not be truncated, got both. Set truncated = false or flat = false.")
-        if self.flat and self.overrides:
-            raise InputError("a flat prior must have no overrides, got some. Set flat = false or remove them.")
-        if self.flat and self.means:
-            raise InputError("a flat prior must have no means, got some. Set flat = false or remove them.")
+        for name in ("overrides", "means"):
+            if self.flat and getattr(self, name):
+                raise InputError(f"a flat prior must have no {name}, got some. Set flat = false or remove them.")
         for name, mean in self.means.items():
             if not np.isfinite(mean):
                 raise InputError(f"prior mean of {name} must be a finite number, got {mean}. Correct it or leave it out.")
@@ -179,13 +178,8 @@ def _prior_from(fields: Mapping[str, Any]) -> Prior:
 
 @dataclass(frozen=True, eq=False)
 class HyperPrior:
-    """Independent half-normal densities in the hyper-parameters themselves, each restricted to φ ≥ lower.
-
-    Attributes
-    ----------
-    names : tuple of hyper-parameters
-    scale_mm, lower_mm : ndarray, shape (h,)
-    """
+    """Independent half-normal densities in the hyper-parameters ``names`` themselves, of ``scale_mm``, each restricted to φ ≥
+    ``lower_mm``, both (h,)."""
 
     names: tuple[Hyper, ...]
     scale_mm: Array

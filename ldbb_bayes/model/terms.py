@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -42,17 +43,8 @@ Hyper = str
 
 
 class Scale(NamedTuple):
-    """A hyper-parameter: the sd, in mm, of what it scales, with a half-normal prior.
-
-    Attributes
-    ----------
-    name : str
-        As in results, which add ``_um``.
-    prior_um : float or str
-        Scale of the half-normal prior [µm], or the field of `Prior` that has it.
-    symbol, words : str
-        For reading.
-    """
+    """A hyper-parameter: the sd, in mm, of what it scales, with a half-normal prior whose scale [µm] is ``prior_um``, or the
+    field of `Prior` of that name. Results add ``_um`` to its name; ``symbol`` and ``words`` are for reading."""
 
     name: Hyper
     prior_um: float | str
@@ -77,14 +69,13 @@ class Columns:
     names : tuple of str
         Of the p coefficients; they begin with the term's ``stem``.
     values : ndarray, shape (tests, 25, p)
-    sd : ndarray, shape (p,)
-        Prior sd; where ``hyper`` names a hyper-parameter, in units of it. Infinite for a flat prior.
+    sd, mean : ndarray, shape (p,)
+        Prior sd, in units of ``hyper`` where one is named, infinite for a flat prior; prior mean of shared coefficients, zero
+        unless given.
     hyper : str, optional
         The hyper-parameter that scales ``sd``.
     private : bool
         True when every test has its own copy of each coefficient.
-    mean : ndarray, shape (p,), optional
-        Prior mean of shared coefficients.
 
     Raises
     ------
@@ -181,7 +172,9 @@ class Term:
         Term.kinds[cls.__name__] = cls
 
     def __post_init__(self) -> None:
-        hints = _hints(type(self))
+        hints: dict[str, Any] = {}
+        with suppress(NameError):
+            hints = get_type_hints(type(self))
         for name, value in vars(self).items():
             what = f"{type(self).__name__} {name}"
             if get_origin(hints.get(name)) is Literal:
@@ -232,27 +225,20 @@ class Term:
         return f" in {order}{_in_plane(coefficient)}" if order else ""
 
 
-def _hints(kind: type[Term]) -> dict[str, Any]:
-    try:
-        return get_type_hints(kind)
-    except NameError:
-        return {}
-
-
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
 
 
 def _order(coefficient: str) -> str:
     """form_XY_cos2 → cos 2θ."""
-    found = _SUFFIX.search(coefficient)
-    if found is None or not found["trig"]:
+    match = _SUFFIX.search(coefficient)
+    if match is None or not match["trig"]:
         return "order 0" if coefficient.endswith("_0") else ""
-    return f"{found['trig']} {'' if found['order'] == '1' else found['order']}θ"
+    return f"{match['trig']} {'' if match['order'] == '1' else match['order']}θ"
 
 
 def _in_plane(coefficient: str) -> str:
-    found = _SUFFIX.search(coefficient)
-    return f" in plane {found['plane']}" if found and found["plane"] else ""
+    match = _SUFFIX.search(coefficient)
+    return f" in plane {match['plane']}" if match and match["plane"] else ""
 
 
 Moves = Literal["together", "apart", "zero", "centre"]
@@ -389,10 +375,7 @@ class ForceError(Term):
 class SetupShift(Term):
     """1, cos θ, sin θ, separate for every test: zero (order 0) and centre (order 1) move between circles by δ.
 
-    Parameters
-    ----------
-    moves : {"together", "apart", "zero", "centre"}
-        Both with one scale δ; both, each with its own, δ_0 and δ_1; or one of them alone, with δ.
+    ``moves`` says whether both have one scale δ, each its own, δ_0 and δ_1, or one moves alone, with δ.
     """
 
     moves: Moves = "together"
@@ -436,12 +419,7 @@ class Hysteresis(Term):
     A constant part (backlash, reversal of the axes, servo lag) and one in proportion to force (friction in the bar, lost motion),
     a set of each for every plane. Active where a plane is run both ways; in one direction it looks like machine.
 
-    Parameters
-    ----------
-    constant_um : float
-        One sd of the constant part [µm], divided by n.
-    proportional_um_per_kN : float
-        One sd of the part in proportion to force [µm/kN], divided by n.
+    One sd of the former is ``constant_um``/n, of the latter ``proportional_um_per_kN``/n.
     """
 
     constant_um: float = 2.0
@@ -486,14 +464,8 @@ class Hysteresis(Term):
 class Drift(Term):
     """u, u B̂: the bar's length and the circle's centre change in proportion to time or temperature u, from the campaign's mean.
 
-    Off by default: `SetupShift` covers what changes between circles at random.
-
-    Parameters
-    ----------
-    over : {"time", "temperature"}
-        ``time_s`` or ``temperature_C`` of the tests.
-    length_um, centre_um : float
-        One sd, per hour or per kelvin. A steel bar of 150 mm grows by 1.7 µm/K.
+    Off by default: `SetupShift` covers what changes between circles at random. ``over`` is ``time_s`` or ``temperature_C`` of the
+    tests, ``length_um`` and ``centre_um`` one sd per hour or kelvin. A steel bar of 150 mm grows by 1.7 µm/K.
     """
 
     over: Covariate = "time"
@@ -502,13 +474,6 @@ class Drift(Term):
     remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """One shared column of length and one per direction of the centre [h or K].
-
-        Raises
-        ------
-        InputError
-            Where tests do not record it, or all at the same value.
-        """
         change = setting.time_h if self.over == "time" else setting.temperature_K
         if not np.isfinite(change).all():
             field = "time_s" if self.over == "time" else "temperature_C"

@@ -35,13 +35,7 @@ _MOST_TRIES = 64
 
 @dataclass(frozen=True, eq=False)
 class Truncation:
-    """The region A β ≥ 0.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (m, p)
-        A; none means no truncation.
-    """
+    """The region A β ≥ 0, ``rows`` A (m, p); no rows mean no truncation."""
 
     rows: Array
 
@@ -113,15 +107,8 @@ class Orthant:
         return value, np.abs(value - self._by_product(counts))
 
     def moments(self, size: int = 512, *, seed: int = 0) -> tuple[Array, Array, Array]:
-        """Mean and covariance of the standard normal e behind u = mean + spread e given u ≥ 0, along the axes that matter.
-
-        Returns
-        -------
-        mean : ndarray, shape (w, d)
-        covariance : ndarray, shape (w, d, d)
-        axes : ndarray, shape (w, d, q)
-            Orthonormal; across them e stays standard normal.
-        """
+        """Mean (w, d) and covariance (w, d, d) of the standard normal e behind u = mean + spread e given u ≥ 0, along the
+        orthonormal `axes` (w, d, q) that matter; across them e stays standard normal."""
         d = self._bound.shape[1]
         if d <= 2:
             points, log_rule = _rule((2 * _FULL,) * d, two_ended=True)
@@ -141,14 +128,8 @@ class Orthant:
         return solve_lower(self._lower, np.take_along_axis(self._spread, self._core[:, :, None], axis=1))
 
     def draw(self, rng: np.random.Generator, *, most: int = 12_800) -> tuple[Array, NDArray[np.bool_]]:
-        """One exact draw of x = axes e given u ≥ 0 for each of the batch, by tilted rejection.
-
-        Returns
-        -------
-        x : ndarray, shape (w, d)
-        accepted : ndarray of bool, shape (w,)
-            False where no draw was accepted in about ``most`` proposals; x is then the last one.
-        """
+        """One exact draw of x = axes e given u ≥ 0 for each of the batch (w, d), by tilted rejection, and where one was accepted
+        in about ``most`` proposals; elsewhere x is the last one."""
         x = np.zeros_like(self._bound)
         open_ = np.ones(len(x), dtype=bool)
         limit = self.log_bound
@@ -170,15 +151,8 @@ class Orthant:
         return self._complete(x, rng.standard_normal((len(x), self._spread.shape[2]))), accepted
 
     def propose_spread(self, uniform: Array, normal: Array) -> tuple[Array, Array]:
-        """A tilted, nearly exact draw of the same e, and ln (exact density / density it was drawn with), up to ln P.
-
-        Parameters
-        ----------
-        uniform : ndarray, shape (w, m)
-            Uniform numbers; those beyond the rows near their edge are not used.
-        normal : ndarray, shape (w, q)
-            Standard normal numbers.
-        """
+        """A tilted, nearly exact draw of the same e, and ln (exact density / density it was drawn with), up to ln P, from uniform
+        numbers (w, m), of which those beyond the rows near their edge are not used, and normal ones (w, q)."""
         log_weight, x = self._propose(uniform[:, None, : self._bound.shape[1]])
         return self._complete(x[:, 0], normal), log_weight[:, 0]
 
