@@ -69,9 +69,10 @@ class WorkerDied(RuntimeError):
 def done(
     function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None, *, retries: int = 2
 ) -> Iterator[tuple[int, R | Lost]]:
-    """Run a function on every job, one BLAS thread each, and yield results as they come.
+    """Run a function on every job, one BLAS thread each, and yield (index from 0, result) as they come.
 
-    A job whose worker dies (killed, out of memory) is tried again once the others are done, with no other job at work. Threads of
+    A job whose worker dies (killed, out of memory) is tried again once the others are done, with no other job at work; one that
+    its worker does not survive more often than ``retries`` is `Lost`. Dask has tried several times before it says so. Threads of
     one process take turns: processes are faster.
 
     Parameters
@@ -83,15 +84,6 @@ def done(
     executor : concurrent.futures.Executor, optional
         Default: here, one after the other.
     retries : int
-        A job that its worker does not survive more often than this is `Lost`; of Dask, which has tried several times before it
-        says so, a job is tried once more.
-
-    Yields
-    ------
-    index : int
-        Of the job, from 0.
-    result
-        Of the function, or `Lost`.
 
     Raises
     ------
@@ -175,13 +167,7 @@ def _broken() -> InputError:
 
 @contextmanager
 def process_executor(workers: int = 0) -> Iterator[Executor]:
-    """Yield processes of this machine, one BLAS thread each; those at work are stopped by an interruption or an error.
-
-    Parameters
-    ----------
-    workers : int
-        0: one per core.
-    """
+    """Yield processes of this machine (0: one per core), one BLAS thread each; an interruption or an error stops them."""
     _refuse_to_nest()
     pool = _Processes(workers or _usable_cores())
     try:
@@ -317,8 +303,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     Raises
     ------
     InputError
-        Without Dask, for an address that is none or does not answer in 10 s, or workers with other versions or more than one
-        thread.
+        Without Dask, for an address that does not answer in 10 s, or workers with other versions or more than one thread.
     """
     _refuse_to_nest()
     try:
@@ -389,7 +374,7 @@ def _versions() -> dict[str, str]:
 
 @contextmanager
 def executor_named(kind: str, workers: int = 0, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Yield what the options ask for; None where there is one process only, and jobs are run here.
+    """Yield what the options of commands ask for; None where there is one process only, and jobs are run here.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from dataclasses import asdict, dataclass, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -23,21 +23,9 @@ from pydantic import Field
 from ldbb_bayes.campaign.folder import TOML_NAME
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of, write_whole
+from ldbb_bayes.fleet import row as rows_of
 from ldbb_bayes.fleet.population_prior import PopulationPrior
-from ldbb_bayes.fleet.row import (
-    DATASET,
-    JOURNAL,
-    PART,
-    Job,
-    Settings,
-    check_pyarrow,
-    failed_row,
-    fit_row,
-    posterior_name,
-    read_batch,
-    stamp_of,
-    write_dataset,
-)
+from ldbb_bayes.fleet.row import DATASET, JOURNAL, PART, Job, Settings, fit_row, read_batch, write_dataset
 from ldbb_bayes.inference.posterior import State, check_probability
 from ldbb_bayes.inference.sample import check_sampler, versions
 from ldbb_bayes.jobs import Lost, done
@@ -61,8 +49,7 @@ _COMMENT = re.compile(r"(^|\s)#.*")
 _QUOTED = re.compile(r'"(.+)"')
 
 
-@dataclass(frozen=True)
-class Gathered:
+class Gathered(NamedTuple):
     """Paths of campaigns in the order given, and those that were given again."""
 
     paths: tuple[str, ...]
@@ -70,14 +57,11 @@ class Gathered:
 
 
 def gather(given: Iterable[str | os.PathLike[str]]) -> Gathered:
-    """Return the campaigns that folders of campaigns and lists stand for.
+    """Return the campaigns that folders of campaigns and lists stand for, and those that were given again.
 
-    Parameters
-    ----------
-    given : iterable of path
-        A campaign folder, a campaign.toml or a tidy CSV stands for itself; any other folder for its direct subfolders with a
-        campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a line, ' #' beginning a comment but for paths in
-        double quotes, which are taken as they are. What does not exist stays: the batch says so in its row.
+    A campaign folder, a campaign.toml or a tidy CSV stands for itself; any other folder for its direct subfolders with a
+    campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a line, ' #' beginning a comment but for paths in
+    double quotes, which are taken as they are. What does not exist stays: the batch says so in its row.
 
     Raises
     ------
@@ -131,11 +115,10 @@ def _lines(file: Path) -> Iterator[str]:
     except UnicodeDecodeError:
         raise InputError(f"{file} must be UTF-8 text, got another encoding. Save it as UTF-8.") from None
     for line in map(str.strip, text.splitlines()):
-        quoted = _QUOTED.fullmatch(line)
+        quoted = _QUOTED.fullmatch(line) or _QUOTED.fullmatch(_COMMENT.sub("", line).strip())
         path = quoted[1] if quoted else _COMMENT.sub("", line).strip()
-        quoted = _QUOTED.fullmatch(path)
         if path:
-            yield quoted[1] if quoted and line != f'"{path}"' else path
+            yield path
 
 
 def listed(paths: Iterable[str]) -> bytes:
@@ -209,11 +192,7 @@ def _record(paths: Sequence[str], settings: Settings) -> dict[str, Any]:
     }
     return {
         "model": model_sha256(settings.model)[:12],
-        "sampler": settings.sampler,
-        "seed": settings.seed,
-        "ess": settings.ess,
-        "ci_prob": settings.ci_prob,
-        "compare": settings.compare,
+        **{name: getattr(settings, name) for name in ("sampler", "seed", "ess", "ci_prob", "compare")},
         "posteriors": settings.posteriors is not None,
         "prior_from": None if settings.population is None else settings.population.sha256,
         "here": None if all(map(os.path.isabs, paths)) else settings.here,
@@ -243,19 +222,13 @@ def _begin(
         if _POSTERIOR.fullmatch(path.name):
             path.unlink()
     write_whole(out / LIST, listed(paths))
-    with _transaction(journal):
+    with journal:
+        journal.execute("BEGIN")
         journal.execute("DELETE FROM batch")
         journal.execute("DELETE FROM campaigns")
         journal.executemany("INSERT INTO campaigns (number, path) VALUES (?, ?)", enumerate(paths))
         journal.execute("INSERT INTO batch VALUES (?)", [json.dumps(record)])
     return False
-
-
-@contextmanager
-def _transaction(journal: sqlite3.Connection) -> Iterator[None]:
-    journal.execute("BEGIN")
-    with journal:
-        yield
 
 
 def _check_same(
@@ -291,7 +264,7 @@ def _wanted(journal: sqlite3.Connection, settings: Settings, retry: bool) -> dic
         if status != "done":
             found[number] = None
         else:
-            before, now = json.loads(row), stamp_of(os.path.join(settings.here, path))
+            before, now = json.loads(row), rows_of.stamp_of(os.path.join(settings.here, path))
             if None not in (before["stamp"], now) and now != before["stamp"]:
                 found[number] = before["sha256"]
     return found
@@ -316,14 +289,14 @@ def _fit(
         for count, (place, result) in enumerate(results, start=1):
             number = order[place]
             if isinstance(result, Lost):
-                result = failed_row(settings, Job(number, paths[number]), result.reason)
+                result = rows_of.failed_row(settings, Job(number, paths[number]), result.reason)
             journal.execute(
                 "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
                 (result["status"], result.get("state"), json.dumps(_plain(result)), number),
             )
             before = wanted[number]
             if settings.posteriors is not None and before is not None and before != result.get("sha256"):
-                (Path(settings.posteriors) / posterior_name(number, before)).unlink(missing_ok=True)
+                (Path(settings.posteriors) / rows_of.posterior_name(number, before)).unlink(missing_ok=True)
             (failed.add if result["status"] == "failed" else failed.discard)(number)
             if progress is not None:
                 progress(len(paths) - len(wanted) + count, len(paths), len(failed))
@@ -377,14 +350,10 @@ class Batch(Result):
         In JSON the last is ``failures``.
     not_converged, doubtful : int
         Of those done: that missed the sampling target; whose readings the model does not expect, or that speak against it.
-    failures : tuple of Failure
-        The first 10 000; in JSON ``failed``.
-    doubts : tuple of Doubt
-        The first 10 000.
-    fitted : int
-        Campaigns fitted by this run; the others were there.
-    seconds : float
-        That took.
+    failures, doubts : tuple of Failure, of Doubt
+        The first 10 000 each; in JSON the former is ``failed``.
+    fitted, seconds : int, float
+        Campaigns fitted by this run, and the time that took; the others were there.
     resumed : bool
         Whether an earlier run was gone on with.
     repeated : tuple of str
@@ -445,26 +414,20 @@ def batch(
         Default: linear in force.
     prior_from : PopulationPrior, optional
         From `prior_from`: prior of the compliances. A campaign that the population was made from fails.
-    sampler : {"independent", "joint"}
+    sampler, seed, ess, ci_prob
+        As for `sample` and `summarize`: the numbers are theirs.
     executor : concurrent.futures.Executor or callable, optional
         Where campaigns are fitted; default: here, one after the other. See `ldbb_bayes.jobs`. What starts one, such as
         `process_executor` itself, is called once ``out`` is this run's, which it stays until the workers have ended.
-    seed : int
-        Of every campaign: its numbers are those of `sample` with this seed.
-    ess : float
-        Effective sample size asked for.
-    ci_prob : float
-        Probability of the credible intervals.
     posteriors : bool
         Keep every posterior in ``out``/posteriors as well.
     compare : bool
         Weigh linear compliance against constant by their evidences.
     table : mapping, optional
         Fields of `Campaign` for tidy CSVs: what campaign.toml would say.
-    resume : bool
-        Go on with what an earlier run left; with nothing there, begin.
-    retry : bool
-        With ``resume``: also do again what failed, and what was fitted from files that have changed since.
+    resume, retry : bool
+        Go on with what an earlier run left (with nothing there, begin); also do again what failed, and what was fitted from files
+        that have changed since.
     force : bool
         Replace an earlier batch in ``out``.
     progress : callable, optional
@@ -476,7 +439,7 @@ def batch(
         For no campaigns, a batch in ``out`` that may not be touched or is another one, a place that cannot be written, or
         without pyarrow.
     """
-    check_pyarrow()
+    rows_of.check_pyarrow()
     check_sampler(sampler)
     check_probability(ci_prob)
     if retry and not resume:

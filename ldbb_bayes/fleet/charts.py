@@ -52,8 +52,8 @@ def control_chart(trend: Trend) -> Figure:
             grid[2 * row + 1, column].tick_params(labelbottom=last)
             if last:
                 _label_time(grid[2 * row + 1, column], trend, places)
-    for axes in grid.ravel()[_empty(len(names), rows, columns)]:
-        axes.set_visible(False)
+    for axes in grid.ravel():
+        axes.set_visible(axes.has_data())
     found = {label: handle for axes in grid.ravel() for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
     figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=4)
     whose = trend.machine or "One machine"
@@ -145,12 +145,6 @@ def _label_time(axes: Axes, trend: Trend, places: Array) -> None:
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(mdates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     axes.set_xlabel("date of the campaign")
-
-
-def _empty(panels: int, rows: int, columns: int) -> list[int]:
-    """Places of the grid without a parameter."""
-    lacking = [divmod(k, columns) for k in range(panels, rows * columns)]
-    return [(2 * row + part) * columns + column for row, column in lacking for part in (0, 1)]
 
 
 _MOST, _NAMED, _COLUMNS = 60, 24, 3

@@ -57,34 +57,18 @@ from ldbb_bayes.result import Result
 from ldbb_bayes.table import Table, json_text
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state, units_for
 
-__all__ = [
-    "Against",
-    "Belonging",
-    "PooledMachine",
-    "PooledParameter",
-    "Population",
-    "SpreadDensity",
-    "Spreads",
-    "belonging_of",
-    "common_of",
-    "contradicting",
-    "draw_spreads",
-    "estimates_of",
-    "machines_of",
-    "pool",
-    "population",
-]
+__all__ = ["PooledMachine", "PooledParameter", "Population", "pool", "population"]
 
 Array = NDArray[Any]
 FEWEST, FALSE_ALARMS = 6, 0.05
 # Pairs of a spread and a machine that are worked on at once.
-_TOGETHER = 8192
+_TOGETHER = 4096
 
 # ---- everything but the spreads integrated out
 
 
 def machines_of(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
-    """Return the machines in the order in which they first appear, and the product of each one's likelihoods, shape (n, q)."""
+    """The machines in the order in which they first appear, and the product of each one's likelihoods, shape (n, q)."""
     place = {name: k for k, name in enumerate(dict.fromkeys(statistics.machines))}
     of = [place[name] for name in statistics.machines]
     sums = []
@@ -100,14 +84,7 @@ def _chunks(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 
 
 def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """x = (μ, b) for k spreads, shape (k, q); ``log_integral`` is ln p(y | s), up to a constant.
-
-    Parameters
-    ----------
-    likelihood : Gaussian, shape (n, q)
-        Of the machines.
-    spread : ndarray, shape (k, c)
-    """
+    """x = (μ, b) for k spreads (k, c), shape (k, q); ``log_integral`` is ln p(y | s), up to a constant."""
     sums = []
     for rows in _chunks(spread, likelihood):
         each = deviating(likelihood, spread[rows])
@@ -117,13 +94,7 @@ def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> tuple[Array, Array, Array, Array, Array]:
-    """Mean and sd of c_m, mean and variance of z_m = (c_m − μ) / s, and Var(z_m | y, μ, b, s), each (k, n, c).
-
-    Parameters
-    ----------
-    common : Gaussian, shape (k, q)
-        See `common_of`.
-    """
+    """Mean and sd of c_m, mean and variance of z_m = (c_m − μ) / s, and Var(z_m | y, μ, b, s), each (k, n, c)."""
     c, q = spread.shape[1], likelihood.shift.shape[1]
     lower, solved = whitened(likelihood, spread)
     inverse = solve_lower(lower, np.broadcast_to(np.eye(c), lower.shape))
@@ -183,20 +154,10 @@ def _upright(hessian: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Spreads:
-    """Weighted draws of s.
+    """Weighted draws of s (k, c), in units of the prior sd.
 
-    Attributes
-    ----------
-    spread : ndarray, shape (k, c)
-        In units of the prior sd.
-    log_weight : ndarray, shape (k,)
-        ln of target over proposal, as it came.
-    weight : ndarray, shape (k,)
-        Pareto-smoothed; they sum to one.
-    pareto_k, good_k : float
-        Above ``good_k`` the draws cannot be trusted.
-    mode : ndarray, shape (c,)
-        Of ln s.
+    ``log_weight`` is ln of target over proposal, as it came, ``weight`` Pareto-smoothed, summing to one; above ``good_k`` the
+    draws cannot be trusted. ``mode`` is that of ln s.
     """
 
     spread: Array
@@ -226,16 +187,7 @@ class Spreads:
 def draw_spreads(density: SpreadDensity, parameters: int, *, seed: int, size: int = 2048, start: Array | None = None) -> Spreads:
     """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better.
 
-    Parameters
-    ----------
-    parameters : int
-        c.
-    seed : int
-        Of the scrambled Sobol points.
-    size : int
-        Draws, a power of two.
-    start : ndarray, shape (c,), optional
-        Of the search for the mode; default: ln τ.
+    Points are scrambled Sobol ones, ``size`` a power of two; the search for the mode starts at ln τ, or ``start``.
     """
     mode, curvature = density.mode(np.full(parameters, np.log(density.scale)) if start is None else start)
     inverse = np.linalg.inv(curvature)
@@ -269,16 +221,10 @@ _ANEW, _MOST_ANEW = 512, 200
 class Belonging:
     """The n machines, each against the others.
 
-    Attributes
-    ----------
-    p_value, family_wise : ndarray, shape (n,)
-        Probability, at most, that a parameter of a machine of the same population stands out so much; allowing for the number of
-        machines (Holm).
-    z, parameter_p_value : ndarray, shape (n, c)
-        Of each parameter by itself, two-sided.
-    seen, doubtful : ndarray of bool, shape (n,)
-        Whether readings say anything of the machine; whether its p-value cannot be trusted (Pareto's k̂ of the weights of s
-        without it).
+    ``p_value`` (n,) is the probability, at most, that a parameter of a machine of the same population stands out so much,
+    ``family_wise`` allows for the number of machines (Holm); ``z`` and ``parameter_p_value`` (n, c) are of each parameter by
+    itself, two-sided. Readings say something of machines that are ``seen``; p-values that are ``doubtful`` cannot be trusted
+    (Pareto's k̂).
     """
 
     p_value: Array
@@ -297,15 +243,7 @@ class Belonging:
 def belonging_of(
     density: SpreadDensity, spreads: Spreads, *, seed: int, progress: Callable[[int, int], None] | None = None
 ) -> Belonging:
-    """Every machine left out in turn: by weights, or where these cannot be trusted by drawing s anew without it.
-
-    Parameters
-    ----------
-    spreads : Spreads
-        Of all machines.
-    seed : int
-        Of draws made anew.
-    """
+    """Every machine left out in turn: by weights of these draws, or where they cannot be trusted by drawing s anew without it."""
     likelihood, spread = density.likelihood, spreads.spread
     n, c = len(likelihood.shift), spread.shape[1]
     by_itself = alone(likelihood, c)
@@ -401,15 +339,13 @@ class PooledParameter(Result):
 
     Attributes
     ----------
-    unit : str
     prior_mean, prior_sd : float
         What was believed of the mean of the population.
     mean : Summary
         Of the population.
-    spread : Summary
-        Standard deviation of the machines about it.
-    spread_percent : Summary or None
-        In per cent of the mean, the uncertainty of the spread alone; none where the mean is not known to a fifth.
+    spread, spread_percent : Summary
+        Standard deviation of the machines about it; in per cent of it, the uncertainty of the spread alone, None where the mean
+        is not known to a fifth.
     next : Summary
         A machine of the population that was not measured.
     instrument_sd, instrument_share : float
@@ -442,8 +378,6 @@ class PooledMachine(Result):
 
     Attributes
     ----------
-    name : str
-    campaigns : int
     estimate : dict of parameter to Summary
         With what the population tells of it.
     alone : dict of parameter to Summary
@@ -479,28 +413,18 @@ class Population(Result):
 
     Attributes
     ----------
-    parameters : dict of name to PooledParameter
-    machine : dict of name to PooledMachine
-    campaigns : int
     reference_force_N : float
         Force at which compliances are meant.
     forces_N : tuple of float
         Lowest and highest force tested in all campaigns.
-    topology : str
     compliances : mapping of compliance to mapping
         What they stand for, where the batch says it.
     instrument : tuple of str
         Errors taken as common to all campaigns.
     spread_scale : float
         Prior of a spread: HalfNormal(spread_scale · prior_sd).
-    seed : int
-    pareto_k : float
-        Of the weights of the spreads; the lower the better.
-    trusted : bool
-        Whether that is low enough.
-    caveats : tuple of Caveat
-        What to mind.
-    ci_prob : float
+    pareto_k, trusted : float, bool
+        Of the weights of the spreads, the lower the better; whether that is low enough.
     judged : bool
         Whether of every machine readings tell something and its p-value can be trusted: only then none standing out means that.
     readings : tuple of str
@@ -739,21 +663,12 @@ def population(
     Parameters
     ----------
     rows : DataFrame
-        Of `read_batch`: one row per campaign; campaigns without machine_id count as machines of their own.
-    parameters : sequence of str, optional
-        Compliances or geometric errors; default: all constant compliances.
-    exclude : sequence of str
-        Campaigns (path as given, last part of it, or name) and machines to leave out.
-    since : str, optional
-        ISO 8601 date; campaigns before it are left out.
-    include_misfits : bool
-        Keep campaigns whose readings the model does not expect, see `choose`.
-    reference_force_N : float, optional
-        Force at which compliances are meant. Default: the median of the campaigns' own.
+        Of `read_batch`: one row per campaign; campaigns without machine_id count as machines of their own. Which of them count,
+        and ``exclude``, ``since`` and ``include_misfits``: see `choose`.
+    parameters, reference_force_N, one_instrument
+        See `fleet_statistics`; default: all constant compliances at the median of the campaigns' forces, one bar.
     spread_scale : float
         Prior of each spread: HalfNormal(spread_scale · default prior sd of the parameter), see `reference_sd`.
-    one_instrument : bool
-        Whether mount and force gain are those of one bar; else each campaign has its own.
     ci_prob : float
     seed : int
     progress : callable, optional

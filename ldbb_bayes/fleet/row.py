@@ -38,20 +38,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-__all__ = [
-    "DATASET",
-    "JOURNAL",
-    "PART",
-    "Job",
-    "Settings",
-    "check_pyarrow",
-    "failed_row",
-    "fit_row",
-    "posterior_name",
-    "read_batch",
-    "stamp_of",
-    "write_dataset",
-]
+__all__ = ["DATASET", "JOURNAL", "PART", "Job", "Settings", "fit_row", "read_batch", "write_dataset"]
 
 _EVIDENCE_TOLERANCE = 1e-2
 _LONGEST_REASON = 1200
@@ -64,23 +51,9 @@ _SYSTEM = {getattr(errno, name) for name in _NAMES if hasattr(errno, name)}
 class Settings:
     """How every campaign of a batch is fitted.
 
-    Attributes
-    ----------
-    model_toml : str
-    sampler : str
-    seed : int
-    ess, ci_prob : float
-        Effective sample size asked for; probability of the intervals.
-    compare : bool
-        Whether linear compliance is weighed against constant.
-    posteriors : str, optional
-        Folder for a posterior of every campaign.
-    table : mapping
-        Fields of `Campaign` for tidy CSVs, which do not say them.
-    here : str
-        Folder that relative paths start from, wherever a worker stands.
-    population : PopulationPrior, optional
-        Whose prior is in the model: what speaks against it is said of every campaign.
+    ``posteriors`` is a folder for a posterior of every campaign, ``table`` fields of `Campaign` that tidy CSVs do not say,
+    ``here`` the folder that relative paths start from, wherever a worker stands, ``population`` that whose prior is in the model:
+    what speaks against it is said of every campaign.
     """
 
     model_toml: str
@@ -115,10 +88,7 @@ class Job:
 def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
     """Return the row of a campaign; ``parameters`` holds unit and numbers of each by name, ``stamp`` what its files looked like.
 
-    Raises
-    ------
-    InputError
-        When the disk or its mount fails, as it would for every other campaign too.
+    Raises InputError when the disk or its mount fails, as it would for every other campaign too.
     """
     place = os.path.join(settings.here, job.path)
     row = _given(settings, job) | {"stamp": stamp_of(place)}
@@ -323,21 +293,7 @@ def _types() -> dict[str, pa.DataType]:
 
 
 def write_dataset(rows: Callable[[], Iterator[dict[str, Any]]], target: Path, about: Mapping[str, Any]) -> None:
-    """Write rows of `fit_row` as a table, whole or not at all, few of them in memory at a time.
-
-    Parameters
-    ----------
-    rows : callable
-        Gives them from the first; called twice.
-    target : path
-    about : mapping
-        What the table says of itself.
-
-    Raises
-    ------
-    InputError
-        When it cannot be written.
-    """
+    """Write rows of `fit_row`, given from the first each time they are asked for, as a table: whole or not at all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -64,14 +64,8 @@ _SPARE = 1e-4
 class SufficientStatistics:
     """Moments of a campaign's parameters and of the errors of its instrument.
 
-    Attributes
-    ----------
-    names : tuple of str
-        The p parameters of interest, then the coefficients of terms that are ``common`` to campaigns; q in all.
-    units : tuple of str
-    mean : ndarray, shape (q,)
-    covariance : ndarray, shape (q, q)
-    prior_mean, prior_sd : ndarray, shape (q,)
+    ``names`` are the p parameters of interest, then the coefficients of terms that are ``common`` to campaigns; q in all. Means
+    and ``prior_sd`` have shape (q,), ``covariance`` (q, q).
     """
 
     names: tuple[str, ...]
@@ -89,13 +83,7 @@ class SufficientStatistics:
 
 @one_blas_thread
 def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
-    """Return the posterior moments, the truncation left aside.
-
-    Parameters
-    ----------
-    posterior : HyperPosterior
-        Not truncated, its prior not flat.
-    """
+    """Return the posterior moments of a density that is not truncated, its prior not flat."""
     bound = posterior.bound
     pick, names, units, prior_mean, prior_sd = _columns(bound)
     free, weight = posterior.coarse.heaviest(_SPARE)
@@ -341,16 +329,10 @@ def _moment(date: str) -> datetime:
 
 
 def whitened(likelihood: Gaussian, spread: Array) -> tuple[Array, Array]:
-    """L Lᵀ = K = I + s Λ_cc s and L⁻¹ s (Λ_c, η_c), shapes (k, n, c, c) and (k, n, c, q + 1).
+    """L Lᵀ = K = I + s Λ_cc s and L⁻¹ s (Λ_c, η_c), shapes (k, n, c, c) and (k, n, c, q + 1), for k values of s (k, c).
 
-    K is the precision of z = w / s, w ~ N(0, diag s²) being what one campaign or machine differs by: g(c + w, b).
-
-    Parameters
-    ----------
-    likelihood : Gaussian, shape (n, q)
-        Λ may be singular.
-    spread : ndarray, shape (k, c)
-        Values of s.
+    K is the precision of z = w / s, w ~ N(0, diag s²) being what one campaign or machine differs by: g(c + w, b). Λ may be
+    singular.
     """
     c = spread.shape[1]
     s = spread[:, None, :, None]
@@ -368,11 +350,9 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 def alone(likelihood: Gaussian, parameters: int) -> tuple[Array, Array, Array]:
-    """S = (I + Λ_cc)⁻¹, H = S Λ_c and t = S η_c: the estimate of a campaign by itself, t ~ N(H (c, b), S Λ_cc S), is t − H_b b.
+    """S = (I + Λ_cc)⁻¹, H = S Λ_c and t = S η_c, shapes (n, c, c), (n, c, q) and (n, c), of campaigns each by itself.
 
-    Returns
-    -------
-    tuple of ndarray, shapes (n, c, c), (n, c, q) and (n, c)
+    Its estimate is t − H_b b; t ~ N(H (c, b), S Λ_cc S).
     """
     c = parameters
     own = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])

@@ -49,26 +49,7 @@ from ldbb_bayes.result import Number, Result
 from ldbb_bayes.table import Table
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, units_for
 
-__all__ = [
-    "LIMITS",
-    "SURE",
-    "Chart",
-    "FalseAlarm",
-    "Foreseen",
-    "Levels",
-    "MostProbable",
-    "ParameterChange",
-    "Trend",
-    "Visit",
-    "chart_of",
-    "detection",
-    "hypotheses",
-    "instrument_moments",
-    "levels_of",
-    "scatter_rule",
-    "trend",
-    "weigh",
-]
+__all__ = ["LIMITS", "SURE", "MostProbable", "ParameterChange", "Trend", "Visit", "trend"]
 
 Array = NDArray[Any]
 LIMITS, SURE = 0.997, 0.9
@@ -79,15 +60,7 @@ _NEGLIGIBLE = 1e-7
 
 
 def scatter_rule(repeatability: float, *, step: float = _STEP) -> tuple[Array, Array]:
-    """Nodes of r and their weights, shape (r,): trapezoids in ln r; what lies below the lowest counts there.
-
-    Parameters
-    ----------
-    repeatability : float
-        Scale of the half-normal density.
-    step : float
-        In ln r.
-    """
+    """Nodes of r and their weights, shape (r,): trapezoids in ln r (of this step); what lies below the lowest counts there."""
     count = int(np.ceil(np.log(_MOST / _LEAST) / step)) + 1
     log_ratio = np.linspace(np.log(_LEAST), np.log(_MOST), count)
     ratio = np.exp(log_ratio)
@@ -100,15 +73,8 @@ def scatter_rule(repeatability: float, *, step: float = _STEP) -> tuple[Array, A
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
     """(c, b, Δ) under every hypothesis, shape (r, n, p, q + 1); ``log_integral`` is their log evidence, up to what all share.
 
-    Place k, counted from 0, is a step just before campaign k + 2; the last, of whatever parameter, is no step at all.
-
-    Parameters
-    ----------
-    carried : Gaussian, shape (r, n, q)
-        Of campaigns in order of time: `deviating`.
-    parameters : int
-        p; q less p are the instrument's.
-    change_scale : float
+    Place k, counted from 0, is a step just before campaign k + 2; the last, of whatever parameter, is no step at all. ``carried``
+    are the campaigns in order of time, (r, n, q), their w_t integrated: `deviating`.
     """
     precision, shift = (np.cumsum(own[:, ::-1], axis=1)[:, ::-1] for own in (carried.precision, carried.shift))
     (r, n, q), p = shift.shape, parameters
@@ -123,16 +89,7 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def weigh(log_evidence: Array, scatter_weight: Array, probability: float) -> Array:
-    """Posterior probability of every hypothesis, shape (r, n, p).
-
-    Parameters
-    ----------
-    log_evidence : ndarray, shape (r, n, p)
-        See `hypotheses`.
-    scatter_weight : ndarray, shape (r,)
-    probability : float
-        Prior probability of a change.
-    """
+    """Posterior probability of every hypothesis, (r, n, p), from their log evidence, weights of r and the prior of a change."""
     log_weight = log_evidence + _log_prior(log_evidence.shape[1:], probability) + np.log(scatter_weight)[:, None, None]
     return np.asarray(np.exp(log_weight - logsumexp(log_weight)))
 
@@ -180,19 +137,10 @@ def chart_of(
     *,
     limits: float = LIMITS,
 ) -> Chart:
-    """Points with their uncertainty, and limits from the campaigns before each.
+    """Points with their uncertainty, and limits of this probability from the campaigns before each.
 
-    Parameters
-    ----------
-    series : Gaussian, shape (n, q)
-        Likelihoods of the campaigns in order of time.
-    carried : Gaussian, shape (r, n, q)
-    scatter, scatter_weight : ndarray, shape (r,)
-        Values of r and their prior probabilities.
-    instrument : tuple of ndarray
-        Posterior mean and covariance of the instrument's errors.
-    limits : float
-        Probability of lying between the limits where nothing changes.
+    ``series`` (n, q) and ``carried`` (r, n, q) are the campaigns in order of time, scatter and its weights (r,) the prior of r,
+    ``instrument`` posterior mean and covariance of the instrument's errors.
     """
     known, spread = instrument
     q = series.shift.shape[-1]
@@ -229,16 +177,7 @@ class Levels(NamedTuple):
 def levels_of(
     series: Gaussian, scatter: Array, weights: Array, known: Array, change_scale: float, *, ci_prob: float = 0.95
 ) -> Levels:
-    """Level of every parameter at every campaign, under the probabilities that hypotheses have.
-
-    Parameters
-    ----------
-    series : Gaussian, shape (n, q)
-    weights : ndarray, shape (r, n, p)
-        Of the series with its instrument's errors unknown.
-    known : ndarray, shape (s,)
-        Their posterior mean.
-    """
+    """Level of every parameter at every campaign; ``known`` are the instrument's errors, ``weights`` those with them unknown."""
     n, p = weights.shape[1:]
     given = series.given(range(p, p + len(known)), known) if len(known) else series
     found = hypotheses(deviating(given, np.outer(scatter, np.ones(p))), p, change_scale)
@@ -269,13 +208,9 @@ def levels_of(
 class Foreseen(Result):
     """How soon a change of one parameter would be found.
 
-    Attributes
-    ----------
-    found_within, error : tuple of float, length N
-        Probability that it has been found after 1..N further campaigns, and the standard error of counting, never less than
-        that of half a count; NaN where there is no change to ask for.
-    campaigns_for_90_percent : int or None
-        The least number of further campaigns that finds it with probability 0.9; None where more are needed than looked at.
+    ``found_within`` is the probability that it has been after 1..N further campaigns, ``error`` the standard error of counting,
+    never less than that of half a count; NaN where there is no change to ask for. ``campaigns_for_90_percent`` is the least
+    number that finds it with probability 0.9; None where more are needed than looked at.
     """
 
     found_within: tuple[Number, ...]
@@ -285,15 +220,9 @@ class Foreseen(Result):
 
 @dataclass(frozen=True)
 class FalseAlarm(Result):
-    """Probability that some change has been said to be there after 1..N further campaigns while nothing changed.
+    """Probability that some change has been said to be there ``within`` 1..N further campaigns while nothing changed.
 
-    Attributes
-    ----------
-    within, error : tuple of float, length N
-    campaigns_before : int
-        Campaigns before the change.
-    replicates : int
-        Simulated series that probabilities are counted in.
+    ``campaigns_before`` the change there are; ``replicates`` is the number of simulated series that are counted.
     """
 
     within: tuple[float, ...]
@@ -320,21 +249,9 @@ def detection(
 ) -> tuple[list[Foreseen], FalseAlarm]:
     """Simulate series to come, and look at each after every further campaign.
 
-    Parameters
-    ----------
-    information : ndarray, shape (q, q)
-        Λ̄ of one campaign, in units of the prior's sd.
-    level : ndarray, shape (q,)
-        c and b, what they are now.
-    changes : ndarray, shape (p,)
-        Δ of each parameter; NaN leaves it out.
-    before : int
-        Campaigns before the change, at least one.
-    scatter : tuple of ndarray
-        Values of r and their probabilities, from which series are drawn; the analysis weighs r by its prior.
-    further : int
-    replicates : int
-        Those that give a false alarm before the change are left out of the counts.
+    Λ̄ of one campaign (q, q), what c and b are now (q,), and Δ of each parameter (p,), NaN to leave it out, are in units of the
+    prior's sd. Series are drawn with r of these values and probabilities; the analysis weighs r by its prior. Those with a false
+    alarm ``before`` the change are left out of the counts.
     """
     rng = np.random.default_rng(seed)
     p, n = len(changes), before + further
@@ -415,14 +332,12 @@ class Step(Result):
 
     Attributes
     ----------
-    unit : str
     probability : float
         That it is this parameter that changed.
     change : Summary
         Given that it is.
     percent, percent_interval : float or None
         Of the level before, the interval of the change alone; None where the level is not known to a fifth.
-    level_before : float
     """
 
     unit: str
@@ -477,8 +392,6 @@ class Trend(Result):
 
     Attributes
     ----------
-    machine : str or None
-    reference_force_N : float
     assumptions : mapping
         change_scale, repeatability (units of the prior's sd), probability, threshold, detect, ci, one_instrument, seed.
     probability : float
@@ -487,15 +400,9 @@ class Trend(Result):
         Whether that is above the threshold.
     campaigns : tuple of Visit, length n
         In order of time.
-    parameters : mapping of name to ParameterChange
-    most_probable : MostProbable
     scatter : Summary
         Of r, what the machine changes from campaign to campaign, in units of the prior's sd.
     sensitivity : mapping of assumption to probability of a change
-    false_alarm : FalseAlarm
-    limits_probability : float
-    caveats : tuple of Caveat
-        What to mind.
     estimates : DataFrame
         One row per campaign and parameter, inside units: campaign, date, parameter, unit, estimate, sd, ci_low, ci_high (of this
         campaign alone), limit_low, limit_high (99.7 % from the campaigns before, no change), outside, level, level_low,
@@ -723,22 +630,11 @@ def trend(
     Parameters
     ----------
     rows : DataFrame
-        Of `read_batch`; campaigns that failed, have no sufficient statistics or readings that the model does not expect are left
-        out and named.
+        Of `read_batch`; which of them count, and ``exclude``, ``since`` and ``include_misfits``: see `choose`.
     machine : str, optional
         Needed where the rows are of several.
-    parameters : sequence of str, optional
-        Compliances or geometric errors; default: all constant compliances.
-    exclude : sequence of str
-        Campaigns (path as given, last part of it, or name) to leave out.
-    since : str, optional
-        ISO 8601 date; campaigns before it are left out.
-    include_misfits : bool
-        Keep campaigns whose readings the model does not expect, see `choose`.
-    reference_force_N : float, optional
-        Force at which compliances are meant; default: the median of the campaigns' own.
-    one_instrument : bool
-        Whether all campaigns share one bar's mount and force gain.
+    parameters, reference_force_N, one_instrument
+        See `fleet_statistics`; default: all constant compliances at the median of the campaigns' forces, one bar.
     change_scale : float
         Standard deviation of a change, in units of the parameter's default prior sd: 2e-5 mm/N of C_XXX.
     repeatability : float
