@@ -139,7 +139,7 @@ class Machine:
 
     topology: str = "wCAFYXZSt"
     planes: str | tuple[str, ...] = ("XY",)
-    frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         planes = (self.planes,) if isinstance(self.planes, str) else tuple(self.planes)
@@ -181,9 +181,6 @@ class Machine:
                         f"topology must hold the axes of plane {plane}, got {topology!r} without {axis}. "
                         "Choose another plane or correct the topology."
                     )
-
-    def __hash__(self) -> int:
-        return hash((self.topology, self.planes, tuple(sorted(self.frames_mm.items()))))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """To other processes; a read-only mapping does not pickle."""
@@ -296,20 +293,8 @@ class ComplianceName:
 
 @dataclass(frozen=True)
 class GeometricName:
-    """A geometric error: component of the deviation, the axis it belongs to, and its order in the axis' coordinate.
-
-    Attributes
-    ----------
-    component : str
-        X, Y, Z of a translation, A, B, C of a rotation.
-    axis : str
-        X, Y, Z; ``t`` for the tool.
-    kind : {"gain", "straightness", "squareness", "offset"}
-    reference : str
-        Of a squareness: the axis it is measured against.
-    setup : int
-        Of a tool offset: its set-up, where there are several; else 0.
-    """
+    """A geometric error: component of the deviation (X, Y, Z of a translation, A, B, C of a rotation), the axis it belongs to
+    (``t``: the tool), its kind; of a squareness its reference axis, of a tool offset its set-up, where there are several."""
 
     component: str
     axis: str

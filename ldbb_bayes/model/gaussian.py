@@ -51,16 +51,8 @@ _DEPENDENT = 1e-13
 
 
 class Gaussian:
-    """g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for every index of the leading axes.
-
-    Parameters
-    ----------
-    precision : ndarray, shape (..., q, q)
-        P, symmetric; it may be singular as long as no moments are asked for.
-    shift : ndarray, shape (..., q)
-        η = P · mean.
-    log_constant : ndarray, shape (...)
-    """
+    """g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for every index of the leading axes: precision P (..., q, q), symmetric, which
+    may be singular as long as no moments are asked for; shift η = P · mean (..., q); log_constant (...)."""
 
     def __init__(self, precision: Array, shift: Array, log_constant: Array | float = 0.0) -> None:
         self.__dict__.update(precision=precision, shift=shift, log_constant=np.asarray(log_constant, dtype=float))
@@ -234,14 +226,9 @@ class Gaussian:
 
 
 def factor_and_solve(matrix: Array, right: Array) -> tuple[Array, Array]:
-    """Cholesky factor L of A, shape (..., q, q), and L⁻¹ b, shape (..., q).
+    """Cholesky factor L of A, shape (..., q, q), and L⁻¹ b, shape (..., q); LinAlgError where A is not positive definite.
 
     b is the last row of a matrix one larger, whose factor holds both; its last diagonal entry only has to be large enough.
-
-    Raises
-    ------
-    LinAlgError
-        When a matrix is not positive definite.
     """
     q = matrix.shape[-1]
     if q == 1:
@@ -376,22 +363,12 @@ def newton(
     gain: float = 1e-6,
     iterations: int = 60,
 ) -> Array:
-    """A mode of a log density, shape (h,), by damped Newton steps from a start.
+    """A mode of a log density (n, h) → (n,), shape (h,), by damped Newton steps from a start; ``derivatives`` of a point:
+    its gradient (h,) and Hessian (h, h).
 
-    Directions of wrong curvature are turned round; of several fractions of a step, tried in one call, the best is taken.
-
-    Parameters
-    ----------
-    log_density : callable
-        (n, h) → (n,).
-    derivatives : callable
-        (h,) → gradient (h,) and Hessian (h, h); see `central_differences`.
-    least_curvature : float
-        No direction counts as flatter.
-    longest : float
-        Of a step.
-    gain : float
-        Steps end when the density rises by no more [nat].
+    Directions of wrong curvature are turned round, none counts as flatter than ``least_curvature``, no step is longer than
+    ``longest``; of several fractions of a step, tried in one call, the best is taken. Steps end when the density rises by no more
+    than ``gain`` [nat].
     """
     point, fractions = np.array(start, dtype=float), np.array(_FRACTIONS)
     value = float(log_density(point[None])[0])

@@ -57,7 +57,7 @@ class HybridModel(Result):
     Raises
     ------
     InputError
-        For a degree other than 0, 1, 2, a nuisance given twice, or a parameter fixed at zero whose prior mean is another.
+        For what does not go together.
     """
 
     degree: int = 1
@@ -140,13 +140,7 @@ class HybridModel(Result):
         return replace(self, nuisances=tuple(own[kind] for kind in sorted(own, key=places.index)))
 
     def without(self, *names: str) -> HybridModel:
-        """The same model without the named terms (``ball-form`` … ``hysteresis``, ``truncation``).
-
-        Raises
-        ------
-        InputError
-            For an unknown name.
-        """
+        """The same model without the named terms (``ball-form`` … ``hysteresis``, ``truncation``)."""
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
         return replace(self, nuisances=tuple(term for term in self.nuisances if term.key() not in names), prior=prior)
@@ -168,13 +162,8 @@ class HybridModel(Result):
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """The model of this campaign (or plan): columns, reduced readings, likelihood.
-
-        Raises
-        ------
-        InputError
-            For degree ≥ 1 with one force level, or flat priors that the forces leave undetermined.
-        """
+        """The model of this campaign (or plan); InputError for degree ≥ 1 with one force level, or flat priors that the forces
+        leave undetermined."""
         return BoundModel(self, campaign)
 
     def simulate(
@@ -236,15 +225,7 @@ class HybridModel(Result):
 
 @dataclass(frozen=True)
 class Simulation(Result):
-    """A simulated campaign and what it was made from.
-
-    Attributes
-    ----------
-    campaign : Campaign
-    parameters : dict of parameter to true value
-        In inside units (mm, N, rad).
-    hyper_um : dict of hyper-parameter to true value [µm]
-    """
+    """A simulated campaign, and the true parameters in inside units (mm, N, rad) and hyper-parameters [µm] it was made from."""
 
     campaign: Campaign
     parameters: dict[str, float]
@@ -279,8 +260,6 @@ class BoundModel:
 
     Parameters
     ----------
-    model : HybridModel
-    campaign : Campaign
     keep : sequence of str, optional
         Names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay those of the whole campaign.
     pilot : Campaign, optional
@@ -288,21 +267,13 @@ class BoundModel:
 
     Attributes
     ----------
-    model, campaign, pilot : as given
-    parameters : tuple of Parameter
-        Compliances, their slopes degree by degree, geometric errors.
-    names, test_names : tuple of str
-        Of the parameters and of the tests.
-    setting : Setting
-    reduced : tuple of Reduced
+    parameters, names, prior_sd, prior_mean : tuples, and ndarrays of shape (p,)
+        Compliances, their slopes degree by degree, geometric errors; infinite sd and zero mean when flat.
+    test_names, reduced, setting : tuple of str, tuple of Reduced, Setting
     interest : ndarray, shape (tests, 25, p)
         H: columns of the parameters of interest.
-    prior_sd, prior_mean : ndarray, shape (p,)
-        Infinite and zero when flat.
-    physical : Truncation
-        The region of physical compliances, C(F) ≥ 0.
-    truncation : Truncation
-        The same where the prior imposes it, else the whole space.
+    physical, truncation : Truncation
+        The region of physical compliances, C(F) ≥ 0; the same where the prior imposes it, else the whole space.
     """
 
     def __init__(
@@ -446,22 +417,15 @@ class BoundModel:
         return self.collapsed.log_density(phi, np.zeros(len(self.names)))
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
-        """Draws of β from its prior inside the truncation, shape (size, p).
-
-        Raises
-        ------
-        InputError
-            For a flat prior, which cannot be drawn from.
-        """
+        """Draws of β from its prior, which must not be flat, inside the truncation, shape (size, p)."""
         if self.model.prior.flat:
             raise InputError("parameters must be given when the prior is flat, got none. Pass true values.")
         p = len(self.names)
         if not self.truncation.active:
             return self.prior_mean + rng.standard_normal((size, p)) * self.prior_sd
         draws = np.zeros((0, p))
-        orthant = self.truncation.orthants(
-            np.broadcast_to(self.prior_mean, (size, p)), np.broadcast_to(np.diag(self.prior_sd), (size, p, p))
-        )
+        spread = np.broadcast_to(np.diag(self.prior_sd), (size, p, p))
+        orthant = self.truncation.orthants(np.broadcast_to(self.prior_mean, (size, p)), spread)
         while len(draws) < size:
             white, exact = orthant.draw_spread(rng)
             beta = self.prior_mean + white * self.prior_sd

@@ -129,19 +129,8 @@ class _TruthsFile(BaseModel):
 
 @dataclass(frozen=True)
 class Truths:
-    """What to simulate.
-
-    Attributes
-    ----------
-    plan : Campaign or None
-        None when the file names no forces; then a plan must come from elsewhere.
-    parameters : dict or None
-        True values in inside units; None draws them from the prior.
-    hyper_um : dict
-        True σ, δ, κ, τ [µm]; the rest is drawn from its prior.
-    exact : bool
-        Geometry through the exact forward model.
-    """
+    """What to simulate: a plan, None when the file names no forces (it must then come from elsewhere); true parameters in inside
+    units, None to draw them from the prior; true hyper-parameters [µm], the rest drawn; geometry exactly or linear."""
 
     plan: Campaign | None
     parameters: dict[str, float] | None
@@ -159,13 +148,7 @@ def is_truths(path: Path) -> bool:
 
 
 def read_truths(path: Path) -> Truths:
-    """Read a TOML of truths.
-
-    Raises
-    ------
-    InputError
-        Naming the file and the place.
-    """
+    """Read a TOML of truths; what is wrong is refused by the file's name and the place."""
     file = validated(_TruthsFile, read_toml(path), str(path))
     try:
         return Truths(None if file.forces_N is None else _plan(file, path.stem), file.parameters, file.hyper_um, file.exact)
