@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -13,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.design import candidates
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
 
@@ -30,6 +32,15 @@ def root() -> Path:
 @pytest.fixture(scope="session")
 def recovered() -> Campaign:
     return read_campaign(ROOT / "data" / "recovered_experiment")
+
+
+@pytest.fixture(scope="module")
+def few_states() -> Iterator[None]:
+    """Designs average over few values of the hyper-parameters: how they are chosen does not hang on it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(candidates, "_REPORTED", 16)
+        patch.setattr(candidates, "_ALONE", 4)
+        yield
 
 
 @pytest.fixture

@@ -258,6 +258,7 @@ def test_compare_that_misses_its_tolerance(
     assert (code, json.loads(shown)["largest_error"]) == (1, 1.0)
 
 
+@pytest.mark.usefixtures("few_states")
 def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     """Identify asks it, simulate runs it, design judges it; an existing one is kept."""
     out = tmp_path / "next"
@@ -284,6 +285,7 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert "must not exist" in invoke(*arguments, "--out", out)[2]
 
 
+@pytest.mark.usefixtures("few_states")
 def test_design_by_goal(folder: Path, invoke: Invoke) -> None:
     forces = ("--forces", "36,742")
     code, shown, _ = invoke("design", folder, "--forces", "36,400,742", "--target", "C_XYX=1e-6", "--cost-circle", 10)
@@ -297,6 +299,7 @@ def test_design_by_goal(folder: Path, invoke: Invoke) -> None:
     assert any("No number of these circles" in note for note in record["notes"])
 
 
+@pytest.mark.usefixtures("few_states")
 def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     """A tidy table as pilot, with its options; the paper's preset; added to what was run."""
     table = tidy(lb.read_campaign(folder), tmp_path / "tidy.csv")
@@ -306,6 +309,7 @@ def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert record["tests"][0]["radius_mm"] == 100.0
 
 
+@pytest.mark.usefixtures("few_states")
 def test_design_without_certificate(folder: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     design = lb.design(lb.HybridModel.default(1), lb.read_campaign(folder), tests=3, forces_N=(36.0, 742.0))
     broken = replace(design, certificate=replace(design.certificate, max_sensitivity=2.0 * design.certificate.bound, holds=False))

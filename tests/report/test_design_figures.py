@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 from ldbb_bayes.report.figures import efficiency, expected_widths, information, trade_off
 
+pytestmark = pytest.mark.usefixtures("few_states")
 LEVELS = tuple(np.linspace(36.0, 742.0, 9))
 KINDS = {
     "six": {"tests": 6, "curve": True},
@@ -19,13 +20,13 @@ KINDS = {
 
 
 @pytest.fixture(scope="module", params=list(KINDS))
-def design(request: pytest.FixtureRequest) -> lb.Design:
+def design(request: pytest.FixtureRequest, few_states: None) -> lb.Design:
     pilot = simulated(plan(), seed=2)
     return lb.design(lb.HybridModel.default(1), pilot, forces_N=LEVELS, against={"own": pilot}, **KINDS[request.param])
 
 
 @pytest.fixture(scope="module")
-def flat() -> lb.Design:
+def flat(few_states: None) -> lb.Design:
     return lb.design(lb.HybridModel.paper(1), plan(), tests=5, forces_N=LEVELS, curve=True)
 
 

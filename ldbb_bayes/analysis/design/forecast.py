@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
 from ldbb_bayes.model.gaussian import Gaussian, singular_root
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel, informations_of
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of, informations_of
 from ldbb_bayes.result import Finite, Result
 
 __all__ = [
@@ -269,18 +269,14 @@ def discrimination_of(
 
 def posteriors(bound: BoundModel, phi: Array) -> tuple[Gaussian | None, Array]:
     """p(β | y, φ) about zero and floor sd (p,), both in units of the prior sd; none where flat priors leave something open."""
-    after: list[Gaussian] = []
-    floors: list[Gaussian] = []
-    for information in informations_of(bound, phi):
-        rows, own = information.rows(), information.own
-        if information.flat and np.linalg.matrix_rank(rows[:, own], tol=_RANK) < len(own):
-            return None, np.zeros(0)
-        for kept, times in ((after, 1.0), (floors, _VERY_OFTEN)):
-            more, nothing = np.sqrt(times) * rows, np.zeros(len(rows))
-            if information.flat:
-                kept.append(Gaussian.from_rows(more, nothing))
-            else:
-                prior = Gaussian.of(np.zeros(rows.shape[1]), np.ones(rows.shape[1]))
-                kept.append(prior.observe(more, nothing).marginal(own.tolist()))
-    every = Gaussian.factored(*(np.array([getattr(g, part) for g in after]) for part in ("mean", "root", "scale")))
-    return every, np.sqrt(np.mean([g.sd**2 for g in floors], axis=0))
+    one = information_of(bound, phi[0])
+    own, flat, size = one.own, one.flat, len(one.names)
+    # All that the readings say of the coefficients, in as few rows as these are.
+    rows = np.array([np.linalg.qr(information.rows(), mode="r") for information in informations_of(bound, phi)])
+    if flat and np.linalg.matrix_rank(rows[..., own], tol=_RANK).min() < len(own):
+        return None, np.zeros(0)
+    run = np.array([1.0, np.sqrt(_VERY_OFTEN)])[:, None, None, None] * rows
+    nothing = np.zeros(run.shape[:-1])
+    prior = Gaussian.of(np.zeros(size), np.ones(size))
+    both = Gaussian.from_rows(run, nothing) if flat else prior.observe(run, nothing).marginal(own.tolist())
+    return Gaussian.factored(both.mean[0], both.root[0], both.scale[0]), np.sqrt((both.sd[1] ** 2).mean(axis=0))

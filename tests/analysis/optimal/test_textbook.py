@@ -204,7 +204,7 @@ def test_exchange_finds_the_best_of_all() -> None:
 
 @pytest.mark.parametrize("apart", [1.0, 100.0])
 def test_neighbouring_forces_are_one_where_that_costs_nothing(apart: float) -> None:
-    """A parabola's middle is split over levels beside it, 2 N or 200 N apart: the first are run at one of them, the others not."""
+    """A parabola's middle is split over levels beside it, 2 N or 200 N apart: the first are run at one of them."""
     forces = np.array([100.0, 500.0 - apart, 500.0 + apart, 900.0])
     wanted = objective(polynomial(2, (forces - 500.0) / 400.0), Determinant(3))
     best = max(wanted.value(np.array(own, dtype=float)) for own in ((2, 1, 1, 2), (2, 2, 0, 2), (2, 0, 2, 2)))
