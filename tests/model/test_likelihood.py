@@ -10,7 +10,6 @@ from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.machine.forward import wrench_jacobian
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel
 
@@ -175,13 +174,6 @@ def test_one_force_gives_the_minimum_norm_estimate() -> None:
     np.testing.assert_allclose(bound.setting.compliance_estimate / oracle.sd[:6], expected[:6], atol=1e-8)
 
 
-def test_the_force_error_is_that_of_the_estimate() -> None:
-    bound = lb.HybridModel.default(0).bind(simulated(plan()))
-    gain, random = (c for c in bound.nuisance_columns if getattr(c, "names", ("",))[0].startswith("force"))
-    np.testing.assert_allclose(gain.values, bound.setting.force_N[:, None, None] * random.values)
-    assert (gain.sd[0], random.sd[0], random.private) == (0.01, 4.0, True)
-
-
 def test_columns_of_zeros_do_no_harm() -> None:
     """A bar without pressure has no mount column; a test at F0 alone has no slope columns; dead circles have no force error."""
     planned = replace(plan(), tests=tuple(replace(t, pressure_bar=0.0) for t in plan().tests))
@@ -203,24 +195,6 @@ def test_columns_of_zeros_do_no_harm() -> None:
             np.testing.assert_allclose(
                 bound.log_likelihood(phi, beta), [oracle.log_likelihood(p, b) for p, b in zip(phi, beta, strict=True)], atol=1e-5
             )
-
-
-def test_another_centre_tells_more_compliances_apart() -> None:
-    """wXFYZt: at the frames' origin rotations cannot show; circles elsewhere show them, and the model keeps them."""
-    base = replace(plan(), topology="wXFYZt")
-    moved = replace(
-        base,
-        tests=tuple(
-            replace(t, centre_x_mm=x, centre_y_mm=y)
-            for t, x, y in zip(base.tests, (0, 300, -300, 0), (0, 200, 200, 0), strict=True)
-        ),
-    )
-    assert len(lb.HybridModel.default(0).bind(base).compliances) == 3
-    bound = lb.HybridModel.default(0).bind(moved)
-    stacked = np.concatenate([wrench_jacobian(moved.machine(), t.circle, np.linspace(0, 6, 60)) for t in moved.tests])
-    norms = np.linalg.norm(stacked, axis=0)
-    rank = np.linalg.matrix_rank(stacked[:, norms > 1e-9] / norms[norms > 1e-9])
-    assert len(bound.compliances) == rank == 6
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

@@ -11,9 +11,9 @@ from scipy import integrate, stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.fourier import SIZE, basis, harmonic_index
+from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.specification import model_sha256
-from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, Drift, ForceError, Mount, SetupShift
+from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, Drift, SetupShift
 
 
 def test_default_prior_of_the_papers_machine() -> None:
@@ -60,15 +60,6 @@ def test_hyper_draws_follow_their_density(rng: np.random.Generator) -> None:
     assert stats.kstest(draws[:, 1], stats.halfnorm(scale=5e-3).cdf).pvalue > 1e-3
 
 
-def test_prior_probability_of_the_truncation() -> None:
-    """Constant compliance: three signs, 1/8. Linear: per compliance the wedge of C ± 0.15 C_1 in prior sds, cubed."""
-    assert lb.HybridModel.default(0).bind(plan()).log_prob_truncation_prior == pytest.approx(np.log(1 / 8), abs=1e-9)
-    rho = (1.0 - 0.15**2) / (1.0 + 0.15**2)
-    wedge = 0.25 + np.arcsin(rho) / (2 * np.pi)
-    found = lb.HybridModel.default(1).bind(plan()).log_prob_truncation_prior
-    assert found == pytest.approx(3 * np.log(wedge), abs=2e-3)
-
-
 @pytest.mark.parametrize(("degree", "rows"), [(0, 3), (1, 6), (2, 12)])
 def test_truncation_is_at_every_force_that_can_bind(degree: int, rows: int) -> None:
     bound = lb.HybridModel.default(degree).bind(plan())
@@ -79,16 +70,6 @@ def test_truncation_is_at_every_force_that_can_bind(degree: int, rows: int) -> N
     if degree:
         beta[bound.names.index("C_XXX_1")] = -1.01e-5 / 353.0
         assert not bound.truncation.holds(beta)
-
-
-def test_log_prior_is_a_density_inside_the_truncation(rng: np.random.Generator) -> None:
-    bound = lb.HybridModel.default(0).bind(plan())
-    inside = np.abs(rng.normal(size=(5, 13))) * bound.prior_sd
-    expected = stats.norm.logpdf(inside, scale=bound.prior_sd).sum(axis=1) + np.log(8.0)
-    np.testing.assert_allclose(bound.log_prior(inside), expected)
-    assert np.all(bound.log_prior(-inside) == -np.inf)
-    flat = lb.HybridModel.paper(0).bind(plan())
-    assert np.all(flat.log_prior(inside) == 0.0)
 
 
 @pytest.mark.parametrize(
@@ -117,57 +98,9 @@ def test_overrides() -> None:
         wrong.bind(plan())
 
 
-def test_every_radius_has_its_own_length() -> None:
-    two = replace(plan(), tests=tuple(replace(t, radius_mm=r) for t, r in zip(plan().tests, (150, 100, 150, 100), strict=True)))
-    (length,) = BarLength().columns(lb.HybridModel.default(0).bind(two).setting)
-    assert length.names == ("bar_length_100", "bar_length_150")
-    np.testing.assert_array_equal(length.values[:, 0], [[0, 1], [1, 0], [0, 1], [1, 0]])
-
-
 def test_integers_are_numbers_too() -> None:
     assert lb.Prior(tau_um=5) == lb.Prior.default()
     assert model_sha256(lb.HybridModel(prior=lb.Prior(tau_um=5))) == model_sha256(lb.HybridModel.default())
-
-
-def test_one_ball_term_until_a_ball_is_clocked() -> None:
-    angle = np.linspace(0.0, 6.0, 11)
-    setting = lb.HybridModel.default(0).bind(plan()).setting
-    (form,) = BallForm().columns(setting)
-    c, s = harmonic_index(3)
-    np.testing.assert_allclose(form.sd[[0, 1, 2, 20, 21]], [1 / 2, 1 / 2, 1 / 3, 1 / 12, 1 / 12])
-    np.testing.assert_allclose(basis(angle) @ form.values[2, :, 2], np.cos(3 * angle), atol=1e-12)
-    assert form.values[0, c, 2] == form.values[0, s, 3] == 1.0
-    clocked = lb.HybridModel.default(0).bind(plan(work_deg=30.0, tool_deg=-70.0)).setting
-    work, tool = BallForm().columns(clocked)
-    np.testing.assert_allclose(work.sd, form.sd / np.sqrt(2.0))
-    np.testing.assert_allclose(basis(angle) @ work.values[2, :, 2], np.cos(3 * (angle - np.deg2rad(60.0))), atol=1e-12)
-    shifted = angle + np.pi - np.deg2rad(-140.0)
-    np.testing.assert_allclose(basis(angle) @ tool.values[2, :, 3], np.sin(3 * shifted), atol=1e-12)
-
-
-def test_equal_clockings_are_no_clocking() -> None:
-    same = plan()
-    same = replace(same, tests=tuple(replace(test, work_ball_deg=45.0 + 360.0 * i) for i, test in enumerate(same.tests)))
-    assert not lb.HybridModel.default(0).bind(same).setting.two_balls
-
-
-def test_other_nuisances() -> None:
-    setting = lb.HybridModel.default(0).bind(plan()).setting
-    (length,) = BarLength().columns(setting)
-    (mount,) = Mount().columns(setting)
-    assert length.sd[0] == pytest.approx(9.4e-3)
-    assert mount.sd[0] == pytest.approx(0.233e-3)
-    np.testing.assert_allclose(mount.values[:, 0, 0], setting.pressure_bar)
-    raw = lb.HybridModel.default(0).bind(plan(compensated=False)).known_offset
-    np.testing.assert_allclose(raw[:, 0], 2.33e-3 * setting.pressure_bar)
-    assert not raw[:, 1:].any()
-    (shift,) = SetupShift().columns(setting)
-    np.testing.assert_array_equal(np.flatnonzero(shift.sd), [0, 1, 2])
-    (discrepancy,) = Discrepancy().columns(setting)
-    np.testing.assert_allclose(discrepancy.sd, [0, 0, 0, *np.repeat(1 / np.arange(2.0, 13.0), 2)])
-    gain, random = ForceError().columns(setting)
-    assert gain.values.shape == random.values.shape == (4, SIZE, 1)
-    np.testing.assert_allclose(random.values[0, 0, 0], 5e-5)
 
 
 def test_models() -> None:

@@ -52,6 +52,7 @@ def test_log_prior_is_that_of_normals_about_their_means(rng: np.random.Generator
     inside = held.truncation.holds(beta)
     np.testing.assert_allclose(held.log_prior(beta)[inside], expected[inside] - held.log_prob_truncation_prior, rtol=1e-12)
     assert np.all(np.isneginf(held.log_prior(beta)[~inside]))
+    assert np.all(lb.HybridModel.paper(1).bind(plan()).log_prior(beta) == 0.0)
 
 
 def test_probability_of_the_truncation_in_closed_form() -> None:

@@ -107,18 +107,3 @@ def test_left_out_hysteresis_is_noticed(plans: ModuleType) -> None:
         plans.MODEL.without("hysteresis"), plans.both_directions(), generator=plans.MODEL, replicates=60, draws=49, seed=12
     )
     assert not result.calibrated
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["everything", "three_planes"])
-def test_joint_sampling_and_quadrature_agree(plans: ModuleType, name: str) -> None:
-    model, plan = plans.everything() if name == "everything" else (plans.MODEL.with_degree(0), plans.three_planes())
-    campaign = model.simulate(plan, seed=4).campaign
-    exact = lb.marginals(model, campaign)
-    posterior = lb.sample(model, campaign, seed=4)
-    found = lb.summarize(posterior)
-    for parameter in model.bind(campaign).names:
-        mean, sd = float(posterior["posterior"][parameter].mean()), float(posterior["posterior"][parameter].std())
-        assert abs(mean - exact.loc[parameter, "mean"]) < 0.2 * exact.loc[parameter, "sd"], parameter
-        assert sd == pytest.approx(exact.loc[parameter, "sd"], rel=0.12), parameter
-    assert np.isfinite(found.select_dtypes("number").to_numpy()).any()
