@@ -41,46 +41,31 @@ def ecdf(ranks: Array, draws: int) -> Array:
 
 @cache
 def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, Array]:
-    """Lower and upper ends of the band, each of shape (draws,), for the `ecdf` of so many uniform ranks.
-
-    Parameters
-    ----------
-    replicates : int
-        Number of ranks.
-    draws : int
-        Largest rank.
-    prob : float
-        Probability with which the whole empirical distribution stays inside; as near above it as whole counts allow.
-    """
+    """Lower and upper ends of the band, each of shape (draws,), for the `ecdf` of so many ranks, uniform in 0 … draws: with
+    probability ``prob`` it stays inside as a whole; as near above that as whole counts allow."""
     level = np.arange(1, draws + 1) / (draws + 1)
+
+    def pointwise(tail: float) -> tuple[Array, Array]:
+        """Binomial intervals that leave out less than ``tail`` in all."""
+        lower, upper = binom.ppf(0.5 * tail, replicates, level), binom.isf(0.5 * tail, replicates, level)
+        return np.maximum(lower, 0.0).astype(int), np.minimum(upper, replicates).astype(int)
+
     low, high = 0.0, 1.0 - prob
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        if _coverage(replicates, level, *_counts(replicates, level, middle)) >= prob:
-            low = middle
-        else:
-            high = middle
-    lower, upper = _counts(replicates, level, low)
+        low, high = (middle, high) if _coverage(replicates, level, *pointwise(middle)) >= prob else (low, middle)
+    lower, upper = pointwise(low)
     return lower / replicates, upper / replicates
-
-
-def _counts(replicates: int, level: Array, tail: float) -> tuple[Array, Array]:
-    """Pointwise binomial intervals that leave out less than ``tail`` in all."""
-    lower = binom.ppf(0.5 * tail, replicates, level)
-    upper = binom.isf(0.5 * tail, replicates, level)
-    return np.maximum(lower, 0.0).astype(int), np.minimum(upper, replicates).astype(int)
 
 
 def _coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
     """P(lower ≤ counts ≤ upper at every level): from each level to the next a binomial share of the numbers not yet passed."""
-    before, start, probability = 0.0, 0, np.ones(1)
+    before, origin, probability = 0.0, np.zeros(1, dtype=int), np.ones(1)
     for point, least, most in zip(level, lower, upper, strict=True):
         now = np.arange(least, most + 1)
-        origin = np.arange(start, start + len(probability))
         share = (point - before) / (1.0 - before)
-        step = binom.pmf(now[None, :] - origin[:, None], replicates - origin[:, None], share)
-        probability = probability @ step
-        before, start = point, int(least)
+        probability = probability @ binom.pmf(now - origin[:, None], replicates - origin[:, None], share)
+        before, origin = point, now
     return float(probability.sum())
 
 
@@ -145,18 +130,17 @@ class Validation(Result):
         calibrated computation).
         """
         distance = np.abs(2 * self.ranks - self.draws)
-        table = {}
+        table = pd.DataFrame(index=list(self.names))
         for prob in _INTERVALS:
             limit = prob * (self.draws + 1)
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
             table[f"{100 * prob:g}"] = inside.mean(axis=0)
-            table[f"u{100 * prob:g}"] = np.full(len(self.names), np.sqrt(prob * (1.0 - prob) / self.replicates))
-        return pd.DataFrame(table, index=list(self.names))
+            table[f"u{100 * prob:g}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)
+        return table
 
     @model_serializer
     def _all_but_ranks(self) -> dict[str, Any]:
-        claimed = [f"{100 * prob:g}" for prob in _INTERVALS]
-        coverage = self.coverage()[claimed].to_dict(orient="index")
+        coverage = self.coverage()[[f"{100 * prob:g}" for prob in _INTERVALS]].to_dict(orient="index")
         level = np.arange(1, self.draws + 1) / (self.draws + 1)
         quantities = {
             name: {
@@ -223,11 +207,10 @@ def validate(
         rows[i] = row.reason if isinstance(row, Lost) else row
         if progress is not None:
             progress(len(rows), replicates)
-    finished = [rows[i] for i in range(replicates)]
-    failures = tuple(row for row in finished if isinstance(row, str))
+    failures = tuple(row for _, row in sorted(rows.items()) if isinstance(row, str))
     if len(failures) == replicates:
         raise InputError(f"at least one replicate must give draws, got none. First reason: {failures[0]}")
-    ranks = np.array([row for row in finished if not isinstance(row, str)])
+    ranks = np.array([rows[i] for i in range(replicates) if not isinstance(rows[i], str)])
     return Validation((*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD), ranks, draws, sampler, prob, failures)
 
 

@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from typing import Any, Literal
 
@@ -396,7 +396,7 @@ def compare(
     selected = largest.with_degree(2 if quadratic else min(largest.degree, 1))
     evidences = Evidences(campaign, tolerance=tolerance)
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
-    by_scale = {f"slope scale {s:g}": partial(HybridModel.with_slope_scale, scale=s) for s in scales}
+    by_scale = {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales}
     discrepancies = _discrepancy_assumptions(pair.values())
     nuisances = _nuisance_assumptions(pair.values(), chosen[first].bind(campaign).setting)
     several, subsets = (not evidence_only and wanted for wanted in (len(campaign.tests) > 1, selected.degree > 0))
@@ -497,8 +497,11 @@ def _checked(
 
 def _discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
     """How circles may differ from one another: what the models say, then one idea after the other changed."""
-    ideas = [(label, kind, term) for label, kind, term in _DISCREPANCIES if any(_term(model, kind) != term for model in models)]
-    return {_AS_GIVEN: replace, **{label: partial(_with_term, kind=kind, term=term) for label, kind, term in ideas}}
+    changes: dict[str, Change] = {_AS_GIVEN: replace}
+    for label, kind, term in _DISCREPANCIES:
+        if any(_term(model, kind) != term for model in models):
+            changes[label] = methodcaller("without", kind.key()) if term is None else methodcaller("including", term)
+    return changes
 
 
 def _nuisance_assumptions(models: Collection[HybridModel], setting: Setting) -> dict[str, Change]:
@@ -508,35 +511,27 @@ def _nuisance_assumptions(models: Collection[HybridModel], setting: Setting) -> 
         if kind is Hysteresis and not setting.both_ways:
             continue
         if any(_term(model, kind) is not None for model in models):
-            changes[f"without {kind.words}"] = partial(_with_term, kind=kind, term=None)
+            changes[f"without {kind.words}"] = methodcaller("without", kind.key())
         elif kind is Drift:
             if np.ptp(setting.time_h) > 0.0:
-                changes[f"with {kind.words} over time"] = partial(_with_term, kind=kind, term=Drift("time"))
+                changes[f"with {kind.words} over time"] = methodcaller("including", Drift("time"))
             if np.ptp(setting.temperature_K) > 0.0:
-                changes[f"with {kind.words} over temperature"] = partial(_with_term, kind=kind, term=Drift("temperature"))
+                changes[f"with {kind.words} over temperature"] = methodcaller("including", Drift("temperature"))
         elif not kind.on_demand:
-            changes[f"with {kind.words}"] = partial(_with_term, kind=kind, term=kind())
-    truncated = any(model.prior.truncated for model in models)
-    switched = partial(_with_truncation, truncated=not truncated)
-    return changes | {"without truncation" if truncated else "with truncation": switched, WHITE_NOISE: _with_white_noise}
+            changes[f"with {kind.words}"] = methodcaller("including", kind())
+    if any(model.prior.truncated for model in models):
+        changes["without truncation"] = methodcaller("without", "truncation")
+    else:
+        changes["with truncation"] = _with_truncation
+    return changes | {WHITE_NOISE: methodcaller("without", "truncation", *(kind.key() for kind in Term.kinds.values()))}
 
 
 def _term(model: HybridModel, kind: type[Term]) -> Term | None:
     return next((term for term in model.nuisances if isinstance(term, kind)), None)
 
 
-def _with_term(model: HybridModel, kind: type[Term], term: Term | None) -> HybridModel:
-    """The model with this term in the place of its own of that kind, in the order of all."""
-    rest = replace(model, nuisances=tuple(own for own in model.nuisances if not isinstance(own, kind)))
-    return rest if term is None else rest.including(term)
-
-
-def _with_truncation(model: HybridModel, truncated: bool) -> HybridModel:
-    return replace(model, prior=replace(model.prior, truncated=truncated))
-
-
-def _with_white_noise(model: HybridModel) -> HybridModel:
-    return replace(model.without("truncation"), nuisances=())
+def _with_truncation(model: HybridModel) -> HybridModel:
+    return replace(model, prior=replace(model.prior, truncated=True))
 
 
 def _under(pair: Mapping[str, HybridModel], changes: Mapping[str, Change], evidences: Evidences) -> tuple[Assumed, ...]:

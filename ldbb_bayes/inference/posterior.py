@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import hashlib
 import json
+import math
 import os
 import sys
 import warnings
@@ -27,7 +28,7 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, ForceLaw, Mount
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.mcmc import Assessment
-from ldbb_bayes.inference.predictive import Check, TestChecks, draw_shared, every_check, failing, shared_columns, shared_terms
+from ldbb_bayes.inference.predictive import Check, TestChecks, draw_shared, shared_columns, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
@@ -69,6 +70,7 @@ Array = NDArray[Any]
 _TAILS = (0.05, 0.95)
 _POWERS, _SENSITIVE = (0.99, 1.01), 0.05
 _COUNT = 10.0
+_FAILS, _SMALLEST = 0.01, 1e-300
 _MOST_PER_BYTE, _REASON = 20, 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 _OF_TESTS = ("per_test", "force_N", "pressure_bar", "work_ball_deg", "tool_ball_deg", "radius_mm")
@@ -152,12 +154,14 @@ class Fit(Result):
     @property
     def checks(self) -> list[Check]:
         """Posterior predictive checks, the smallest p first."""
-        return every_check(self.predictive_checks)
+        every = [check for name, checks in self.predictive_checks.items() for check in checks.of(name)]
+        return ranked(every, lambda check: -math.log(max(check.p, _SMALLEST)))
 
     @property
     def misfits(self) -> tuple[Check, ...]:
-        """Checks that fail, worst first."""
-        return failing(self.checks)
+        """Checks that fail at 1 % after allowing for their number (Bonferroni), worst first."""
+        checks = self.checks
+        return tuple(check for check in checks if check.p * len(checks) < _FAILS)
 
     @property
     def kinds(self) -> tuple[str, ...]:

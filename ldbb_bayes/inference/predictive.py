@@ -6,8 +6,7 @@ Three predictions are never mixed up. Machine: H β. Shared: plus ball form, bar
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -22,7 +21,6 @@ from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import BasisNoise, Columns
 from ldbb_bayes.result import Result
-from ldbb_bayes.units import ranked
 
 __all__ = [
     "Check",
@@ -32,8 +30,6 @@ __all__ = [
     "autocorrelation",
     "band_um",
     "draw_shared",
-    "every_check",
-    "failing",
     "fit_quality",
     "harmonics_of",
     "machine_coefficients",
@@ -52,8 +48,6 @@ Array = NDArray[Any]
 _DRAWS = 500
 _RANK = 1e-6
 _STRETCH = 100_000
-_FAILS = 0.01
-_SMALLEST = 1e-300
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
@@ -260,21 +254,11 @@ class TestChecks(Result):
     autocorrelation: float | None
     autocorrelation_p: float | None
 
-
-def every_check(tests: Mapping[str, TestChecks]) -> list[Check]:
-    """Return the checks of all tests, the smallest p first."""
-    found = []
-    for name, checks in tests.items():
-        found += [Check(CheckKind.ORDER, name, p, n) for n, p in checks.orders_p.items()]
-        others = ((CheckKind.NOISE, checks.noise_p), (CheckKind.AUTOCORRELATION, checks.autocorrelation_p))
-        found += [Check(kind, name, p) for kind, p in others if p is not None]
-    return ranked(found, lambda check: -math.log(max(check.p, _SMALLEST)))
-
-
-def failing(checks: Iterable[Check]) -> tuple[Check, ...]:
-    """Return the checks that fail at 1 % after allowing for their number (Bonferroni)."""
-    every = list(checks)
-    return tuple(check for check in every if check.p * len(every) < _FAILS)
+    def of(self, test: str) -> list[Check]:
+        """Every p-value there is as a check of this test."""
+        others = ((CheckKind.NOISE, self.noise_p), (CheckKind.AUTOCORRELATION, self.autocorrelation_p))
+        orders = [Check(CheckKind.ORDER, test, p, n) for n, p in self.orders_p.items()]
+        return orders + [Check(kind, test, p) for kind, p in others if p is not None]
 
 
 def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> dict[str, TestChecks]:
