@@ -66,16 +66,6 @@ def test_fit_that_misses_its_target(folder: Path, tmp_path: Path, invoke: Invoke
     assert names(tmp_path) == set()
 
 
-def test_fit_says_what_differs_from_the_preset(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
-    (tmp_path / "model.toml").write_text("schema = 1\ndegree = 0\n[prior]\ntau_um = 20.0\n")
-    for options, words in (
-        (("--degree", 0, "--without", "ball-form,truncation"), "preset default without BallForm, truncation, reference"),
-        (("--degree", 0, "--preset", "paper"), "the intervals cover white noise alone"),
-        (("--model", tmp_path / "model.toml"), "preset default with edited priors"),
-    ):
-        assert words in " ".join(invoke("fit", folder, "--sampler", "independent", *options)[1].split())
-
-
 def test_fit_of_nearly_equal_forces_with_flat_priors(tmp_path: Path, invoke: Invoke) -> None:
     """Two thousandths apart: answered, with an uncertainty that says the number is worth nothing. Closer: the same force."""
     campaign = simulated(plan((40, 40), forces_N=(100.0, 100.2)))
@@ -147,16 +137,8 @@ def test_a_table_made_elsewhere(tmp_path: Path, invoke: Invoke) -> None:
     assert ours["campaign"]["forces_N"] == pytest.approx(theirs["campaign"]["forces_N"])
 
 
-def test_check(recovered: lb.Campaign, root: Path, tmp_path: Path, invoke: Invoke) -> None:
-    text = invoke("check", root / "data" / "recovered_experiment")[1]
-    for words in ("f742", "Mount (Eq. 32) 2.33 µm/bar, already compensated.", "friction in the bar"):
-        assert words in text
-    test = json.loads(invoke("check", root / "data" / "recovered_experiment", "--json")[1])["tests"][3]
-    assert (test["readings"], test["arc_deg"], test["travel"], test["force_N"]) == (720, 360.0, "CW", 490.0)
-    assert test["largest_gap_deg"] == pytest.approx(0.5)
-    assert test["noise_um"] == pytest.approx(0.12, abs=0.01)
-    reading = recovered.tests[3].reading_um
-    assert test["start_end_um"] == pytest.approx(reading[-1] - reading[0])
+def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
+    """Its options are fields of the campaign; what it answers is held by its golden."""
     rows = "\n".join(f"a;2;{angle};1" for angle in range(0, 360, 10))
     (tmp_path / "all.csv").write_text("test;pressure_bar;angle_deg;reading_um\n" + rows)
     options = ("--raw", "--mount-um-per-bar", 1.5, "--force-slope", 100, "--force-offset", 0, "--plane", "YZ", "--json")
@@ -193,24 +175,14 @@ def test_simulate_from_a_plan(tmp_path: Path, invoke: Invoke) -> None:
     assert [t.work_ball_deg for t in lb.read_campaign(tmp_path / "c").tests] == [0.0, 30.0, 60.0, 90.0]
 
 
-def test_identify(folder: Path, planned: Path, tmp_path: Path, invoke: Invoke) -> None:
+def test_identify(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
+    """What it answers is held by its goldens."""
     out = tmp_path / "i"
     record = json.loads(invoke("identify", planned, "--degree", 0, "--json", "--out", out)[1])
-    entry = record["parameters"]["E_XX1"]
-    assert (entry["verdict"], entry["with"][0]) == ("confounded", "BarLength")
-    assert 0.0 < entry["confounding"]["BarLength"] <= 1.0
-    assert sum(entry["shapley"].values()) == pytest.approx(1.0, abs=1e-9)
-    assert set(record["degeneracies"][0]) >= {"combination", "statement", "cure", "modelled"}
-    assert 0.0 < record["effective_parameters"] < 13.0
-    assert not record["measured"]
     figures = drawn("correlation prior_and_posterior alias nuisance_costs compliance_atlas geometric_atlas")
     assert names(out) == {"identify.json", "parameters.csv", "alias.csv", "correlation.csv"} | figures
     assert json.loads((out / "identify.json").read_text()) == record
     assert np.isfinite(pd.read_csv(out / "alias.csv", index_col="parameter").to_numpy()).all()
-    shown = " ".join(invoke("identify", planned)[1].split())
-    assert "prior median; no readings" in shown
-    assert "1.00 µm of bar length looks exactly like +6.67 µm/m of E_XX1 and +6.67 µm/m of E_YY1." in shown
-    assert "A calibration of the bar's length." in shown
 
 
 @pytest.fixture(scope="module")
@@ -219,33 +191,22 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lb.write_campaign(campaign, tmp_path_factory.mktemp("campaign") / "c")
 
 
-@pytest.mark.slow
 def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke) -> None:
     out, other = tmp_path / "out", tmp_path / "own.toml"
+    without = ("truncation", "force-error", "mount", "discrepancy", "hysteresis")
     slopes = (f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
-    other.write_text(model_to_toml(lb.HybridModel.default(1).fixing(*slopes)))
-    code, shown, _ = invoke("compare", three, "--also", f"one slope={other}", "--json", "--out", out, "--seed", 2)
-    assert code == 0
+    other.write_text(model_to_toml(lb.HybridModel.default(1).without(*without).fixing(*slopes)))
+    options = ("--without", ",".join(without), "--tolerance", 0.1, "--also", f"one slope={other}", "--json", "--seed", 2)
+    code, shown, _ = invoke("compare", three, *options, "--out", out)
     record = json.loads(shown)
-    assert set(record["models"]) == {"constant", "linear", "one slope"}
+    assert (code, set(record["models"])) == (0, {"constant", "linear", "one slope"})
     assert set(record["savage_dickey"]) == set(record["log_bayes_factor"]) == {"linear/constant", "one slope/constant"}
     for ratio, second in record["savage_dickey"].items():
-        assert second["log_bayes_factor"] == pytest.approx(record["log_bayes_factor"][ratio], abs=0.05)
+        assert second["log_bayes_factor"] == pytest.approx(record["log_bayes_factor"][ratio], abs=0.1)
     assert (record["seed"], record["sensitivity_of"]) == (2, "linear/constant")
     assert json.loads((out / "comparison.json").read_text()) == record
     assert set(pd.read_csv(out / "tests.csv")["model"]) == set(record["models"])
-    assert len(pd.read_csv(out / "local_fits.csv")) == 2 * 13
-    assert len(pd.read_csv(out / "slope_subsets.csv")) == 64
-
-
-def test_compare(three: Path, tmp_path: Path, invoke: Invoke) -> None:
-    options = ("--without", "truncation,force-error,mount", "--tolerance", 0.1)
-    out = tmp_path / "out"
-    code, shown, _ = invoke("compare", three, *options, "--out", out)
-    assert code == 0
-    shown = " ".join(shown.split())
-    for words in ("ln B(linear/constant) =", "with truncation", "with force error", "White noise alone", "Slopes one by one"):
-        assert words in shown
+    assert (len(pd.read_csv(out / "local_fits.csv")), len(pd.read_csv(out / "slope_subsets.csv"))) == (2 * 13, 64)
     figures = drawn("evidence compliance_with_local_fits geometry_with_local_fits predictive_p_values")
     assert names(out) == {"comparison.json", "sensitivity.csv", "slope_subsets.csv", "tests.csv", "local_fits.csv"} | figures
 
@@ -262,7 +223,7 @@ def test_compare_that_misses_its_tolerance(
 def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     """Identify asks it, simulate runs it, design judges it; an existing one is kept."""
     out = tmp_path / "next"
-    arguments = ("design", folder, "--tests", 4, "--forces", "36:742:353", "--clockings", "0/0,45/90", "--robust")
+    arguments = ("design", folder, "--tests", 3, "--forces", "36:742:353", "--clockings", "0/0,45/90", "--robust")
     record = json.loads(invoke(*arguments, "--against", f"own={folder}", "--json", "--out", out)[1])
     assert record == json.loads((out / "design.json").read_text())
     tables = {"expected.csv", "sensitivity.csv", "trade_off.csv", "robustness.csv"}
@@ -272,7 +233,7 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert next_tests.is_plan
     listed = [(t["force_N"], t["work_ball_deg"], t["tool_ball_deg"]) for t in record["tests"] for _ in range(t["count"])]
     assert sorted(listed) == sorted((t.force_N, t.work_ball_deg, t.tool_ball_deg) for t in next_tests.tests)
-    assert len(listed) == 4
+    assert len(listed) == 3
     assert {force for force, *_ in listed} <= {36.0, 389.0, 742.0}
     assert [entry["name"] for entry in record["compared"]] == ["equal steps", "own"]
     assert len(pd.read_csv(out / "expected.csv")) == 19
@@ -320,19 +281,14 @@ def test_design_without_certificate(folder: Path, invoke: Invoke, monkeypatch: p
 
 
 def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
+    """What it answers is held by its golden."""
     out = tmp_path / "v"
     common = ("validate", planned, "--degree", 0, "--replicates", 10, "--draws", 19, "--seed", 3, "--workers", 1)
-    code, shown, _ = invoke(*common, "--json", "--out", out)
-    assert code == 0
-    record = json.loads(shown)
-    assert record["calibrated"]
-    assert record["replicates"] == 10
-    assert set(record["quantities"]["C_XXX"]) == {"inside_band", "largest_difference", "coverage"}
+    record = json.loads(invoke(*common, "--json", "--out", out)[1])
     assert names(out) == {"ranks.csv", "validation.json"} | drawn("rank_ecdf")
     assert json.loads((out / "validation.json").read_text()) == record
     ranks = pd.read_csv(out / "ranks.csv", index_col="replicate")
-    assert ranks.shape == (10, 18)
-    assert np.all((ranks >= 0) & (ranks <= 19))
+    assert (ranks.shape, ranks.min().min() >= 0, ranks.max().max() <= 19) == ((10, 18), True, True)
     assert "must not exist" in invoke(*common, "--out", out)[2]
 
 
@@ -346,16 +302,9 @@ def test_validate_of_a_wrong_model(planned: Path, tmp_path: Path, invoke: Invoke
 
 
 def test_machine(tmp_path: Path, invoke: Invoke) -> None:
-    record = json.loads(invoke("machine", "wCAFYXZSt", "--json")[1])
-    assert record["condition_number"] == pytest.approx(9742.79, abs=0.01)
-    assert (record["rank"], len(record["null"]), record["compliances"][0]["members"]) == (6, 5, {"C_XXX": 1.0, "C_XXY": 1.0})
-    units = {entry["name"]: entry["unit"] for entry in record["compliances"] + record["geometric_errors"]}
-    assert (units["C_CCY"], units["E_YX2"], units["E_C0YX"]) == ("rad/(N mm)", "1/mm", "rad")
-    out = tmp_path / "m"
-    shown = " ".join(invoke("machine", "wXFYZt", "--plane", "XY,YZ", "--out", out)[1].split())
-    for words in ("X in the workpiece branch", "pattern in YZ", "E_A(0Y)Z", "squareness error of Z to Y", "can be told apart"):
-        assert words in shown
-    atlases = {f"{kind}_atlas_{plane}" for kind in ("compliance", "geometric") for plane in ("XY", "YZ")}
+    """What it answers is held by its golden."""
+    out, atlases = tmp_path / "m", [f"{kind}_atlas_{plane}" for kind in ("compliance", "geometric") for plane in ("XY", "YZ")]
+    assert invoke("machine", "wXFYZt", "--plane", "XY,YZ", "--out", out)[0] == 0
     assert names(out) == {"machine.json"} | drawn(" ".join(atlases))
     assert invoke("machine", "wXFYZt", "--out", out)[0] == 2
     assert invoke("machine", "wXFYZt", "--out", out, "--force")[0] == 0

@@ -582,7 +582,7 @@ def _design(work: Work) -> Any:
     return found | {"text": text}
 
 
-@golden("validate", slow=True, drawn=True, relative=FOUND)
+@golden("validate", drawn=True, relative=FOUND)
 def _validate(work: Work) -> Any:
     options = ("--degree", 0, "--replicates", 10, "--draws", 19, "--sampler", INDEPENDENT, "--workers", 1, "--quiet", "--json")
     return work.run("validate", work.campaign("plan"), *options)
@@ -654,7 +654,7 @@ def _words(page: str) -> str:
 # Many of them.
 
 
-@golden("batch", slow=True, drawn=True, relative=FOUND)
+@golden("batch", drawn=True, relative=FOUND)
 def _batch(work: Work) -> Any:
     out, said = work.batch
     rows = lb.read_batch(out)
@@ -668,14 +668,14 @@ def _batch(work: Work) -> Any:
     }
 
 
-@golden("trend", slow=True, drawn=True, relative=FOUND)
+@golden("trend", drawn=True, relative=FOUND)
 def _trend(work: Work) -> Any:
     out, _ = work.batch
     options = ("--machine", "M1", "--parameters", "C_XXX,C_YYY", "--include-misfits", "--quiet")
     return work.run("trend", out, *options, "--json") | {"text": work.run("trend", out, *options)}
 
 
-@golden("population", slow=True, drawn=True, relative=FOUND)
+@golden("population", drawn=True, relative=FOUND)
 def _population(work: Work) -> Any:
     out, _ = work.batch
     options = ("--parameters", "C_XXX,C_YYY,C_XYX", "--include-misfits", "--quiet")

@@ -1,0 +1,233 @@
+"""``batch``, ``trend``, ``population`` on simulated campaigns: files, exit codes, an interruption resumed, what is refused.
+
+What they answer is held by the goldens of their names.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from batches import CONSTANT, dataset_bytes
+from campaigns import TRUTH, Invoke, plan
+from trends import drawn_rows
+from typer.testing import CliRunner
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli.main import app
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.fleet.population_prior import digest_of
+from ldbb_bayes.fleet.row import Job, Settings, fit_row
+from ldbb_bayes.fleet.trend import detection
+from ldbb_bayes.report.wording import population_doubts
+
+pytest.importorskip("pyarrow")
+MODEL = ("--degree", 0, "--without", "hysteresis,discrepancy,setup-shift", "--ess", 1500, "--no-compare", "--quiet")
+MEAN, SPREAD, STIFF = 5e-5, 4e-6, 1.2e-4
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    """Six machines, the first of another kind and the last measured twice; one campaign names no machine, one is not there."""
+    folder = tmp_path_factory.mktemp("shop")
+    rng = np.random.default_rng(1)
+    truths = [STIFF, *(MEAN + SPREAD * rng.standard_normal(5))]
+    for k in range(7):
+        machine = min(k, 5)
+        planned, truth = plan((60,) * 3, forces_N=(36.0, 400.0, 742.0)), {**TRUTH, "C_XXX": truths[machine]}
+        campaign = CONSTANT.simulate(planned, seed=k + 1, parameters=truth, hyper_um={"sigma": 0.3, "tau": 2.0}).campaign
+        lb.write_campaign(replace(campaign, machine_id=None if k == 4 else f"M{machine}"), folder / "all" / f"c{k}")
+    (folder / "list.txt").write_text(f"{folder}/all  # all seven\n{folder}/all/c1/campaign.toml\n{folder}/c9\n")
+    arguments = ["batch", f"@{folder}/list.txt", "--out", folder / "b", "--workers", 1, *MODEL]
+    return folder / "b", CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "200"})
+
+
+@pytest.fixture(scope="module")
+def rows(finished: tuple[Path, Any]) -> Path:
+    return finished[0]
+
+
+@pytest.fixture
+def anew(rows: Path, tmp_path: Path, invoke: Invoke) -> Any:
+    """The command batch on campaigns of the shop into a folder of its own."""
+
+    def run(*arguments: object, out: Path = tmp_path / "b") -> tuple[int, str, str]:
+        return invoke("batch", *arguments, "--out", out, "--workers", 1, *MODEL)
+
+    return run
+
+
+def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
+    out, done = finished
+    shop = out.parent
+    assert done.exit_code == 0, done.stderr
+    assert done.stderr == f"{shop}/all/c1/campaign.toml was given more than once: kept once.\n"
+    assert f"  {shop}/c9: campaign must be a folder with campaign.toml" in done.stdout
+    for part in ("fitted", "failed", "in all", "which does not exist", "--resume --retry", "8 campaigns in", "a second"):
+        assert part in done.stdout
+    assert f"Written: {out}/campaigns.parquet" in done.stdout.replace("\n", "")
+    assert lb.read_batch(out)["status"].tolist() == ["done"] * 7 + ["failed"]
+    assert sorted(path.name for path in out.iterdir()) == ["batch.sqlite", "campaigns.parquet", "campaigns.txt"]
+
+
+def test_a_finished_batch_is_resumed_only_as_it_was(rows: Path, anew: Any) -> None:
+    listed = rows.parent / "list.txt"
+    code, stdout, _ = anew(listed, "--resume", out=rows)
+    assert (code, "Nothing was left to do." in stdout) == (0, True)
+    for options, message in (
+        (("--resume", "--seed", 4), "must be of this batch, got seed 1 where this run has 4"),
+        ((), "must not hold a batch, got a finished one"),
+    ):
+        code, stdout, stderr = anew(listed, *options, out=rows)
+        assert (code, stdout, message in stderr) == (2, "", True)
+
+
+def test_json_on_processes_and_only_the_first_of_many_repeats(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
+    given = (rows.parent / "all" / "c0", rows.parent / "all" / "c1", *[f"{rows.parent}/all/c1/../c0"] * 13, rows.parent / "c9")
+    code, stdout, stderr = invoke("batch", *given, "--out", tmp_path / "b", "--workers", 2, "--json", *MODEL)
+    found = json.loads(stdout)
+    assert (code, found["schema"], found["campaigns"], found["done"], found["failures"]) == (0, 1, 3, 2, 1)
+    assert [own["campaign"] for own in found["failed"]] == [f"{rows.parent}/c9"]
+    assert found["dataset"] == f"{tmp_path}/b/campaigns.parquet"
+    first, here = lb.read_batch(rows).iloc[:2], lb.read_batch(tmp_path / "b").iloc[:2]
+    assert here["C_XXX.mean"].tolist() == first["C_XXX.mean"].tolist()
+    assert stderr.count("kept once") == 10
+    assert stderr.endswith("\n… and 3 more.\n")
+
+
+def test_a_missed_target_is_exit_code_1(rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And nothing to resume begins anew."""
+    monkeypatch.setattr("ldbb_bayes.inference.mcmc.Assessment.meets", lambda *_, **__: False)
+    code, stdout, stderr = anew(rows.parent / "all" / "c0", "--resume")
+    assert code == 1
+    assert stderr == f"{tmp_path}/b holds no unfinished batch: this one begins anew.\n"
+    assert "not converged: do not use their numbers" in stdout
+    assert not lb.read_batch(tmp_path / "b")["converged"][0]
+
+
+def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C after the first row: 130, one message; with --resume the same table."""
+
+    def interrupted(settings: Settings, job: Job) -> dict[str, Any]:
+        if job.index == 1:
+            raise KeyboardInterrupt
+        return fit_row(settings, job)
+
+    listed = rows.parent / "list.txt"
+    with monkeypatch.context() as patch:
+        patch.setattr("ldbb_bayes.fleet.batch.fit_row", interrupted)
+        code, stdout, stderr = anew(listed)
+    assert (code, stdout) == (130, "")
+    assert f"interrupted; {tmp_path}/b keeps what is done. The same command with --resume goes on with it." in stderr
+    assert anew(listed, "--resume")[0] == 0
+    assert dataset_bytes(tmp_path / "b") == dataset_bytes(rows)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("batch nowhere", "a batch must have campaigns that exist, got none among 1 (nowhere)"),
+        ("batch @nowhere", "nowhere must be a list of campaigns, one path a line, got nothing"),
+        ("batch SHOP --sampler x", "sampler must be one of joint, independent, got 'x'"),
+        ("batch SHOP --executor x", "--executor must be one of process, dask, got 'x'"),
+        ("batch SHOP --scheduler tcp://x", "--scheduler must"),
+        ("batch SHOP --ci 2", "ci_prob must lie between 0 and 1"),
+        ("batch SHOP --retry", "must come with resume (--resume)"),
+        ("batch SHOP --preset x", "preset must be one of default, paper"),
+        (f"batch SHOP --seed {2**63}", "Invalid value for '--seed'"),
+        ("batch SHOP --radius-mm 0", "--radius-mm must be above zero"),
+        ("population ROWS --parameters C_XX", "Did you mean 'C_XYX'?"),
+        ("population ROWS --parameters ,", "parameters must be given once each, got none"),
+        ("population ROWS --spread-scale 0", "spread_scale must be a finite number above zero, got 0"),
+        ("population ROWS --exclude M9", "must be a campaign or machine of the batch, got 'M9'"),
+        ("population ROWS --since yesterday", "since must be a date or time in ISO 8601"),
+        ("population ROWS --ci 95", "ci_prob must lie between 0 and 1"),
+        ("population ROWS --reference-force nan", "reference_force_N must be a finite number"),
+        ("trend ROWS", "Choose one: --machine M"),
+        ("trend ROWS --machine M7", "machine must be one of"),
+        ("trend ROWS --machine M5 --detect -1.5", "not below -1"),
+        ("trend ROWS --machine M5 --parameters force_gain", "got 'force_gain'"),
+        ("trend ROWS --machine M5 --parameters ,", "got none"),
+    ],
+)
+def test_what_is_refused(arguments: str, message: str, rows: Path, tmp_path: Path, invoke: Invoke) -> None:
+    command, *given = [{"SHOP": f"{rows.parent}/all", "ROWS": str(rows)}.get(own, own) for own in arguments.split()]
+    code, stdout, stderr = invoke(command, *given, "--out", tmp_path / "b")
+    assert (code, stdout) == (2, "")
+    assert message in " ".join(stderr.replace("│", " ").split())
+    assert not (tmp_path / "b").exists()
+
+
+def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
+    out = tmp_path / "p"
+    code, stdout, stderr = invoke("population", rows, "--out", out, "--parameters", "C_XXX,C_YYY,E_XX1", "--json")
+    assert code == 0, stderr
+    record = json.loads(stdout)
+    assert sorted(path.name for path in out.iterdir()) == ["machines.csv", "machines.png", "machines.svg", "population.json"]
+    assert json.loads((out / "population.json").read_text()) == record
+    assert record["sha256"] == digest_of(record)
+    assert list(record["next"]) == ["C_XXX", "C_YYY"]
+    assert (record["machine"]["M5"]["campaigns"], record["not_belonging"]) == (2, ["M0"])
+    stiff = record["machine"]["M0"]
+    assert max(stiff["parameters"], key=lambda name: abs(stiff["parameters"][name]["z"])) == "C_XXX"
+    assert abs(stiff["estimate"]["C_XXX"]["mean"] - STIFF) < 4.0 * stiff["estimate"]["C_XXX"]["sd"]
+    doubts = " ".join(record["doubts"])
+    assert "Left out, for they could not be fitted: " in doubts
+    assert "Naming no machine, each counted as one of its own: " in doubts
+    assert "Where the population gives the prior of a campaign with the same bar they are counted again." in doubts
+    assert record["readings_sha256"] == lb.read_batch(rows)["sha256"].dropna().tolist()
+    table = pd.read_csv(out / "machines.csv", index_col="machine")
+    assert table.loc["M0", "flag"]
+    assert table.loc["M5", "C_XXX.mean"] == pytest.approx(record["machine"]["M5"]["estimate"]["C_XXX"]["mean"])
+    again, third = lb.prior_from(out), lb.read_campaign(rows.parent / "all" / "c3")
+    with pytest.raises(InputError, match="must not be in the population that gives its prior"):
+        again.doubts(third)
+    doubts = again.doubts(replace(third, resolution_um=0.25))
+    assert any("has campaigns of this machine (M3)" in doubt for doubt in doubts)
+    assert {f"The population says: {doubt}" for doubt in record["doubts"]} <= set(doubts)
+    assert "must not exist" in invoke("population", rows, "--out", out)[2]
+
+
+def test_campaigns_that_a_population_leaves_out(rows: Path) -> None:
+    table = lb.read_batch(rows)
+    table.at[2, "gaussian_names"] = None
+    table["converged"] = table.index != 3
+    table.at[4, "kinds"] = ["noise"]
+    table.at[6, "sha256"] = table.at[1, "sha256"]
+    found = lb.population(table, parameters=["C_XXX"])
+    assert found.campaigns == 5
+    said = " ".join(population_doubts(found))
+    assert "Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): " in said
+    assert "Not converged, refit with more draws: " in said
+    assert "Noise that is not white, so that uncertainties may be too small: " in said
+    assert "Left out, for their readings are those of campaigns before them: " in said
+
+
+def test_a_trend_and_its_files(tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a machine that has loosened; its options are those of the answer."""
+    drawn = drawn_rows(6, np.random.default_rng(4), step_at=4)
+    monkeypatch.setattr("ldbb_bayes.fleet.row.read_batch", lambda *_: drawn)
+    monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "detection", partial(detection, replicates=50, further=3))
+    out = tmp_path / "out"
+    given = ("--out", out, "--seed", 3, "--parameters", "C_XXX, C_YYY", "--detect", "0.3", "--ci", 0.9)
+    record = json.loads(invoke("trend", tmp_path, *given, "--json")[1])
+    assert (record["schema"], record["machine"], record["changed"], list(record["parameters"])) == (
+        1,
+        "M1",
+        True,
+        ["C_XXX", "C_YYY"],
+    )
+    assert [record["assumptions"][name] for name in ("detect", "seed", "ci")] == [0.3, 3, 0.9]
+    assert sorted(path.name for path in out.iterdir()) == ["control_chart.png", "control_chart.svg", "trend.csv", "trend.json"]
+    assert json.loads((out / "trend.json").read_text()) == record
+    assert len(pd.read_csv(out / "trend.csv")) == 12
+    assert "must not exist" in invoke("trend", tmp_path, *given)[2]
+    code, shown, _ = invoke("trend", tmp_path, *given, "--force", "--own-instruments")
+    assert (code, "control_chart.png" in shown, "a change is found" in shown) == (0, True, True)
