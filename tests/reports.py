@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import xarray as xr
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.mcmc import StoppingRule
+from ldbb_bayes.report import sections
+from ldbb_bayes.report.figures import new_figure
 
 NOT_COMPARED = "left out in this test"
 SCRIPT = '<script>alert(1)</script> $\\frac$ | *b* `c` & "q" ]]>'
@@ -29,7 +32,7 @@ def awkward(kind: str) -> xr.DataTree:
     if kind == "degree 2":
         return fitted(lb.HybridModel.default(2), simulated(plan()))
     if kind == "unconverged":
-        rule = StoppingRule(ess=100_000.0, max_steps=200)
+        rule = StoppingRule(ess=100_000.0, max_steps=20)
         return lb.sample(constant, simulated(plan((30,) * 4)), seed=1, rule=rule)
     if kind == "contradiction":
         campaign = simulated(plan())
@@ -47,3 +50,9 @@ AWKWARD = ("script", "long name", "two tests", "forty tests", "degree 2", "uncon
 def fitted(model: lb.HybridModel, campaign: lb.Campaign) -> xr.DataTree:
     """By quadrature: the same draws every time."""
     return lb.sample(model, campaign, seed=1, sampler="independent")
+
+
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages with empty figures: for tests of what is said."""
+    empty = {key: (lambda *_, **__: new_figure(1.0, 1.0), *words) for key, (_, *words) in sections._PICTURES.items()}
+    monkeypatch.setattr(sections, "_PICTURES", empty)

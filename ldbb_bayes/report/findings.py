@@ -6,7 +6,6 @@ import os
 from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, TypeAlias
 
 import pandas as pd
@@ -18,7 +17,6 @@ from ldbb_bayes.analysis.circularity import circularity, contributions, measured
 from ldbb_bayes.analysis.comparison import Comparison, compare
 from ldbb_bayes.analysis.design.design import Design, design
 from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, identify, verdicts
-from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import (
@@ -33,6 +31,7 @@ from ldbb_bayes.inference.posterior import (
     summarize,
 )
 from ldbb_bayes.report.wording import (
+    DEGREES,
     alias_sentences,
     check_words,
     concern_sentences,
@@ -51,7 +50,6 @@ __all__ = [
     "fit_in_words",
     "full_result",
     "further_remarks",
-    "look_warnings",
     "sizes_of",
 ]
 
@@ -77,15 +75,10 @@ def fit_in_words(posterior: xr.DataTree) -> dict[str, Any]:
             *concern_sentences(fit.concerns, record_of(posterior)["sampler"]),
             *alias_sentences(alike),
             *map(standing_words, standing_degeneracies(bound, alike)),
-            *look_warnings(bound.campaign),
+            *look_sentences(seen := preview(bound.campaign)),
+            *further_remarks(seen),
         ],
     }
-
-
-def look_warnings(campaign: Campaign) -> list[str]:
-    """What a look at the readings adds to a fit's own warnings."""
-    seen = preview(campaign)
-    return look_sentences(seen) + further_remarks(seen)
 
 
 def further_remarks(seen: CampaignPreview) -> list[str]:
@@ -105,110 +98,63 @@ def sizes_of(posterior: xr.DataTree) -> dict[str, list[float]]:
 Compared: TypeAlias = Comparison | str
 Recommended: TypeAlias = Design | str
 
-_NAMES = ("constant", "linear", "quadratic")
-
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All that a report shows of one posterior, each worked out when it is first asked for.
+    """All that a report shows of one posterior.
 
     Attributes
     ----------
     posterior : DataTree
     ci_prob : float
-    tests : int or None
-        Circles to recommend.
+    result : dict
+        The JSON of the fit.
+    summary : DataFrame
+        Of the draws.
+    seen : CampaignPreview
+        The campaign without a model.
+    verdicts : mapping of parameter to ParameterIdentifiability
+        What the readings tell of it.
+    identifiability : Identifiability
+        The same of campaign and model, degeneracies included.
+    budgets : mapping of parameter to Budget
+    path : DataFrame
+        Circular-test quantities of the machine.
+    measured : tuple of DataFrame
+        The same of the readings, and of pairs of them.
+    contributions : DataFrame
+        Of every parameter to the reading.
     comparing : Comparison, str, or a future of either
-        None: worked out.
-    recommended : Design, str or None
-        What was brought, or why there is none. None: worked out.
+    design : Design or str
+        The circles to run next, or why none are recommended.
+    design_given : bool
+        Whether the design was brought, not worked out for the report.
     """
 
     posterior: xr.DataTree
     ci_prob: float
-    tests: int | None
-    comparing: Compared | Future[Compared] | None
-    recommended: Recommended | None
-
-    @cached_property
-    def result(self) -> dict[str, Any]:
-        """The JSON of the fit."""
-        return full_result(self.posterior, self.ci_prob)
-
-    @cached_property
-    def summary(self) -> pd.DataFrame:
-        """Of the draws."""
-        return summarize(self.posterior, ci_prob=self.ci_prob)
-
-    @cached_property
-    def seen(self) -> CampaignPreview:
-        """The campaign without a model."""
-        return preview(campaign_of(self.posterior))
-
-    @cached_property
-    def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """What the readings tell of every parameter."""
-        return verdicts(self.posterior)
-
-    @cached_property
-    def identifiability(self) -> Identifiability:
-        """The same of campaign and model, degeneracies included."""
-        return identify(model_of(self.posterior), campaign_of(self.posterior))
-
-    @cached_property
-    def budgets(self) -> Mapping[str, Budget]:
-        """Of every parameter."""
-        return budgets(self.posterior)
-
-    @cached_property
-    def path(self) -> pd.DataFrame:
-        """Circular-test quantities of the machine."""
-        return circularity(self.posterior, ci_prob=self.ci_prob)
-
-    @cached_property
-    def measured(self) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """The same of the readings, and of pairs of them."""
-        return measured_circularity(self.posterior)
-
-    @cached_property
-    def contributions(self) -> pd.DataFrame:
-        """Of every parameter to the reading."""
-        return contributions(self.posterior, ci_prob=self.ci_prob)
-
-    @cached_property
-    def comparison(self) -> Compared:
-        """The comparison, or why there is none; waited for where it is still at work."""
-        if self.comparing is None:
-            return compare_for_report(self.posterior)
-        return self.comparing.result() if isinstance(self.comparing, Future) else self.comparing
-
-    @cached_property
-    def design(self) -> Recommended:
-        """The circles to run next, or why none are recommended."""
-        if self.recommended is not None:
-            return self.recommended
-        model = model_of(self.posterior)
-        try:
-            return design(model.with_degree(max(model.degree, 1)), pilot=campaign_of(self.posterior), tests=self.tests)
-        except InputError as error:
-            if self.tests is not None:
-                raise
-            return str(error)
+    result: dict[str, Any]
+    summary: pd.DataFrame
+    seen: CampaignPreview
+    verdicts: Mapping[str, ParameterIdentifiability]
+    identifiability: Identifiability
+    budgets: Mapping[str, Budget]
+    path: pd.DataFrame
+    measured: tuple[pd.DataFrame, pd.DataFrame]
+    contributions: pd.DataFrame
+    comparing: Compared | Future[Compared]
+    design: Recommended
+    design_given: bool
 
     @property
-    def design_given(self) -> bool:
-        """Whether the design was brought, not worked out for the report."""
-        return self.recommended is not None
+    def comparison(self) -> Compared:
+        """The comparison, or why there is none; waited for where it is still at work."""
+        return self.comparing.result() if isinstance(self.comparing, Future) else self.comparing
 
     @property
     def flat(self) -> bool:
         """Whether the parameters have flat priors."""
         return all(entry["prior_sd"] is None for entry in self.result["parameters"].values())
-
-    @property
-    def interval_key(self) -> str:
-        """Of the intervals in the JSON."""
-        return f"ci{100 * self.ci_prob:g}"
 
 
 def find(
@@ -231,18 +177,42 @@ def find(
         Of `design` after the same readings, or why there is none; default: worked out.
     """
     campaign = campaign_of(posterior)
-    if isinstance(comparison, Comparison) and comparison.campaign.sha256 != campaign.sha256:
-        raise InputError(
-            f"comparison must be of the readings of the fit, got one of {comparison.campaign.name!r} (SHA-256 "
-            f"{comparison.campaign.sha256[:12]}… instead of {campaign.sha256[:12]}…). Compare again."
-        )
-    if isinstance(recommended, Design) and recommended.pilot.sha256 != campaign.sha256:
-        pilot = recommended.pilot
-        raise InputError(
-            f"design must be made after the readings of the fit, got one after {pilot.name!r} (SHA-256 "
-            f"{pilot.sha256[:12]}… instead of {campaign.sha256[:12]}…). Design again."
-        )
-    return Findings(posterior, ci_prob, tests, comparison, recommended)
+    brought = (
+        ("comparison", "of", "Compare", comparison.campaign if isinstance(comparison, Comparison) else None),
+        ("design", "made after", "Design", recommended.pilot if isinstance(recommended, Design) else None),
+    )
+    for what, relation, verb, own in brought:
+        if own is not None and own.sha256 != campaign.sha256:
+            raise InputError(
+                f"{what} must be {relation} the readings of the fit, got one {relation.split()[-1]} {own.name!r} (SHA-256 "
+                f"{own.sha256[:12]}… instead of {campaign.sha256[:12]}…). {verb} again."
+            )
+    return Findings(
+        posterior,
+        ci_prob,
+        full_result(posterior, ci_prob),
+        summarize(posterior, ci_prob=ci_prob),
+        preview(campaign),
+        verdicts(posterior),
+        identify(model_of(posterior), campaign),
+        budgets(posterior),
+        circularity(posterior, ci_prob=ci_prob),
+        measured_circularity(posterior),
+        contributions(posterior, ci_prob=ci_prob),
+        compare_for_report(posterior) if comparison is None else comparison,
+        _next_tests(posterior, tests) if recommended is None else recommended,
+        recommended is not None,
+    )
+
+
+def _next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:
+    model = model_of(posterior)
+    try:
+        return design(model.with_degree(max(model.degree, 1)), pilot=campaign_of(posterior), tests=tests)
+    except InputError as error:
+        if tests is not None:
+            raise
+        return str(error)
 
 
 def compare_for_report(posterior: xr.DataTree | str | os.PathLike[str]) -> Compared:
@@ -255,7 +225,7 @@ def compare_for_report(posterior: xr.DataTree | str | os.PathLike[str]) -> Compa
     tree = posterior if isinstance(posterior, xr.DataTree) else load(posterior)
     model = model_of(tree)
     largest = model.with_degree(max(model.degree, 1))
-    models = {_NAMES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
+    models = {DEGREES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
     try:
         return compare(models, campaign_of(tree), evidence_only=True)
     except InputError as error:

@@ -55,14 +55,12 @@ class Picture:
     ----------
     key : str
         Of its file.
-    name : str
-        What it is, for those who cannot see it.
     caption : str
+        Of the page, and what the figure is for those who cannot see it.
     figure : Figure
     """
 
     key: str
-    name: str
     caption: str
     figure: Figure
 
@@ -75,7 +73,7 @@ class Picture:
         text = _REFERENCE.sub(rf"\g<1>{self.key}-", _PROLOGUE.sub("", drawn.getvalue()))
         # A hundredth of a point is finer than any screen or printer.
         text = _COORDINATES.sub(lambda match: _DIGITS.sub(r"\1", match[0]), text)
-        title = f'<title id="title-{self.key}">{html.escape(self.name)}</title>'
+        title = f'<title id="title-{self.key}">{html.escape(self.caption)}</title>'
         start, _, rest = text.partition(">")
         return f'<svg role="img" aria-labelledby="title-{self.key}"{start.removeprefix("<svg")}>{title}{rest}'
 
@@ -110,84 +108,45 @@ class Beside:
     differences: pd.DataFrame
 
 
-# Key → function, what the figure is for those who cannot see it, caption.
-_PICTURES: Mapping[str, tuple[Callable[..., Figure], str, str]] = {
+_PICTURES: Mapping[str, tuple[Callable[..., Figure], str]] = {
     "traces": (
         figures.traces,
-        "Polar traces of the circular tests with the prediction of the fit",
-        "Readings, prediction (machine and shared nuisances), and the 95 % band for a new circle.",
+        "Polar traces: readings, prediction (machine and shared nuisances), and the 95 % band for a new circle.",
     ),
-    "forest": (
-        figures.forest,
-        "Intervals of every parameter beside its prior",
-        "Every parameter in units of its prior standard deviation.",
-    ),
+    "forest": (figures.forest, "Every parameter in units of its prior standard deviation, beside its prior."),
     "compliance_against_force": (
         figures.compliance_against_force,
-        "Compliance against force with credible bands",
         "Compliance over the tested forces, 50 % and 95 % bands.",
     ),
     "evidence": (
         figures.evidence,
-        "Log Bayes factor under every assumption tried",
         "Evidence of the models, and their ln B against the scale of slopes and under other assumptions.",
     ),
     "compliance_with_local_fits": (
         figures.compliance_with_local_fits,
-        "Compliance against force by every model, and local fits",
         "Compliance by every model and by local fits of neighbouring forces.",
     ),
-    "budget": (
-        figures.budget_bars,
-        "Share of every source of uncertainty in the variance of every parameter",
-        "Uncertainty budgets.",
-    ),
-    "circularity": (
-        figures.circularity,
-        "Circular deviation, radial deviation, squareness and scale mismatch against force",
-        "Circular-test quantities as functions of force.",
-    ),
+    "budget": (figures.budget_bars, "Uncertainty budgets: share of every source in the variance of every parameter."),
+    "circularity": (figures.circularity, "Circular-test quantities as functions of force."),
     "contributions": (
         figures.contributions,
-        "Contribution of compliance and geometry to the reading at every force",
         "What compliance and geometry contribute (Fig. 8 of the paper), tool offsets left out.",
     ),
     "parameter_contributions": (
         figures.parameter_contributions,
-        "Contribution of every parameter to the reading at the highest force",
         "What every parameter contributes (Figs. 9 and 10 of the paper).",
     ),
-    "information": (
-        figures.information,
-        "How much a circle tells at every force, and the circles recommended",
-        "Where a circle tells most, and the circles recommended.",
-    ),
-    "residuals": (
-        figures.residuals,
-        "Residuals of every test against angle, and their amplitude by Fourier order",
-        "Reading minus prediction; each circle's own shift and discrepancy left in.",
-    ),
-    "predictive": (
-        figures.predictive,
-        "Prior and posterior predictive bands of the circle at the highest force",
-        "What prior and posterior expect of a circle at the highest force.",
-    ),
-    "chains": (
-        figures.chains,
-        "Traces and ranks of the slowest parameters",
-        "Traces and ranks of the slowest parameters: level where ensembles agree.",
-    ),
-    "differences": (
-        figures.difference_forest,
-        "Difference of every parameter to the first campaign",
-        "Differences in units of their standard uncertainty.",
-    ),
+    "information": (figures.information, "Where a circle tells most, and the circles recommended."),
+    "residuals": (figures.residuals, "Reading minus prediction; each circle's own shift and discrepancy left in."),
+    "predictive": (figures.predictive, "What prior and posterior expect of a circle at the highest force."),
+    "chains": (figures.chains, "Traces and ranks of the slowest parameters: level where ensembles agree."),
+    "differences": (figures.difference_forest, "Differences in units of their standard uncertainty."),
 }
 
 
 def _picture(key: str, subject: Any, **options: Any) -> Picture:
-    draw, name, caption = _PICTURES[key]
-    return Picture(key, name, caption, draw(subject, **options))
+    draw, caption = _PICTURES[key]
+    return Picture(key, caption, draw(subject, **options))
 
 
 # ---- sections, in the order of the page

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from reports import fitted
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.report import figures
@@ -51,9 +52,11 @@ def drawn(recovered: lb.Campaign, compared: Comparison) -> Mapping[str, Callable
     posterior = fitted(linear, recovered)
     other = fitted(linear, linear.simulate(plan(), seed=3, parameters={**TRUTH, "C_XXX_1": 1e-8}, hyper_um=HYPER_UM).campaign)
     seen = lb.identify(linear, recovered)
-    design = lb.design(linear, pilot=recovered, tests=4, curve=True)
+    design = lb.design(linear, pilot=recovered, tests=4, forces_N=tuple(np.linspace(36.0, 742.0, 9)), curve=True)
     machine, circle = Machine("wCAFYXZSt"), Circle(150.0)
-    ranks = lb.validate(lb.HybridModel.default(0), plan((20,) * 4), replicates=10, draws=19)
+    drawn_ranks = np.random.default_rng(0).integers(0, 20, (10, 8)) * np.linspace(0.0, 1.0, 8)
+    names = (*seen.parameters, LOG_LIKELIHOOD)[-8:]
+    ranks = Validation(names, drawn_ranks.astype(int), 19, "joint", 0.95, ())
     every: dict[str, tuple[Callable[..., Figure], Any]] = {
         **{name: (draw, (posterior,)) for name, draw in figures.FIGURES.items() if name != "chains"},
         "chains": (figures.chains, (lb.sample(lb.HybridModel.default(0), plan_read(), seed=1),)),

@@ -11,12 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from campaigns import plan, simulated
+from reports import undrawn
+from trends import drawn_rows
+from typer.testing import CliRunner
 
 import ldbb_bayes as lb
+from ldbb_bayes.cli.main import app
 from ldbb_bayes.fleet.row import Job, Settings, fit_row
+from ldbb_bayes.fleet.statistics import choose
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import find
@@ -45,7 +51,7 @@ def reworded(function: Callable[..., Any]) -> Callable[..., Any]:
 def reword(monkeypatch: pytest.MonkeyPatch) -> int:
     """Put it in the place of every public function of the module, wherever it was imported to."""
     changed = 0
-    originals = {getattr(wording, name) for name in wording.__all__ if name != "with_words"}
+    originals = {getattr(wording, name) for name in wording.__all__ if callable(getattr(wording, name)) and name != "with_words"}
     for name, module in list(sys.modules.items()):
         if name.startswith("ldbb_bayes"):
             for key, own in list(vars(module).items()):
@@ -71,21 +77,21 @@ def same(plain: Any, other: Any, where: str = "") -> int:
     return 0
 
 
-def against_the_sign() -> lb.Campaign:
-    """Readings that no compliance explains."""
-    campaign = simulated(plan((40,) * 3, forces_N=FORCES_N))
-    tests = tuple(test.with_reading_um(-0.14 * np.asarray(test.reading_um)) for test in campaign.tests)
-    return lb.Campaign(tests, name="turned")
-
-
 @pytest.fixture(scope="module")
 def campaigns() -> dict[str, lb.Campaign]:
-    return {"good": simulated(plan((40,) * 3, forces_N=FORCES_N)), "turned": against_the_sign()}
+    """Readings that the model expects, and readings that no compliance explains."""
+    good = simulated(plan((40,) * 3, forces_N=FORCES_N))
+    tests = tuple(test.with_reading_um(-0.14 * np.asarray(test.reading_um)) for test in good.tests)
+    return {"good": good, "turned": lb.Campaign(tests, name="turned")}
 
 
 @pytest.fixture(scope="module")
 def folders(campaigns: dict[str, lb.Campaign], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: lb.write_campaign(own, tmp_path_factory.mktemp("campaigns") / name) for name, own in campaigns.items()}
+
+
+def plain_json(record: Any) -> Any:
+    return json.loads(json_text({"record": record}))
 
 
 def part_of(part: Any) -> Any:
@@ -110,29 +116,62 @@ def analyses_of(campaign: lb.Campaign) -> Any:
         "compare": lb.compare(models, campaign, evidence_only=True),
         "design": lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N),
     }
-    return {name: json.loads(json_text(wording.with_words(own))) for name, own in every.items()}
+    return plain_json({name: wording.with_words(own) for name, own in every.items()})
 
 
 def rows_of(folders: dict[str, Path]) -> Any:
+    """Rows of a batch, and which of its campaigns are relied on."""
     settings = Settings(model_to_toml(lb.HybridModel.default(0)), ess=100.0)
-    rows = [fit_row(settings, Job(k, str(folder))) for k, folder in enumerate(folders.values())]
-    return json.loads(json_text({"rows": [{**row, "stamp": None} for row in rows]}))
+    rows = [{**fit_row(settings, Job(k, str(folder))), "stamp": None} for k, folder in enumerate(folders.values())]
+    relied, caveats = choose(pd.DataFrame(rows))
+    assert list(relied["campaign"]) == [str(folders["good"])]
+    return plain_json([rows, list(relied["campaign"]), [[str(own.kind), own.names] for own in caveats]])
 
 
-@pytest.mark.parametrize("what", [pytest.param("analyses", marks=pytest.mark.slow), "page", "rows"])
+def population_of() -> Any:
+    """Of eight campaigns, two of one machine; one campaign that the model does not expect, one not converged."""
+    rows = drawn_rows(8, np.random.default_rng(6)).assign(machine_id=[f"M{m}" for m in range(7)] + ["M6"])
+    odd = rows.assign(kinds=[[], ["truncation"], ["noise"], *[[]] * 5], converged=[True] * 7 + [False])
+    found = lb.population(odd)
+    assert "M1" not in found.machine
+    return plain_json({**wording.with_words(found), "sha256": None})
+
+
+def fits_of(folder: Path) -> Any:
+    """What the command prints and its exit code: a target missed, one reached, bad input."""
+    model = ("--degree", "0", "--without", "discrepancy,setup-shift")
+    runs = [
+        CliRunner().invoke(app, ["fit", str(folder), *model, "--sampler", "independent", "--json", "--quiet", *options.split()])
+        for options in ("--ess 100", "--ess 600", "--ci 2")
+    ]
+    codes = [run.exit_code for run in runs]
+    assert codes == [1, 0, 2]
+    records = [json.loads(run.stdout) | {"provenance": None} for run in runs[:2]]
+    for record in records:
+        record["sampler"]["seconds"] = None
+    return [codes, records]
+
+
+@pytest.mark.parametrize("what", [pytest.param("analyses", marks=pytest.mark.slow), "page", "rows", "population", "fits"])
 def test_words_decide_nothing(
-    what: str, campaigns: dict[str, lb.Campaign], folders: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+    what: str,
+    campaigns: dict[str, lb.Campaign],
+    folders: dict[str, Path],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of a campaign that the model expects and one that it does not."""
+    """Decisions, numbers, exit codes and campaigns left out; of a campaign that the model expects and one that it does not."""
+    undrawn(monkeypatch)
     turned = lb.sample(lb.HybridModel.default(0), campaigns["turned"], seed=1, sampler="independent", rule=QUICK)
     work: dict[str, Callable[[], Any]] = {
         "analyses": lambda: analyses_of(campaigns["good"]),
         "page": lambda: page_of(turned),
         "rows": lambda: rows_of(folders),
+        "population": population_of,
+        "fits": lambda: fits_of(folders["good"]),
     }
     plain = work[what]()
     assert reword(monkeypatch) > 30
-    assert same(plain, work[what]()) > 0
+    assert same(plain, work[what]()) >= 5
 
 
 def test_a_decision_by_words_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
