@@ -37,6 +37,17 @@ class PitchError(lb.Term):
         return (lb.Columns(("pitch_error_cos5", "pitch_error_sin5"), values, np.ones(2), "pitch"),)
 
 
+@dataclass(frozen=True)
+class KnownLobe(lb.Term):
+    """cos 5θ of 3 µm, known to ``sd_um``."""
+
+    sd_um: float = 1e-4
+
+    def columns(self, setting: Setting) -> tuple[lb.Columns, ...]:
+        sd, mean = np.array([self.sd_um * 1e-3]), np.array([3e-3])
+        return (lb.Columns(("known_lobe",), setting.harmonics([5])[:, :, :1], sd, mean=mean),)
+
+
 MODEL = lb.HybridModel.default(0).without("ball-form").including(PitchError())
 
 
@@ -149,3 +160,16 @@ def test_simulation_based_calibration_passes() -> None:
     found = lb.validate(MODEL, plan((24,) * 4), replicates=24, draws=49)
     assert found.calibrated
     assert "pitch" in json.dumps(found.as_dict())
+
+
+def test_a_prior_mean_of_its_columns_counts(campaign: lb.Campaign) -> None:
+    """In simulated readings, and in the likelihood: readings with 3 µm more of cos 5θ are as probable under it as without."""
+    plain, phi = lb.HybridModel.default(0), np.array([[3e-4, 5e-4, 2e-4, 2e-3]])
+    model = plain.including(KnownLobe())
+    more = tuple(t.with_reading_um(np.asarray(t.reading_um) + 3.0 * np.cos(5.0 * t.angles_rad())) for t in campaign.tests)
+    value = model.bind(replace(campaign, tests=more)).log_evidence(phi)
+    np.testing.assert_allclose(value, plain.bind(campaign).log_evidence(phi), atol=1e-5)
+    silent = dict.fromkeys(("sigma", "delta", "kappa", "tau"), 0.0)
+    quiet = model.without("bar-length", "mount", "force-error").simulate(plan(), seed=1, parameters={}, hyper_um=silent).campaign
+    for test in quiet.tests:
+        np.testing.assert_allclose(test.reading_um, 3.0 * np.cos(5.0 * test.angles_rad()), atol=1e-4)
