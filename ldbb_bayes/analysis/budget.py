@@ -35,9 +35,8 @@ class Contribution:
 
     Attributes
     ----------
-    source : str
+    source, term : str
         A nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors.
-    term : str
     kind : {"A", "B"}
         Evaluated from the readings' scatter, or by other means (GUM 2.3.2, 2.3.3).
     u : float or None
@@ -67,13 +66,10 @@ class Budget(Result):
 
     Attributes
     ----------
-    parameter, unit : str
     u : float
         Posterior standard deviation.
     contributions : tuple of Contribution
-        The largest first; shares sum to one.
-    heaviest : str
-        The term with the largest share.
+        The largest first; shares sum to one. The term with the largest share is the ``heaviest``.
     u_if_known : float or None
         Standard uncertainty that would be left if the heaviest term were known exactly; None where that is the noise of the
         readings or the parameters' own priors, which nothing makes known.

@@ -74,12 +74,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Confounding:
-    """Posterior variances of the parameters of interest under everything one could know.
-
-    Attributes
-    ----------
-    information : Information
-    """
+    """Posterior variances of the parameters of interest under everything one could know."""
 
     information: Information
 
@@ -160,16 +155,13 @@ class ParameterIdentifiability(Result):
         Of the Gaussian posterior; a plan's mean is the prior's.
     contraction : float
         1 − Var(β | y) / Var(β); not a number when flat, as `information_gain` and `overlap`.
-    information_gain : float
-        Mutual information of parameter and readings, ½ ln(Var(β) / Var(β | y)) [nat].
-    overlap : float
-        Area common to prior and posterior density, 0 … 1.
+    information_gain, overlap : float
+        Mutual information of parameter and readings, ½ ln(Var(β) / Var(β | y)) [nat]; area common to prior and posterior density.
     confounding : dict of term to float
         1 − Var(β | y, term) / Var(β | y).
-    shapley : dict of source to float
-        Fair shares of the variance; they sum to one.
-    sensitivity : dict of source to float
-        d ln sd(β) / d ln(scale of the source), ``Parameters`` being the parameters' own priors. They sum to one.
+    shapley, sensitivity : dict of source to float
+        Fair shares of the variance; d ln sd(β) / d ln(scale of the source), ``Parameters`` being their own priors. Either
+        sum to one.
     variance_inflation : float
         Var(β | y) over what it would be if every other coefficient were known.
     correlations : dict of name to float
@@ -221,8 +213,6 @@ class Identifiability(Result):
 
     Attributes
     ----------
-    parameters : dict of name to ParameterIdentifiability
-    degeneracies : tuple of Degeneracy
     cures : tuple of tuple of Cure
         Of each degeneracy, found by adding the tests to the plan and looking again.
     standing : tuple of Standing
@@ -262,12 +252,6 @@ class Identifiability(Result):
 @one_blas_thread
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """What the model can learn from a campaign, or could from a plan.
-
-    Parameters
-    ----------
-    model : HybridModel
-    campaign : Campaign
-        A plan needs no readings.
 
     Raises
     ------
@@ -452,8 +436,6 @@ class Seen:
 
     Attributes
     ----------
-    name, unit, meaning : str
-        Inside unit.
     pattern : mapping of plane to str
         Change of the reading per unit (per unit and N for a compliance); c = cos θ, s = sin θ, lengths in mm.
     not_negative : bool
@@ -476,14 +458,10 @@ class DescribedMachine(Result):
 
     Attributes
     ----------
-    topology, planes, joints : as words
-        Joints with branch, from the workpiece to the tool.
-    centres_mm : tuple of (X, Y, Z)
-        Of the circles taken together.
-    compliances, geometric_errors : tuple of Seen
+    joints : tuple of str
+        With branch, from the workpiece to the tool.
     null, dependent : tuple of str
         Compliances that no reading shows, and those whose pattern is a combination of several kept ones.
-    rank : int
     condition_number : float
         Of the kept compliances' columns, unscaled (mm, N), uniform full circles.
     """
@@ -505,7 +483,6 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
 
     Parameters
     ----------
-    machine : Machine
     circles : sequence of Circle
         Default: R = 150 mm about the frames' origin in every plane. Patterns are those of the first circle of each plane.
     """

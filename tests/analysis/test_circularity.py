@@ -1,4 +1,4 @@
-"""Circular-test quantities of the machine's path: by the exact model, and of both directions by simulation."""
+"""Circular-test quantities by the exact model and by simulation; contributions as the paper states them; zones by other means."""
 
 from __future__ import annotations
 
@@ -7,9 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns import HYPER_UM, TRUTH, plan
+from scipy.optimize import minimize
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.circularity import circularity, least_squares_zone, measured_circularity, minimum_zone
+from ldbb_bayes.analysis.circularity import (
+    COMPLIANCE,
+    GEOMETRY,
+    TOGETHER,
+    circularity,
+    least_squares_zone,
+    measured_circularity,
+    minimum_zone,
+    minimum_zone_widths,
+)
 from ldbb_bayes.machine.forward import exact_reading_mm
 
 ANGLE = np.arange(360) * np.pi / 180.0
@@ -115,3 +125,145 @@ def test_both_directions(both_ways: tuple[lb.Campaign, object]) -> None:
     # One direction alone lacks the lost motion: 2 (2 cos θ + 3 sin 2θ) between the two ways.
     assert table.loc["G_b", "median"] > table.loc["G", "median"] + 1.0
     assert table.loc["G_b", "ci_low"] < pairs.loc["CW2 + CCW2", "G_b"] < table.loc["G_b", "ci_high"] + 2.0
+
+
+# Peak to peak at 742 N [mm], as the text beside Figs. 9 and 10 states it.
+PAPER = {
+    "C_XXX": "0.045",
+    "C_YYY": "0.034",
+    "C_XYX": "0.00058",
+    "C_CXY": "0.0022",
+    "C_CYY": "0.0014",
+    "C_CCY": "0.0045",
+    "E_XX1": "0.019",
+    "E_YY1": "0.014",
+    "E_YX2": "0.0074",
+    "E_XY2": "0.012",
+    "E_C0YX": "0.00017",
+    "E_Xt0": "0.0076",
+    "E_Yt0": "0.0012",
+}
+
+
+@pytest.fixture(scope="module")
+def least_squares(recovered: lb.Campaign) -> object:
+    return lb.sample(lb.HybridModel.paper(0), recovered, seed=1, sampler="independent")
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_contributions_as_the_paper_states_them(name: str, least_squares: object) -> None:
+    """The paper cuts digits off; agreement to 3 % below and 2 % above."""
+    found = lb.contributions(least_squares).set_index("source")  # type: ignore[arg-type]
+    printed = float(PAPER[name]) * 1e3
+    last = 10.0 ** -(len(PAPER[name]) - 5)
+    assert printed * 0.97 <= found.loc[name, "peak_to_peak"] <= (printed + last) * 1.02
+
+
+def test_contributions_as_figure_8_states_them(least_squares: object) -> None:
+    """Compliance from 0 to 0.046 mm over all forces, geometry between −0.026 and −0.007 mm: 0.019 mm."""
+    found = lb.contributions(least_squares).set_index("source")  # type: ignore[arg-type]
+    assert found.loc[COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
+    assert found.loc[GEOMETRY, "maximum"] == pytest.approx(-7.0, abs=0.6)
+    assert found.loc[GEOMETRY, "minimum"] == pytest.approx(-26.0, abs=0.6)
+    assert found.loc[GEOMETRY, "peak_to_peak"] == pytest.approx(19.0, abs=0.5)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_contributions_by_the_exact_model(degree: int) -> None:
+    """At the mean parameters the exact model gives the same paths; a compliance counts with its slopes."""
+    model = lb.HybridModel.default(degree)
+    campaign = model.simulate(plan(), seed=2, hyper_um=HYPER_UM).campaign
+    posterior = lb.sample(model, campaign, seed=1, sampler="independent")
+    force = 640.0
+    found = lb.contributions(posterior, force).set_index("source")
+    group = posterior["posterior"]
+    # The draws that the table uses, evenly picked.
+    pick = np.linspace(0, group["C_XXX"].size - 1, min(2000, group["C_XXX"].size)).astype(int)
+    mean = {str(name): float(group[name].to_numpy().ravel()[pick].mean()) for name in group.data_vars}
+    lever = force - 389.0
+    at = {
+        name: sum(mean[name + suffix] * lever**k for k, suffix in enumerate(("", "_1", "_2")[: degree + 1]))
+        for name in ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY")
+    }
+    errors = {name: mean[name] for name in ("E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX")}
+    machine, circle = campaign.machine(), campaign.tests[0].circle
+
+    def exact_um(compliances: dict[str, float], errors: dict[str, float]) -> np.ndarray:
+        return 1e3 * exact_reading_mm(machine, circle, ANGLE, force_N=force, compliances=compliances, geometric_errors=errors)
+
+    truths = {
+        TOGETHER: exact_um(at, errors),
+        COMPLIANCE: exact_um(at, {}),
+        GEOMETRY: exact_um({}, errors),
+        "C_XXX": exact_um({"C_XXX": at["C_XXX"]}, {}),
+        "C_CCY": exact_um({"C_CCY": at["C_CCY"]}, {}),
+        "E_XY2": exact_um({}, {"E_XY2": mean["E_XY2"]}),
+    }
+    for source, trace in truths.items():
+        assert found.loc[source, "maximum"] == pytest.approx(trace.max(), abs=0.01), source
+        assert found.loc[source, "minimum"] == pytest.approx(trace.min(), abs=0.01), source
+        assert found.loc[source, "peak_to_peak"] == pytest.approx(np.ptp(trace), abs=0.01), source
+
+
+@pytest.mark.parametrize(("order", "amplitude"), [(2, 5.0), (3, 1.5), (7, 0.2)])
+def test_lobes(order: int, amplitude: float) -> None:
+    """n lobes of amplitude a, wherever the centre: G = 2 a by either."""
+    trace = 12.0 - 3.0 * np.cos(ANGLE) + 8.0 * np.sin(ANGLE) + amplitude * np.cos(order * ANGLE)
+    for zone in (least_squares_zone(ANGLE, trace), minimum_zone(ANGLE, trace)):
+        assert zone.width == pytest.approx(2.0 * amplitude, rel=1e-3)
+        assert zone.centre == pytest.approx((-3.0, 8.0), abs=1e-2 * amplitude)
+        assert zone.upper == pytest.approx(12.0 + amplitude, rel=1e-3)
+
+
+def true_width(centre: np.ndarray, angle: np.ndarray, deviation_um: np.ndarray, radius_um: float = 1.5e5) -> float:
+    """Distances of points in the plane from a centre: largest less smallest."""
+    distance = np.hypot(
+        (radius_um + deviation_um) * np.cos(angle) - centre[0], (radius_um + deviation_um) * np.sin(angle) - centre[1]
+    )
+    return float(distance.max() - distance.min())
+
+
+def test_minimum_zone_on_200_traces() -> None:
+    """Against a search over centres with true distances: never wider than what it finds, and as narrow to 0.1 nm."""
+    rng = np.random.default_rng(4)
+    for k in range(200):
+        angle = np.sort(rng.uniform(0.0, 2 * np.pi, 60)) if k % 2 else ANGLE[::6]
+        trace = sum(rng.normal(0.0, 5.0 / n) * np.cos(n * angle + rng.uniform(0.0, 6.0)) for n in range(1, 9))
+        trace = trace + rng.normal(0.0, 0.3, len(angle))
+        zone = minimum_zone(angle, trace)
+        start = np.array(least_squares_zone(angle, trace).centre)
+        searched = start
+        for _ in range(3):
+            searched = minimize(
+                true_width,
+                searched,
+                args=(angle, trace),
+                method="Nelder-Mead",
+                options={"xatol": 1e-9, "fatol": 1e-9, "maxiter": 4000},
+            ).x
+        assert zone.width <= true_width(searched, angle, trace) + 1e-3
+        assert true_width(np.array(zone.centre), angle, trace) == pytest.approx(zone.width, abs=1e-3)
+        assert zone.width <= least_squares_zone(angle, trace).width + 1e-9
+
+
+def test_many_at_once() -> None:
+    """The exchange algorithm against the linear programme, flat and noisy traces among them."""
+    rng = np.random.default_rng(7)
+    traces = np.array(
+        [
+            sum(rng.normal(0.0, 5.0 / n) * np.cos(n * ANGLE + rng.uniform(0.0, 6.0)) for n in range(1, 7))
+            + (k % 3 == 0) * rng.normal(0.0, 0.3, 360)
+            for k in range(60)
+        ]
+    )
+    traces[5], traces[6] = 0.0, 3.0
+    widths = minimum_zone_widths(ANGLE, traces)
+    np.testing.assert_allclose(widths, [minimum_zone(ANGLE, trace).width for trace in traces], atol=1e-9)
+    few = ANGLE[::72]
+    one = np.array([1.0, -2.0, 0.5, 0.0, 1.5])
+    assert minimum_zone_widths(few, one)[0] == pytest.approx(minimum_zone(few, one).width, abs=1e-9)
+
+
+def test_zone_refused() -> None:
+    with pytest.raises(lb.InputError, match="at least 3 angles"):
+        minimum_zone(ANGLE[:2], ANGLE[:2])

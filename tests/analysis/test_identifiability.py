@@ -14,12 +14,15 @@ from scipy import integrate, stats
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.identifiability import Confounding, overlap
 from ldbb_bayes.inference.mcmc import StoppingRule
+from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 from ldbb_bayes.report.wording import statement, verdict_words, with_words
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
 LINEAR = lb.HybridModel.default(1)
+AT = np.linspace(0.1, 6.0, 37)
 
 
 def clocked(turns: tuple[tuple[float, float], ...]) -> lb.Campaign:
@@ -275,18 +278,18 @@ def test_effective_parameters_and_directions(identified: lb.Identifiability, rec
         assert np.linalg.norm(list(direction.loadings.values())) == pytest.approx(1.0)
 
 
-def test_variance_inflation_and_correlations_by_definition(recovered: lb.Campaign) -> None:
-    information = information_of(LINEAR.bind(recovered), PHI)
-    covariance = information.covariance()
-    precision = np.linalg.inv(covariance)
-    entries = lb.identify(LINEAR, recovered)
+def test_variance_inflation_and_correlations_by_definition(identified: lb.Identifiability, recovered: lb.Campaign) -> None:
+    phi = np.array([identified.hyper_um[h] for h in ("sigma", "delta", "kappa", "tau")]) * 1e-3
+    information = information_of(LINEAR.bind(recovered), phi)
+    rows = information.rows()
+    precision = rows.T @ rows + np.eye(rows.shape[1])
+    covariance = np.linalg.inv(precision)
     sd = np.sqrt(np.diag(covariance))
-    assert np.all(np.diag(covariance) * np.diag(precision) >= 1.0 - 1e-9)
-    assert entries.parameters["E_XX1"].variance_inflation > 2.0
-    assert max(map(abs, entries.parameters["E_C0YX"].correlations.values())) > 0.9
-    assert "form_sin2" in entries.parameters["E_C0YX"].correlations
-    np.testing.assert_allclose(np.diag(entries.correlation), 1.0)
-    assert np.isfinite(sd).all()
+    np.testing.assert_allclose(identified.correlation, covariance / np.outer(sd, sd), atol=1e-6)
+    for k, (name, entry) in zip(information.own, identified.parameters.items(), strict=True):
+        assert entry.variance_inflation == pytest.approx(covariance[k, k] * precision[k, k], rel=1e-6)
+        others = np.delete(np.abs(covariance[k] / (sd[k] * sd)), k)
+        np.testing.assert_allclose(np.abs(list(entry.correlations.values())), np.sort(others)[::-1][:3], atol=1e-6, err_msg=name)
 
 
 def test_alias_matrix_by_least_squares(identified: lb.Identifiability, recovered: lb.Campaign) -> None:
@@ -317,9 +320,71 @@ def test_overlap_by_quadrature(mean: float, sd: float) -> None:
     assert overlap(mean, sd) == pytest.approx(area, abs=1e-6)
 
 
-def test_it_prints(identified: lb.Identifiability) -> None:
-    text = str(identified)
-    assert "E_C(0Y)X" in text
-    assert "looks exactly like" in text
-    assert "posterior mean" in text
-    assert "<table>" in identified._repr_html_()
+# What circles show of a machine
+
+
+def test_circles_of_the_papers_machine() -> None:
+    machine = lb.describe(lb.Machine("wCAFYXZSt", "XY"))
+    patterns = {entry.name: entry.pattern["XY"] for entry in (*machine.compliances, *machine.geometric_errors)}
+    assert patterns == {
+        "C_XXX": "c²",
+        "C_XYX": "cs",
+        "C_YYY": "s²",
+        "C_CXY": "R c²s",
+        "C_CYY": "R cs²",
+        "C_CCY": "R² c²s²",
+        "E_XX1": "R c²",
+        "E_YX2": "R² c²s",
+        "E_XY2": "R² cs²",
+        "E_YY1": "R s²",
+        "E_C0YX": "R cs",
+        "E_Xt0": "c",
+        "E_Yt0": "s",
+    }
+
+
+def value_of(pattern: str, radius: float, angle: np.ndarray) -> np.ndarray:
+    """A printed pattern as numbers, by reading it back."""
+    text = pattern.replace("−", "-").replace(" - ", " + -").removeprefix("+")
+    total = np.zeros_like(angle)
+    for term in text.split(" + "):
+        sign, body = (-1.0, term[1:]) if term.startswith("-") else (1.0, term)
+        value = np.full_like(angle, sign)
+        for word in body.split():
+            if word[0] in "0123456789.":
+                value = value * float(word)
+                continue
+            for letter, power in zip(word, (*word[1:], ""), strict=True):
+                base = {"R": radius, "c": np.cos(angle), "s": np.sin(angle)}.get(letter)
+                if base is not None:
+                    value = value * base ** {"²": 2, "³": 3, "⁴": 4}.get(power, 1)
+        total = total + value
+    return total
+
+
+@pytest.mark.parametrize(
+    ("topology", "planes", "frames", "centre"),
+    [
+        ("wYXFZt", ("XY",), {"X": (0.0, -200.0, 350.0)}, (10.0, 20.0, 0.0)),
+        ("wXFYZt", ("XY", "YZ", "ZX"), {"Y": (30.0, 0.0, -120.0)}, (0.0, -15.0, 40.0)),
+    ],
+)
+def test_patterns_say_what_the_columns_are(topology: str, planes: tuple[str, ...], frames: dict, centre: tuple) -> None:
+    machine = lb.Machine(topology, planes, frames)
+    circles = [lb.Circle(150.0, centre, plane) for plane in planes]
+    found = lb.describe(machine, circles)
+    kept = kept_compliances(machine, *circles)
+    for plane in planes:
+        small = lb.Circle(80.0, centre, plane)
+        columns = {
+            name.label: column
+            for name, column in zip(kept.names, compliance_jacobian(machine, small, AT, kept.names).T, strict=True)
+        }
+        columns |= {
+            entry.name: column
+            for entry, column in zip(found.geometric_errors, geometric_jacobian(machine, small, AT).T, strict=True)
+        }
+        for entry in (*found.compliances, *found.geometric_errors):
+            shown = entry.pattern.get(plane)
+            expected = np.zeros_like(AT) if shown is None else value_of(shown, 80.0, AT)
+            np.testing.assert_allclose(columns[entry.name], expected, rtol=1e-5, atol=1e-5 * max(1.0, np.abs(expected).max()))

@@ -132,14 +132,11 @@ class Limits(Result):
         Number of different forces where they are too few to show that the degree in force is wrong.
     one_way : dict of plane to direction
         Planes whose circles all run one way, while hysteresis counts.
-    drift : bool
-        Whether the model has a drift, which is taken to have nothing to do with what differs between the tests.
-    clockings_of_budget : bool
-        Whether efficiency and certificate are among the clockings that the budget pays for.
+    drift, clockings_of_budget : bool
+        Whether there is a drift, which is taken to have nothing to do with what differs between the tests; whether efficiency and
+        certificate are among the clockings that the budget pays for.
     shared : tuple of str
-        Parameters of interest that more circles of this kind would narrow by less than a fifth.
-    degeneracies, cures : tuple of Degeneracy, tuple of tuple of Cure
-        Of these parameters, and what would end each of them.
+        Parameters that more circles of this kind would narrow by less than a fifth; ``degeneracies`` and ``cures`` are theirs.
     """
 
     levels: int | None
@@ -174,37 +171,25 @@ class Design(Forecast):
 
     Attributes
     ----------
-    criterion : str
     parameters : tuple of str
         Parameters of interest; all others are nuisances.
-    table : DataFrame
-        One row per different test: force_N, `columns`, count. In JSON ``tests``.
+    table, shares : DataFrame
+        One row per different test: force_N, `columns`, count (in JSON ``tests``), or its share in the best shares.
     augment, reached : bool
         Whether the pilot's tests count as run; whether the target or power asked for is reached.
-    degree : int
-    reference_force_N : float
-    cost : float
     efficiency : float
         Beside the best shares of as many tests.
-    certificate : Certificate
-    shares : DataFrame
-        The best shares: force_N, `columns`, share.
     baseline : dict of parameter to Expected
         Of equal steps of force at the first clocking and radius.
     compared : tuple of Judged
         Equal steps of force, and the designs brought for comparison.
-    trade_off : DataFrame
-        Number of tests against efficiency and expected sd; empty unless asked for.
-    robustness : DataFrame
-        Efficiency of the best designs under each assumption, under each assumption; empty unless asked for.
+    trade_off, robustness : DataFrame
+        Number of tests against efficiency and expected sd; efficiency of the best designs under each assumption, under each
+        assumption. Empty unless asked for.
     goal : Goal, optional
-        The target or power asked for.
-    limits : Limits
     hyper_um : dict of hyper-parameter to float
         Root mean square of the values averaged over: of their posterior given the pilot's readings where ``measured``, else of
         their prior [µm].
-    measured : bool
-    pilot : Pilot
     sensitivity : DataFrame
         Of every candidate, for the best shares: force_N, `columns`, sensitivity. Not in JSON.
     planned : Planned, optional
@@ -338,24 +323,20 @@ def design(
 
     Parameters
     ----------
-    model : HybridModel
     pilot : Campaign
         A campaign already run, or a plan.
-    tests : int, optional
-        Number of circles; default: as many as the pilot has.
-    budget : float, optional
-        Instead of ``tests``: what they may cost.
+    tests, budget : int, float
+        Number of circles, or instead what they may cost; default: as many as the pilot has.
     targets : mapping of parameter to sd
-        Instead of ``tests``: the fewest circles whose expected sd are no larger; inside units (mm, N, rad).
-    power : float, optional
-        Instead of ``tests``: the fewest circles that give decisive evidence for slopes of ``slope_size`` with this probability.
+        Instead: the fewest circles whose expected sd are no larger; inside units (mm, N, rad).
+    power : float
+        Instead: the fewest circles that give decisive evidence for slopes of ``slope_size`` with this probability.
     forces_N : sequence of float, optional
         Levels to choose from; default: the pilot's range in steps of 1 N.
-    clockings_deg : sequence of (work ball, tool ball)
-        Clockings to choose from.
-    radii_mm, planes, directions, centres_mm : sequences
-        Radii, planes, directions of travel (CW, CCW) and centres (X, Y, Z) to choose from; default: those of the pilot. A plane
-        that the pilot lacks is another set-up. Where both directions may be chosen, hysteresis counts for every design.
+    clockings_deg, radii_mm, planes, directions, centres_mm : sequences
+        Clockings (work ball, tool ball), radii, planes, directions of travel (CW, CCW) and centres (X, Y, Z) to choose from;
+        default: those of the pilot. A plane or centre that the pilot lacks is another set-up. Where both directions may be
+        chosen, hysteresis counts for every design.
     readings : int, optional
         Readings per full circle; default: as in the pilot.
     criterion : {"eig", "d", "a", "c", "i", "e", "discriminate"}, optional
@@ -368,16 +349,13 @@ def design(
         Default: 1 per circle.
     against : mapping of name to campaign or plan
         Designs to be judged beside.
-    slope_size : float
-        Size of the slopes that are to be found [prior sd].
-    threshold : float
-        |ln B| called decisive [nat].
+    slope_size, threshold : float
+        Size of the slopes that are to be found [prior sd]; |ln B| called decisive [nat].
     robust : bool
         A design good over several assumptions: the criterion is averaged over them, and `Design.robustness` compares the best
         designs under each.
     curve : bool
         Also the trade-off: number of tests against efficiency and expected sd.
-    seed : int
 
     Raises
     ------

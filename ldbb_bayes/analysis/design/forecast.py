@@ -46,14 +46,11 @@ class Expected(Result):
 
     Attributes
     ----------
-    unit : str
     prior_sd : float
         Infinite when flat.
-    sd : float
-        Posterior sd inside the truncation, its square averaged over the hyper-parameters; infinite where flat priors leave
-        something undetermined.
-    untruncated_sd : float
-        The same without truncation.
+    sd, untruncated_sd : float
+        Posterior sd inside the truncation and without it, its square averaged over the hyper-parameters; infinite where flat
+        priors leave something undetermined.
     floor_sd : float
         If every test were run a million times: what nuisances shared by all of them leave, narrowed by the truncation as ``sd``.
     """
@@ -71,13 +68,11 @@ class Discrimination(Result):
 
     Attributes
     ----------
-    size : float
-        Of the slopes, in prior sd.
+    size, threshold : float
+        Of the slopes, in prior sd; |ln B| from which evidence is called decisive [nat].
     augmented : bool
         Whether tests already run are part of it: "with" then means slopes as those leave them, else drawn from their prior times
         ``size``.
-    threshold : float
-        |ln B| from which evidence is called decisive [nat].
     expected_with, expected_without : float
         Mean of ln B if there are slopes, and if there are none [nat].
     decisive_with, decisive_without, misleading_with, misleading_without : float
@@ -104,7 +99,6 @@ class Forecast(Result):
 
     Attributes
     ----------
-    expected : dict of parameter to Expected
     information_gain : float
         Expected Kullback-Leibler divergence of the posterior from the prior, of all parameters of interest [nat]; infinite when
         the prior is flat.
