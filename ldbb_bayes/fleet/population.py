@@ -142,7 +142,8 @@ class SpreadDensity:
         t = newton(self.log, self.derivatives, start)
         for _ in range(_POLISH):
             gradient, hessian = self.derivatives(t)
-            t = t + np.linalg.solve(_upright(hessian), gradient)
+            step = np.linalg.solve(_upright(hessian), gradient)
+            t = t + step / max(1.0, float(np.abs(step).max()))
         return t, _upright(self.derivatives(t)[1])
 
 
@@ -535,6 +536,13 @@ def _instrument_moments(common: Gaussian, weight: Array, parameters: int) -> tup
     return mixture_covariance(weight, common.mean[:, parameters:], common.covariance[:, parameters:, parameters:])
 
 
+def _percent(spread: Summary, mean: Summary) -> Summary | None:
+    if abs(mean.mean) <= _KNOWN * mean.sd:
+        return None
+    size, sd, low, high = (100.0 * part / abs(mean.mean) for part in (spread.mean, spread.sd, *spread.interval))
+    return Summary(size, sd, (low, high))
+
+
 def _pooled_parameters(
     statistics: FleetStatistics, spreads: Spreads, few: Spreads, common: Gaussian, tails: tuple[float, float]
 ) -> dict[str, PooledParameter]:
@@ -549,15 +557,13 @@ def _pooled_parameters(
     parts = [_summaries(scale, *own) for own in (mu, spread, following)]
     found = {}
     for j, (own, width, after) in enumerate(zip(*parts, strict=True)):
-        factor = 100.0 / abs(own.mean)
-        percent = Summary(width.mean * factor, width.sd * factor, (width.interval[0] * factor, width.interval[1] * factor))
         found[statistics.parameters[j]] = PooledParameter(
             unit=statistics.units[j],
             prior_mean=0.0,
             prior_sd=float(scale[j]),
             mean=own,
             spread=width,
-            spread_percent=percent if abs(own.mean) > _KNOWN * own.sd else None,
+            spread_percent=_percent(width, own),
             next=after,
             instrument_sd=float(scale[j] * np.sqrt(shared[j])),
             instrument_share=float(min(1.0, shared[j] / mu[1][j] ** 2)),

@@ -72,21 +72,14 @@ class PopulationPrior:
         How many it rests on.
     means, sds : mapping of compliance to prior mean and sd
         In inside units (mm, N, rad).
-    sha256 : str
-        Digest of the population's result.
-    topology : str
     forces_N : tuple of float
         Least and greatest force of the population's tests.
     compliances : mapping of compliance to mapping
         What they stand for in the population, see `stands_for`; one that is missing is taken to be the campaign's.
     trusted : bool
         Whether the population's spreads could be computed as well as it asks for.
-    not_belonging : tuple of str
-        Machines in it that stand out from the others.
-    machine_ids : frozenset of str
-        The machines.
-    readings : frozenset of str
-        SHA-256 of the campaigns.
+    not_belonging, machine_ids, readings
+        Machines in it that stand out from the others, all machines, and SHA-256 of the campaigns.
     own_doubts : tuple of str
         What the population says is to be minded.
     """

@@ -451,6 +451,8 @@ def test_doubts(rng: np.random.Generator) -> None:
     few = fleet(rng, machines=3, parameters=1)
     wide = telling(few, weighted=few.likelihood.shift * np.array([1.0, 1.0, 50.0])[:, None])
     assert "little more than its prior" not in " ".join(doubts(pool(wide, spread_scale=0.01)))
+    nothing = pool(telling(few, 0.0 * few.likelihood.precision, 0.0 * few.likelihood.shift)).parameters["C_XXX"]
+    assert (nothing.mean.mean, nothing.spread_percent) == (0.0, None)
 
 
 def test_rows_that_are_no_batch_s() -> None:
