@@ -529,38 +529,26 @@ def _most_probable(
     return MostProbable(**own, parameter=statistics.parameters[j], just_before=visits[k + 1].campaign, place=k + 1)
 
 
+_SIZED = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high", "level", "level_low", "level_high")
+
+
 def _estimates(
     statistics: FleetStatistics, visits: Sequence[Visit], chart: Chart, levels: Levels, change: Array, ci_prob: float
 ) -> pd.DataFrame:
     """One row per campaign and parameter, as `Trend.estimates` has them."""
     reach = float(ndtri(0.5 + 0.5 * ci_prob)) * chart.own_sd
-    here = np.concatenate([np.zeros((1, change.shape[2])), change.sum(axis=0)])
-    sized = {
-        "estimate": chart.own,
-        "sd": chart.own_sd,
-        "ci_low": chart.own - reach,
-        "ci_high": chart.own + reach,
-        "limit_low": chart.limits[0],
-        "limit_high": chart.limits[1],
-        "level": levels.mean,
-        "level_low": levels.interval[0],
-        "level_high": levels.interval[1],
-    }
-    n, p = here.shape
-    scale = statistics.prior_sd[:p]
-    columns = {
-        "campaign": np.repeat([own.campaign for own in visits], p),
-        "date": np.repeat(np.array([own.date and own.date.isoformat() for own in visits], dtype=object), p),
-        "parameter": np.tile(statistics.parameters, n),
-        "unit": np.tile(statistics.units, n),
-        **{name: (scale * own).ravel() for name, own in sized.items()},
-        "change_here": here.ravel(),
-        "change_by_here": np.cumsum(here, axis=0).ravel(),
-    }
-    found = pd.DataFrame(columns)
-    outside = ((chart.own < chart.limits[0]) | (chart.own > chart.limits[1])).ravel()
-    found.insert(list(found).index("level"), "outside", outside)
-    return found
+    own = (chart.own, chart.own_sd, chart.own - reach, chart.own + reach, *chart.limits, levels.mean, *levels.interval)
+    n, p = chart.own.shape
+    sized = np.stack(own, axis=-1) * statistics.prior_sd[:p, None]
+    found = pd.DataFrame(sized.reshape(n * p, -1), columns=_SIZED)
+    found.insert(6, "outside", ((chart.own < chart.limits[0]) | (chart.own > chart.limits[1])).ravel())
+    when = np.array([own.date and own.date.isoformat() for own in visits], dtype=object)
+    found.insert(0, "campaign", np.repeat([own.campaign for own in visits], p))
+    found.insert(1, "date", np.repeat(when, p))
+    found.insert(2, "parameter", np.tile(statistics.parameters, n))
+    found.insert(3, "unit", np.tile(statistics.units, n))
+    here = np.concatenate([np.zeros((1, p)), change.sum(axis=0)])
+    return found.assign(change_here=here.ravel(), change_by_here=np.cumsum(here, axis=0).ravel())
 
 
 def _of_one_machine(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFrame, str | None, list[Caveat]]:

@@ -500,7 +500,7 @@ def environment() -> dict[str, str]:
 def test_killed_and_resumed(made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """kill -9 right after a row: the row is kept, and in the end the table is the same."""
     (tmp_path / "made.py").write_text(MADE)
-    for moments in (("7",), ("40",), ()):
+    for moments in (("7",), ()):
         command = [sys.executable, "made.py", "out", "calls", *moments]
         ended = subprocess.run(command, env=environment(), cwd=tmp_path, timeout=60, check=False)
         assert ended.returncode == (-signal.SIGKILL if moments else 0)

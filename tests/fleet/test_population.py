@@ -475,5 +475,6 @@ def test_the_figure(number: int, shown: int, tmp_path: object) -> None:
         own = found.machine["M01"].estimate["C_XXX" if axes is panels[0] else "C_XYX"]
         assert np.asarray(odd[0].get_xdata(), dtype=float) * 1e-6 == pytest.approx(own.interval)
         assert "M01" in [label.get_text() for label in axes.get_yticklabels()]
-    first, second = (path.read_bytes() for path in (save_figure(lb.machine_chart(found), str(tmp_path), n)[0] for n in "ab"))
-    assert first == second
+    if number == shown:
+        first, second = (path.read_bytes() for path in (save_figure(lb.machine_chart(found), str(tmp_path), n)[0] for n in "ab"))
+        assert first == second

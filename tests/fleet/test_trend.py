@@ -640,7 +640,7 @@ def test_from_readings() -> None:
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("case", ["few", "many", "no dates", "one day", "one parameter"])
+@pytest.mark.parametrize("case", ["many", "no dates", "one day", "one parameter"])
 def test_the_figure(case: str) -> None:
     """Units on its axes, text inside the page and clear of other text; campaigns of one day side by side."""
     n, step_at = (60, 40) if case == "many" else (8, 5)
