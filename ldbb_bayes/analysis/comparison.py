@@ -7,7 +7,7 @@ the others. Models are compared on the same readings, with the same priors where
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from operator import methodcaller
@@ -21,14 +21,19 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.local_fits import local_fits
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS, Dropped, dropped, outliers
-from ldbb_bayes.analysis.slopes import (
+from ldbb_bayes.analysis.sensitivity import (
+    WHITE_NOISE,
+    Assumed,
     Curve,
     SlopeSubset,
     SlopeSubsets,
     VaryingSlope,
     averaged_curves,
     count_subsets,
+    discrepancy_assumptions,
+    nuisance_assumptions,
     slope_subsets,
+    under,
 )
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
@@ -45,16 +50,12 @@ from ldbb_bayes.inference.nodes import CHUNK, Nodes
 from ldbb_bayes.inference.posterior import campaign_of, check_probability, model_of, psis_loo
 from ldbb_bayes.inference.predictive import fit_quality
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.fourier import Setting
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.model.terms import Discrepancy, Drift, Hysteresis, SetupShift, Term
 from ldbb_bayes.result import Number, Records, Result, read_result
 from ldbb_bayes.units import ranked
 
 __all__ = [
     "SLOPE_SCALES",
-    "WHITE_NOISE",
-    "Assumed",
     "ComparedModel",
     "ComparedTest",
     "Comparison",
@@ -66,23 +67,10 @@ __all__ = [
 ]
 
 Array = NDArray[Any]
-Change = Callable[[HybridModel], HybridModel]
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-WHITE_NOISE = "white noise only, no truncation"
-_AS_GIVEN = "as in the model"
 _REJECTED = 5.0
 _QUALITY_DRAWS, _SMOOTHED_DRAWS = 1000, 4000
 _FINEST, _COARSEST = 1e-4, 1.0
-_DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
-    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
-    ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
-    ("without discrepancy", Discrepancy, None),
-    ("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
-    ("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
-    ("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
-    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
-    ("without set-up shift", SetupShift, None),
-)
 
 
 class Sign(StrEnum):
@@ -190,21 +178,6 @@ class ComparedTest:
     def stands_out(self) -> bool:
         """Whether the family-wise p-value is below 2 %, flagged or not."""
         return self.lofo_family_wise_p_value < FALSE_ALARMS
-
-
-@dataclass(frozen=True)
-class Assumed:
-    """The comparison under one assumption: log evidence of both models, second over first [nat]."""
-
-    assumption: str
-    log_bayes_factor: float
-    log_bayes_factor_error: float
-    log_evidence: dict[str, float]
-
-    @property
-    def best(self) -> float:
-        """The larger of the log evidences."""
-        return max(self.log_evidence.values())
 
 
 @dataclass(frozen=True)
@@ -397,8 +370,8 @@ def compare(
     evidences = Evidences(campaign, tolerance=tolerance)
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
     by_scale = {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales}
-    discrepancies = _discrepancy_assumptions(pair.values())
-    nuisances = _nuisance_assumptions(pair.values(), chosen[first].bind(campaign).setting)
+    discrepancies = discrepancy_assumptions(pair.values())
+    nuisances = nuisance_assumptions(pair.values(), chosen[first].bind(campaign).setting)
     several, subsets = (not evidence_only and wanted for wanted in (len(campaign.tests) > 1, selected.degree > 0))
     windows = campaign.force_levels > 1 and not evidence_only
     if progress is not None:
@@ -413,7 +386,7 @@ def compare(
         for name, nodes in weighed.items()
     }
     factors = {f"{n}/{first}": log_bayes_factor(o.evidence, weighed[first].evidence) for n, o in weighed.items() if n != first}
-    scaled, under, switched = (_under(pair, changes, evidences) for changes in (by_scale, discrepancies, nuisances))
+    scaled, circles, switched = (under(pair, changes, evidences) for changes in (by_scale, discrepancies, nuisances))
     overstated = [a.log_bayes_factor - factors[ratio][0] for a in switched if a.assumption == WHITE_NOISE]
     slopes = SlopeSubsets()
     if subsets:
@@ -435,7 +408,7 @@ def compare(
             ScaledSlopes(s, a.log_bayes_factor, a.log_bayes_factor_error) for s, a in zip(scales, scaled, strict=True)
         ),
         prior_sensitivity_crossings=_crossings(np.array(scales), np.array([a.log_bayes_factor for a in scaled])),
-        discrepancy_sensitivity=under,
+        discrepancy_sensitivity=circles,
         nuisances=switched,
         white_noise_overstates_by_nats=overstated[0] if overstated else np.nan,
         slopes=slopes.slopes,
@@ -493,57 +466,6 @@ def _checked(
     for model in chosen.values():
         check_comparable(model, campaign)
     return chosen, campaign
-
-
-def _discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """How circles may differ from one another: what the models say, then one idea after the other changed."""
-    changes: dict[str, Change] = {_AS_GIVEN: replace}
-    for label, kind, term in _DISCREPANCIES:
-        if any(_term(model, kind) != term for model in models):
-            changes[label] = methodcaller("without", kind.key()) if term is None else methodcaller("including", term)
-    return changes
-
-
-def _nuisance_assumptions(models: Collection[HybridModel], setting: Setting) -> dict[str, Change]:
-    """Every nuisance that can act on the campaign switched over, the truncation switched over, and nothing but white noise."""
-    changes: dict[str, Change] = {_AS_GIVEN: replace}
-    for kind in Term.kinds.values():
-        if kind is Hysteresis and not setting.both_ways:
-            continue
-        if any(_term(model, kind) is not None for model in models):
-            changes[f"without {kind.words}"] = methodcaller("without", kind.key())
-        elif kind is Drift:
-            if np.ptp(setting.time_h) > 0.0:
-                changes[f"with {kind.words} over time"] = methodcaller("including", Drift("time"))
-            if np.ptp(setting.temperature_K) > 0.0:
-                changes[f"with {kind.words} over temperature"] = methodcaller("including", Drift("temperature"))
-        elif not kind.on_demand:
-            changes[f"with {kind.words}"] = methodcaller("including", kind())
-    if any(model.prior.truncated for model in models):
-        changes["without truncation"] = methodcaller("without", "truncation")
-    else:
-        changes["with truncation"] = _with_truncation
-    return changes | {WHITE_NOISE: methodcaller("without", "truncation", *(kind.key() for kind in Term.kinds.values()))}
-
-
-def _term(model: HybridModel, kind: type[Term]) -> Term | None:
-    return next((term for term in model.nuisances if isinstance(term, kind)), None)
-
-
-def _with_truncation(model: HybridModel) -> HybridModel:
-    return replace(model, prior=replace(model.prior, truncated=True))
-
-
-def _under(pair: Mapping[str, HybridModel], changes: Mapping[str, Change], evidences: Evidences) -> tuple[Assumed, ...]:
-    """The two models compared under every assumption that leaves a difference between them."""
-    assumed = []
-    for label, change in changes.items():
-        first, second = (change(model) for model in pair.values())
-        if first != second:
-            one, two = evidences.of(first).evidence, evidences.of(second).evidence
-            values = dict(zip(pair, (one.log_value, two.log_value), strict=True))
-            assumed.append(Assumed(label, *log_bayes_factor(two, one), values))
-    return tuple(assumed)
 
 
 def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:

@@ -16,10 +16,10 @@ import pandas as pd
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, StandingKind
 from ldbb_bayes.analysis.budget import Budget
 from ldbb_bayes.analysis.calibration import Validation
-from ldbb_bayes.analysis.comparison import WHITE_NOISE, Comparison, Sign
+from ldbb_bayes.analysis.comparison import Comparison, Sign
 from ldbb_bayes.analysis.design.design import Design, Outcome, RemedyKind
 from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen, Verdict
-from ldbb_bayes.analysis.slopes import SlopeSubset
+from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, SlopeSubset
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit
 from ldbb_bayes.inference.predictive import Check, CheckKind

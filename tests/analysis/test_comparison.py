@@ -15,17 +15,8 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import outliers
-from ldbb_bayes.analysis.comparison import (
-    SLOPE_SCALES,
-    WHITE_NOISE,
-    Assumed,
-    Comparison,
-    SavageDickey,
-    Sign,
-    _crossings,
-    _discrepancy_assumptions,
-    _nuisance_assumptions,
-)
+from ldbb_bayes.analysis.comparison import SLOPE_SCALES, Comparison, SavageDickey, Sign, _crossings
+from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed, discrepancy_assumptions, nuisance_assumptions
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of
@@ -220,16 +211,16 @@ def test_sentences_follow_the_numbers(compared: Comparison) -> None:
 
 def test_assumptions_change_one_thing() -> None:
     bare = LINEAR.without("ball-form", "setup-shift")
-    labels = set(_nuisance_assumptions([bare.with_degree(0), bare], LINEAR.bind(SMALL).setting))
+    labels = set(nuisance_assumptions([bare.with_degree(0), bare], LINEAR.bind(SMALL).setting))
     assert {"with ball form", "with set-up shift", "without mount"} <= labels
     assert not {label for label in labels if "drift" in label or "hysteresis" in label}
     told = [replace(t, direction=("CW", "CCW")[k % 2], time_s=60.0 * k, temperature_C=20.0) for k, t in enumerate(SMALL.tests)]
-    labels = set(_nuisance_assumptions([LINEAR], LINEAR.bind(replace(SMALL, tests=tuple(told))).setting))
+    labels = set(nuisance_assumptions([LINEAR], LINEAR.bind(replace(SMALL, tests=tuple(told))).setting))
     assert {label for label in labels if "drift" in label or "hysteresis" in label} == {
         "with drift over time",
         "without hysteresis",
     }
-    changed = {label: change(LINEAR) for label, change in _discrepancy_assumptions([LINEAR.with_degree(0), LINEAR]).items()}
+    changed = {label: change(LINEAR) for label, change in discrepancy_assumptions([LINEAR.with_degree(0), LINEAR]).items()}
     assert "discrepancy κ/n" not in changed
     assert next(t for t in changed["discrepancy κ/n²"].nuisances if isinstance(t, Discrepancy)).decay == 2.0
     assert changed["set-up shift: own scales for orders 0 and 1"].hypers == ("sigma", "delta_0", "delta_1", "kappa", "tau")

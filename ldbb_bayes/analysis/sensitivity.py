@@ -1,33 +1,129 @@
-"""Which compliances vary with force? Every subset of slopes is a model; its exact evidence says how probable it is.
+"""What a comparison rests on: two models under other assumptions, and every subset of slopes as a model of its own.
 
-Every compliance varies or not with probability ½ beforehand, independently of the others. C(F) is averaged over all subsets;
-where there are too many (several planes), over those that a search from the best to its neighbours visits first.
+Which compliances vary with force? Every one varies or not with probability ½ beforehand, independently of the others, and the
+exact evidence of a subset says how probable it is. C(F) is averaged over all subsets; where there are too many (several planes),
+over those that a search from the best to its neighbours visits first.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from operator import methodcaller
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_serializer, model_validator
 
-from ldbb_bayes.inference.evidence import Evidences, probabilities
+from ldbb_bayes.inference.evidence import Evidences, log_bayes_factor, probabilities
 from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.model.fourier import Setting
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.terms import Discrepancy, Drift, Hysteresis, SetupShift, Term
 from ldbb_bayes.result import Numbers
 from ldbb_bayes.units import ranked
 
-__all__ = ["Curve", "SlopeSubset", "SlopeSubsets", "VaryingSlope", "averaged_curves", "count_subsets", "slope_subsets"]
+__all__ = [
+    "WHITE_NOISE",
+    "Assumed",
+    "Curve",
+    "SlopeSubset",
+    "SlopeSubsets",
+    "VaryingSlope",
+    "averaged_curves",
+    "count_subsets",
+    "discrepancy_assumptions",
+    "nuisance_assumptions",
+    "slope_subsets",
+    "under",
+]
 
 Array = NDArray[Any]
+Change = Callable[[HybridModel], HybridModel]
+WHITE_NOISE = "white noise only, no truncation"
+_AS_GIVEN = "as in the model"
+_DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
+    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
+    ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
+    ("without discrepancy", Discrepancy, None),
+    ("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
+    ("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
+    ("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
+    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
+    ("without set-up shift", SetupShift, None),
+)
 _DRAWS = 8000
 _POINTS = 41
 _EVERY, _SEARCHED = 729, 100
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """The comparison under one assumption: log evidence of both models, second over first [nat]."""
+
+    assumption: str
+    log_bayes_factor: float
+    log_bayes_factor_error: float
+    log_evidence: dict[str, float]
+
+    @property
+    def best(self) -> float:
+        """The larger of the log evidences."""
+        return max(self.log_evidence.values())
+
+
+def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
+    """Return how circles may differ from one another: what the models say, then one idea after the other changed."""
+    changes: dict[str, Change] = {_AS_GIVEN: replace}
+    for label, kind, term in _DISCREPANCIES:
+        if any(_term(model, kind) != term for model in models):
+            changes[label] = methodcaller("without", kind.key()) if term is None else methodcaller("including", term)
+    return changes
+
+
+def nuisance_assumptions(models: Collection[HybridModel], setting: Setting) -> dict[str, Change]:
+    """Return every nuisance that can act on the campaign switched over, then the truncation, and nothing but white noise."""
+    changes: dict[str, Change] = {_AS_GIVEN: replace}
+    for kind in Term.kinds.values():
+        if kind is Hysteresis and not setting.both_ways:
+            continue
+        if any(_term(model, kind) is not None for model in models):
+            changes[f"without {kind.words}"] = methodcaller("without", kind.key())
+        elif kind is Drift:
+            if np.ptp(setting.time_h) > 0.0:
+                changes[f"with {kind.words} over time"] = methodcaller("including", Drift("time"))
+            if np.ptp(setting.temperature_K) > 0.0:
+                changes[f"with {kind.words} over temperature"] = methodcaller("including", Drift("temperature"))
+        elif not kind.on_demand:
+            changes[f"with {kind.words}"] = methodcaller("including", kind())
+    if any(model.prior.truncated for model in models):
+        changes["without truncation"] = methodcaller("without", "truncation")
+    else:
+        changes["with truncation"] = _with_truncation
+    return changes | {WHITE_NOISE: methodcaller("without", "truncation", *(kind.key() for kind in Term.kinds.values()))}
+
+
+def _term(model: HybridModel, kind: type[Term]) -> Term | None:
+    return next((term for term in model.nuisances if isinstance(term, kind)), None)
+
+
+def _with_truncation(model: HybridModel) -> HybridModel:
+    return replace(model, prior=replace(model.prior, truncated=True))
+
+
+def under(pair: Mapping[str, HybridModel], changes: Mapping[str, Change], evidences: Evidences) -> tuple[Assumed, ...]:
+    """Return the two models compared under every assumption that leaves a difference between them."""
+    assumed = []
+    for label, change in changes.items():
+        first, second = (change(model) for model in pair.values())
+        if first != second:
+            one, two = evidences.of(first).evidence, evidences.of(second).evidence
+            values = dict(zip(pair, (one.log_value, two.log_value), strict=True))
+            assumed.append(Assumed(label, *log_bayes_factor(two, one), values))
+    return tuple(assumed)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import slopes
-from ldbb_bayes.analysis.slopes import SlopeSubsets, _best_first, count_subsets, slope_subsets
+from ldbb_bayes.analysis import sensitivity
+from ldbb_bayes.analysis.sensitivity import SlopeSubsets, _best_first, count_subsets, slope_subsets
 from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
 
@@ -108,7 +108,7 @@ def test_too_many_subsets_are_searched_from_the_best() -> None:
 def test_the_search_visits_every_subset_of_few(
     campaign: lb.Campaign, monkeypatch: pytest.MonkeyPatch, found: SlopeSubsets
 ) -> None:
-    monkeypatch.setattr(slopes, "_EVERY", 1)
+    monkeypatch.setattr(sensitivity, "_EVERY", 1)
     searched = slope_subsets(LINEAR, Evidences(campaign, tolerance=1e-2), quadratic=False, seed=1)
     assert {s.varying for s in searched.subsets} == {s.varying for s in found.subsets}
     for name, slope in searched.slopes.items():
