@@ -25,7 +25,7 @@ test-slow: $(VENV)/.dev
 	$(BIN)/python -m pytest -m slow -n 2
 
 studies: $(VENV)/.dev
-	$(BIN)/python studies --at-once 2 $(if $(QUICK),--quick)
+	$(BIN)/python studies --at-once 2 $(if $(QUICK),--quick --workers 1)
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -16,6 +16,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 BY_HAND = ("90_speed", "91_fleet")
+LONGEST = ("04_constant_or_linear", "05_next_campaign")
 PASSED_ON = {"--executor": "process|dask", "--scheduler": "ADDRESS", "--workers": "N"}
 
 
@@ -59,6 +60,8 @@ def main() -> None:
         parser.error(f"{by_hand[0].name} is run by hand: python studies/{by_hand[0].name}/run.py --help")
     chosen = [path for path in known if (any(path in found for found in wanted.values()) if wanted else path.name not in BY_HAND)]
     own = [*(["--quick"] if options.quick else []), *passed_on]
+    if options.at_once > 1:
+        chosen.sort(key=lambda path: path.name not in LONGEST)
     with ThreadPoolExecutor(options.at_once) as pool:
         arguments = [[] if path.name in BY_HAND else own for path in chosen]
         ended = dict(zip(chosen, pool.map(partial(ran, aside=options.at_once > 1), chosen, arguments), strict=True))

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import pytest
 from campaigns import HYPER_UM, TRUTH, plan
+from typer.testing import CliRunner
 
 import ldbb_bayes
 from ldbb_bayes.campaign.layout import Layout, TestLayout
+from ldbb_bayes.cli.main import app
 
 
 def pages(root: Path) -> list[Path]:
@@ -102,15 +104,14 @@ def test_a_campaign_of_another_machine_reads(root: Path, tmp_path: Path) -> None
 def test_commands_and_options_exist(root: Path) -> None:
     section = text(root).split("# Commands")[1].split("```")[1]
     entries = re.findall(r"ldbb-bayes (\w+)(.*?)(?=ldbb-bayes|\Z)", section, re.S)
-    help_text = subprocess.run([sys.executable, "-m", "ldbb_bayes", "--help"], capture_output=True, text=True, check=True).stdout
-    listed = set(re.findall(r"^│ (\w+) ", help_text, re.M))
-    assert {command for command, _ in entries} == listed
+    assert {command for command, _ in entries} == set(re.findall(r"^│ (\w+) ", help_of(), re.M))
     for command, usage in entries:
-        shown = subprocess.run(
-            [sys.executable, "-m", "ldbb_bayes", command, "--help"], capture_output=True, text=True, check=True
-        )
-        for option in re.findall(r"(--[\w-]+)", usage):
-            assert option in shown.stdout, f"{command} {option}"
+        shown = help_of(command)
+        assert [option for option in re.findall(r"(--[\w-]+)", usage) if option not in shown] == [], command
+
+
+def help_of(*command: str) -> str:
+    return CliRunner().invoke(app, [*command, "--help"], env={"COLUMNS": "150"}).stdout
 
 
 def test_links_and_pictures_exist(root: Path) -> None:

@@ -16,21 +16,18 @@ import ldbb_bayes as lb
 Spoil = Callable[[Path], None]
 
 
-def edit(file: str, old: str, new: str, count: int = 1) -> Spoil:
+def toml(old: str, new: str) -> Spoil:
     def spoil(folder: Path) -> None:
-        text = (folder / file).read_text()
-        assert old in text, f"{old!r} not in {file}"
-        (folder / file).write_text(text.replace(old, new, count))
+        text = (folder / "campaign.toml").read_text()
+        assert old in text, f"{old!r} not in campaign.toml"
+        (folder / "campaign.toml").write_text(text.replace(old, new, 1))
 
     return spoil
 
 
-def rows(header: str, angles: np.ndarray) -> Spoil:
-    def spoil(folder: Path) -> None:
-        lines = [f"{float(a)!r},{0.1 * i}" for i, a in enumerate(angles)]
-        (folder / "f300.csv").write_text(header + "\n" + "\n".join(lines) + "\n")
-
-    return spoil
+def table(header: str, angles: np.ndarray) -> Spoil:
+    lines = [f"{float(angle)!r},{0.1 * i}" for i, angle in enumerate(angles)]
+    return raw("\n".join([header, *lines, ""]).encode())
 
 
 def cell(line: int, text: str) -> Spoil:
@@ -42,7 +39,7 @@ def cell(line: int, text: str) -> Spoil:
     return spoil
 
 
-def replace_file(content: bytes) -> Spoil:
+def raw(content: bytes) -> Spoil:
     return lambda folder: (folder / "f300.csv").write_bytes(content) and None
 
 
@@ -52,76 +49,43 @@ def single_force(folder: Path) -> None:
     lb.write_campaign(campaign, folder)
 
 
-CASES: dict[str, tuple[Spoil, list[str], tuple[str, ...]]] = {
-    "missing column": (cell(1, "angle_deg"), [], ("f300.csv, line 1", "the header must name every column")),
-    "extra column": (cell(1, "angle_deg,reading_um,volts"), [], ("f300.csv", "line 1", "'volts'", "Rename or remove")),
-    "misspelt column": (cell(1, "angle_deg,readng_um"), [], ("f300.csv, line 1", "Did you mean 'reading_um'")),
-    "wrong unit suffix": (
-        cell(1, "angle_deg,reading_mil"),
-        [],
-        ("f300.csv, line 1", "'reading_mil'", "Did you mean 'reading_um'"),
-    ),
-    "both units": (cell(1, "reading_mm,reading_um"), [], ("f300.csv", "angle_deg or angle_rad, got neither")),
-    "not a number": (cell(5, "27.0,nan"), [], ("f300.csv, line 5", "reading_um must be a finite number, got 'nan'", "Correct")),
-    "empty cell": (cell(5, "27.0,"), [], ("f300.csv, line 5", "got ''")),
-    "infinity": (cell(5, "27.0,inf"), [], ("f300.csv, line 5", "got 'inf'")),
-    "text cell": (cell(9, "x,1.0"), [], ("f300.csv, line 9", "angle_deg must be a finite number, got 'x'")),
-    "too many cells": (cell(9, "1.0,1.0,1.0"), [], ("f300.csv", "line 9")),
-    "force zero": (edit("campaign.toml", "force_N = 300.0", "force_N = 0.0"), [], ("f300.csv", "force_N > 0")),
-    "force negative": (
-        edit("campaign.toml", "force_N = 300.0", "force_N = -300.0"),
-        [],
-        ("f300.csv", "force_N > 0 N, got -300.0"),
-    ),
-    "force not a number": (edit("campaign.toml", "force_N = 300.0", "force_N = nan"), [], ("f300.csv", "force_N > 0 N, got nan")),
-    "few readings": (rows("angle_deg,reading_um", np.arange(8) * 45.0), [], ("f300.csv", "at least 9 readings, got 8")),
-    "short arc": (rows("angle_deg,reading_um", np.arange(40) * 4.0), [], ("f300.csv", "arc of at least 180°, got 156°")),
-    "degrees named radians": (
-        rows("angle_rad,reading_um", np.arange(60) * 6.0),
-        [],
-        ("f300.csv", "angle_rad must span", "angle_deg"),
-    ),
-    "radians named degrees": (rows("angle_deg,reading_um", np.arange(60) * 0.1), [], ("f300.csv", "more than 7°", "angle_rad")),
-    "duplicate names": (
-        edit("campaign.toml", 'name = "f520"', 'name = "f300"'),
-        [],
-        ("campaign.toml", "test names must differ, got 'f300' twice"),
-    ),
-    "file outside": (edit("campaign.toml", '"f300.csv"', '"../f300.csv"'), [], ("campaign.toml, test 2", "must lie inside")),
-    "absolute path": (edit("campaign.toml", '"f300.csv"', '"/etc/hostname"'), [], ("campaign.toml, test 2", "must lie inside")),
-    "file missing": (
-        edit("campaign.toml", '"f300.csv"', '"f301.csv"'),
-        [],
-        ("campaign.toml, test 2", "must exist, got 'f301.csv'"),
-    ),
-    "empty file": (replace_file(b""), [], ("f300.csv", "got an empty file")),
-    "binary file": (replace_file(bytes(range(256))), [], ("f300.csv, line 2", "text must be utf-8, got other bytes")),
-    "unknown key": (edit("campaign.toml", "radius_mm", "radus_mm"), [], ("campaign.toml", "Did you mean 'radius_mm'")),
-    "unknown key in a test": (
-        edit("campaign.toml", "force_N = 300.0", "forceN = 300.0"),
-        [],
-        ("[test 2]", "Did you mean 'force_N'"),
-    ),
-    "future schema": (
-        edit("campaign.toml", "schema = 1", "schema = 9"),
-        [],
-        ("campaign.toml", "schema must be 1, got 9", "Upgrade"),
-    ),
-    "broken TOML": (edit("campaign.toml", "[[test]]", "[[test"), [], ("campaign.toml", "valid TOML", "line")),
-    "no such plane": (edit("campaign.toml", '"XY"', '"XW"'), [], ("campaign.toml", "'plane'", "got 'XW'")),
-    "no such direction": (
-        edit("campaign.toml", "force_N = 300.0", 'force_N = 300.0\ndirection = "left"'),
-        [],
-        ("campaign.toml", "'direction' in [test 2]", "got 'left'"),
-    ),
-    "no such topology": (
-        edit("campaign.toml", "wCAFYXZSt", "wCAFZSt"),
-        [],
-        ("campaign.toml", "topology must hold the axes", "wCAFZSt"),
-    ),
-    "topology nonsense": (edit("campaign.toml", "wCAFYXZSt", "machine"), [], ("campaign.toml", "w…F…t")),
-    "one force, linear": (single_force, [], ("at least two force levels", "--degree 0")),
-    "one force, flat priors": (single_force, ["--preset", "paper", "--degree", "0"], ("flat priors must have", "another force")),
+FORCE, FILE = "force_N = 300.0", '"f300.csv"'
+DEG, RAD = "angle_deg,reading_um", "angle_rad,reading_um"
+# What is spoiled, and the parts of the message; of the last also options.
+CASES: dict[str, tuple[Spoil, str]] = {
+    "missing column": (cell(1, "angle_deg"), "f300.csv, line 1 … the header must name every column"),
+    "extra column": (cell(1, "angle_deg,reading_um,volts"), "f300.csv … line 1 … 'volts' … Rename or remove"),
+    "misspelt column": (cell(1, "angle_deg,readng_um"), "f300.csv, line 1 … Did you mean 'reading_um'"),
+    "wrong unit suffix": (cell(1, "angle_deg,reading_mil"), "f300.csv, line 1 … 'reading_mil' … Did you mean 'reading_um'"),
+    "both units": (cell(1, "reading_mm,reading_um"), "f300.csv … angle_deg or angle_rad, got neither"),
+    "not a number": (cell(5, "27.0,nan"), "f300.csv, line 5 … reading_um must be a finite number, got 'nan' … Correct"),
+    "empty cell": (cell(5, "27.0,"), "f300.csv, line 5 … got ''"),
+    "infinity": (cell(5, "27.0,inf"), "f300.csv, line 5 … got 'inf'"),
+    "text cell": (cell(9, "x,1.0"), "f300.csv, line 9 … angle_deg must be a finite number, got 'x'"),
+    "too many cells": (cell(9, "1.0,1.0,1.0"), "f300.csv … line 9"),
+    "force zero": (toml(FORCE, "force_N = 0.0"), "f300.csv … force_N > 0"),
+    "force negative": (toml(FORCE, "force_N = -300.0"), "f300.csv … force_N > 0 N, got -300.0"),
+    "force not a number": (toml(FORCE, "force_N = nan"), "f300.csv … force_N > 0 N, got nan"),
+    "few readings": (table(DEG, np.arange(8) * 45.0), "f300.csv … at least 9 readings, got 8"),
+    "short arc": (table(DEG, np.arange(40) * 4.0), "f300.csv … arc of at least 180°, got 156°"),
+    "degrees named radians": (table(RAD, np.arange(60) * 6.0), "f300.csv … angle_rad must span … angle_deg"),
+    "radians named degrees": (table(DEG, np.arange(60) * 0.1), "f300.csv … more than 7° … angle_rad"),
+    "duplicate names": (toml('name = "f520"', 'name = "f300"'), "campaign.toml … test names must differ, got 'f300' twice"),
+    "file outside": (toml(FILE, '"../f300.csv"'), "campaign.toml, test 2 … must lie inside"),
+    "absolute path": (toml(FILE, '"/etc/hostname"'), "campaign.toml, test 2 … must lie inside"),
+    "file missing": (toml(FILE, '"f301.csv"'), "campaign.toml, test 2 … must exist, got 'f301.csv'"),
+    "empty file": (raw(b""), "f300.csv … got an empty file"),
+    "binary file": (raw(bytes(range(256))), "f300.csv, line 2 … text must be utf-8, got other bytes"),
+    "unknown key": (toml("radius_mm", "radus_mm"), "campaign.toml … Did you mean 'radius_mm'"),
+    "unknown key in a test": (toml(FORCE, "forceN = 300.0"), "[test 2] … Did you mean 'force_N'"),
+    "future schema": (toml("schema = 1", "schema = 9"), "campaign.toml … schema must be 1, got 9 … Upgrade"),
+    "broken TOML": (toml("[[test]]", "[[test"), "campaign.toml … valid TOML … line"),
+    "no such plane": (toml('"XY"', '"XW"'), "campaign.toml … 'plane' … got 'XW'"),
+    "no such direction": (toml(FORCE, f'{FORCE}\ndirection = "left"'), "campaign.toml … 'direction' in [test 2] … got 'left'"),
+    "no such topology": (toml("wCAFYXZSt", "wCAFZSt"), "campaign.toml … topology must hold the axes … wCAFZSt"),
+    "topology nonsense": (toml("wCAFYXZSt", "machine"), "campaign.toml … w…F…t"),
+    "one force": (single_force, "at least two force levels … --degree 0"),
+    "one force --preset paper --degree 0": (single_force, "flat priors must have … another force"),
 }
 
 
@@ -134,26 +98,22 @@ def refused(invoke: Invoke, *arguments: object) -> str:
 
 @pytest.mark.parametrize("case", CASES)
 def test_campaigns(case: str, folder: Path, tmp_path: Path, invoke: Invoke) -> None:
-    spoil, options, expected = CASES[case]
+    spoil, expected = CASES[case]
     shutil.copytree(folder, tmp_path / "c")
     spoil(tmp_path / "c")
     before = sorted(tmp_path.rglob("*"))
+    options = case.split()[2:] if "--" in case else []
     message = refused(invoke, "fit", tmp_path / "c", "--out", tmp_path / "out", *options)
-    for part in expected:
-        assert part in message, message
+    assert [part for part in expected.split(" … ") if part not in message] == [], message
     assert sorted(tmp_path.rglob("*")) == before
 
 
+# Beside those of the golden `refusals`.
 COMMANDS: dict[str, list[tuple[str, str]]] = {
     "fit": [
-        ("nowhere", "does not exist"),
         ("CAMPAIGN --without balls", "Did you mean 'ball-form'"),
-        ("CAMPAIGN --preset papers", "Did you mean 'paper'"),
-        ("CAMPAIGN --degree 5", "degree"),
-        ("CAMPAIGN --sampler nuts", "sampler must be one of"),
         ("CAMPAIGN --sampler quadrature", "It is now called 'independent'"),
         ("CAMPAIGN --model none.toml", "readable TOML file"),
-        ("CAMPAIGN --ci 95", "ci_prob must lie between 0 and 1"),
         ("CAMPAIGN --radius-mm 100", "--radius-mm must come with a tidy CSV"),
         ("CAMPAIGN --nonsense", "No such option"),
         ("CAMPAIGN --out /proc/nothing/r", "must be writable"),
@@ -165,7 +125,6 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
     "compare": [
         ("CAMPAIGN --degree 0", "compare must have a degree of at least 1, got 0"),
         ("CAMPAIGN --preset paper", "must have a proper prior to have an evidence"),
-        ("CAMPAIGN --leave-out reading", "not independent facts"),
         ("CAMPAIGN --leave-out circle", "leave_out must be 'test', got 'circle': every test is left out in turn"),
         ("CAMPAIGN --tolerance inf", "tolerance must lie between"),
         ("CAMPAIGN --tolerance -1", "tolerance must lie between 0.0001 and 1 nats"),
@@ -174,7 +133,6 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
         ("CAMPAIGN --also mine=nowhere.toml", "nowhere.toml must be a readable TOML file"),
         ("CAMPAIGN --also linear=x.toml", "--also must give a new name, got 'linear' again"),
         ("CAMPAIGN --radius-mm 100", "--radius-mm must come with a tidy CSV"),
-        ("PLAN", "got a plan"),
     ],
     "design": [
         ("CAMPAIGN --tests 0", "tests must be between 1 and 300, got 0"),
@@ -189,7 +147,6 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
         ("CAMPAIGN --target C_XYX=1e-6 --target C_XYX=1e-7", "--target must give each name once, got 'C_XYX' again"),
         ("CAMPAIGN --radii nan", "--radii must be made of numbers, got 'nan'"),
         ("CAMPAIGN --criterion best", "criterion must be one of eig, d, a, c, i, e, discriminate, got 'best'"),
-        ("CAMPAIGN --parameters C_XYZ", "parameter must be one of"),
         ("CAMPAIGN --target C_XYX", "--target must be NAME=SD, got 'C_XYX'"),
         ("CAMPAIGN --target C_XYX=small", "--target must be made of numbers, got 'small'"),
         ("CAMPAIGN --against nowhere", "--against must be NAME=PATH, got 'nowhere'"),
@@ -201,7 +158,6 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
     ],
     "validate": [
         ("PLAN --preset paper --degree 0", "validation must start from proper priors"),
-        ("PLAN --replicates 2", "replicates must be at least 10, got 2"),
         ("PLAN --sampler nuts", "sampler must be one of joint, independent"),
         ("PLAN --data-model nowhere.toml", "nowhere.toml"),
         ("PLAN --executor dusk", "--executor must be one of process, dask, got 'dusk'. Did you mean 'dask'?"),
@@ -219,7 +175,6 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
         ("wFYXZt --centre a,b,c", "--centre must hold three finite numbers"),
     ],
     "report": [("nowhere", "must be a folder with posterior.nc"), ("CAMPAIGN", "must be a folder with posterior.nc")],
-    "trend": [("nowhere", "must be the --out folder of a batch")],
     "population": [("nowhere", "must be the --out folder of a batch")],
 }
 
