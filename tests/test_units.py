@@ -25,6 +25,20 @@ from ldbb_bayes.units import (
     value_and_uncertainty,
 )
 
+PREFIXES = {"µ": 1e-6, "n": 1e-9}
+
+
+def test_units_for_reading_are_the_inside_units_in_other_words() -> None:
+    """mm, N and rad in µm, nrad, kN and m: by the powers of ten that the labels state."""
+    metres = {"mm/N": 1e-3, "rad/N": 1.0, "rad/(N mm)": 1e3, "1": 1.0, "1/mm": 1e3, "rad": 1.0, "mm": 1e-3}
+    for unit, in_si in metres.items():
+        factor, label = display_unit(unit)
+        assert factor == pytest.approx(in_si / PREFIXES[label[0]])
+        for power, suffix, words in ((1, "/N", " per kN"), (2, "/N^2", " per kN²")) if "N" in unit else ():
+            changing = display_unit(unit + suffix)
+            assert changing == (pytest.approx(factor * 1e3**power), label + words)
+
+
 NUMBERS = st.lists(st.integers(-1000, 1000), max_size=12)
 
 
