@@ -112,16 +112,10 @@ class ComparedModel:
 
     Attributes
     ----------
-    log_evidence, log_evidence_error : float
-        [nat].
-    posterior_probability : float
-        Among the models compared.
     elpd_lofo, elpd_lofo_se : float
         Sum of the leave-one-force-out log densities and its standard error over the tests [nat]; not a number for one test.
     rmse_um, fitness_percent : float, dict of test to float
-        Eq. 34-35 of the posterior mean prediction, machine and shared nuisances.
-    least_squares : Squares
-        At the same degree.
+        Eq. 34-35 of the posterior mean prediction, machine and shared nuisances; ``least_squares`` at the same degree.
     """
 
     log_evidence: float
@@ -158,8 +152,6 @@ class ComparedTest:
     lofo_p_value, lofo_family_wise_p_value, lofo_worst_order, lofo_p_value_by_order, flag : as in `Outlier`
     psis_loo_good_k : float
         Above this Pareto k importance sampling cannot be trusted.
-    psis_loo : dict of model to Smoothed
-    without_it : dict of model to dict of parameter to Dropped
     """
 
     force_N: float

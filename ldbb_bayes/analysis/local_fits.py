@@ -93,13 +93,7 @@ def local_fits(model: HybridModel, campaign: Campaign, *, width: int = 2, ci_pro
 
 
 def windows(campaign: Campaign, width: int) -> list[tuple[str, ...]]:
-    """Names of the tests of every window of ``width`` neighbouring force levels.
-
-    Raises
-    ------
-    InputError
-        For a width below 2 or above the number of force levels.
-    """
+    """Names of the tests of every window of ``width`` neighbouring force levels."""
     if width < 2:
         raise InputError(
             f"width must be at least 2 force levels, got {width}. At one force compliance and geometry cannot be separated."

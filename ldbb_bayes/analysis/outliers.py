@@ -43,14 +43,10 @@ class Outlier:
 
     Attributes
     ----------
-    p_value : float
-        Probability that a circle of the same machine stands out so much in any Fourier order.
-    family_wise_p_value : float
-        Allowing for the number of tests (Holm).
-    order_p_values : tuple of float
-        Of orders 0 … 12, each by itself.
-    worst_order : int
-        Where it stands out most.
+    p_value, family_wise_p_value : float
+        Probability that a circle of the same machine stands out so much in any Fourier order; allowing for all tests (Holm).
+    order_p_values, worst_order : tuple of float, int
+        Of orders 0 … 12, each by itself, and where it stands out most.
     flag : bool
         The family-wise p-value is below 2 %, and more than half of the tests agree without it. Two tests that disagree with one
         another have a small p-value both, and no flag: nothing says which of them is wrong.

@@ -195,16 +195,7 @@ def marginals(
 
 
 class Evidences:
-    """Nodes and evidences of the models of one campaign.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    tolerance : float
-        Error asked of each evidence [nat].
-    progress : callable, optional
-        Called after each one asked for.
-    """
+    """Nodes and evidences of the models of one campaign, each with this error [nat]; ``progress`` is called after each."""
 
     def __init__(self, campaign: Campaign, *, tolerance: float, progress: Callable[[], None] | None = None) -> None:
         self.campaign, self.tolerance, self.progress = campaign, tolerance, progress

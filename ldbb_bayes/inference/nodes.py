@@ -48,21 +48,9 @@ _BEYOND, _MEAN_OF_TWO = 3.0, 0.25
 class Lattice:
     """Weighted nodes of a density f on ℝ^h.
 
-    Attributes
-    ----------
-    centre : ndarray, shape (h,)
-    root : ndarray, shape (h, h)
-        One step along axis i is ``step · root[:, i]``.
-    step : float
-    place : ndarray, shape (n, h)
-        Of the nodes, in steps from the centre: the first grid's, which are whole, then the second's, moved by a half; each grid
-        in the order of `_key`.
-    first : int
-        How many are the first grid's.
-    log_density : ndarray, shape (n,)
-        ln f at the nodes.
-    left_out : float
-        Share of the integral beyond the edge, estimated by what lies on it.
+    ``place`` (n, h) are the nodes in steps ``step · root`` (h, h) from the ``centre`` (h,): those of the ``first`` grid, whole,
+    then the other's, moved by a half, each in the order of `_key`; ``log_density`` (n,) is ln f there; ``left_out`` the share of
+    the integral beyond the edge, estimated by what lies on it.
     """
 
     centre: Array
@@ -216,6 +204,8 @@ _LOOSE, _STEP_BY_DEFAULT, _LONG_STEP = 1e-2, 1.0, 1.75
 class HyperPosterior:
     """p(φ | y), with or without the truncation, in free coordinates.
 
+    Its ``mode`` (h,), and ``spread`` (h, h), a root of the inverse curvature there.
+
     Parameters
     ----------
     bound : BoundModel
@@ -225,13 +215,6 @@ class HyperPosterior:
         Of the starting points of the search and of the quasi-random points of P(T | y, φ).
     near : ndarray, shape (h,), optional
         Free coordinates of the mode of a density much like this one; saves the search for it.
-
-    Attributes
-    ----------
-    mode : ndarray, shape (h,)
-        Of the density in free coordinates.
-    spread : ndarray, shape (h, h)
-        Root of the inverse curvature there.
     """
 
     def __init__(self, bound: BoundModel, *, truncated: bool, seed: int = 0, near: Array | None = None) -> None:
@@ -325,13 +308,7 @@ _SPARE, _COMPONENTS = 1e-7, 8192
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """p(φ | y) as weighted nodes, and what is averaged over them.
-
-    Attributes
-    ----------
-    posterior : HyperPosterior
-    lattice : Lattice
-    """
+    """p(φ | y) as weighted nodes, and what is averaged over them."""
 
     posterior: HyperPosterior
     lattice: Lattice

@@ -103,16 +103,10 @@ class ConcernKind(StrEnum):
 
 @dataclass(frozen=True)
 class Concern(Result):
-    """One thing to mind.
+    """One thing to mind, with ``value`` and ``limit``.
 
-    Attributes
-    ----------
-    kind : ConcernKind
-    value, limit : float
-        NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least expected. FORCES: force
-        levels, and how many the degree needs. HYPER: median [mm], and its prior's quantile at 99.9 %.
-    name : str
-        Of the hyper-parameter.
+    NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least expected. FORCES: force levels,
+    and how many the degree needs. HYPER: median [mm] of the hyper-parameter ``name``, and its prior's quantile at 99.9 %.
     """
 
     kind: ConcernKind
@@ -127,16 +121,12 @@ class Fit(Result):
 
     Attributes
     ----------
-    rmse_um : float
-        Over all readings (Eq. 34) [µm].
-    fitness_percent : dict of test to float
-        Eq. 35; not a number where a test's readings are all the same.
+    rmse_um, fitness_percent : float, dict of test to float
+        Eq. 34 over all readings [µm], and Eq. 35; not a number where a test's readings are all the same.
     log_prob_truncation, log_prob_truncation_error, log_prob_truncation_prior : float
         ln P(T | y) of the untruncated posterior, its error [nat], and ln P(T) of the prior.
     linearisation_error_um : float
         Largest difference of the linear model from the exact geometry [µm].
-    concerns : tuple of Concern
-    predictive_checks : dict of test to TestChecks
     sensitivity : dict of parameter to dict of part to float
         Power-scaling sensitivity to prior, hyper_prior and likelihood.
     """

@@ -136,17 +136,8 @@ def _hyper(bound: BoundModel, phi: Array, name: str | None) -> Array:
 def replicate_left_out(
     bound: BoundModel, others: Nodes, name: str, size: int, rng: np.random.Generator, *, each: int = 1
 ) -> Array:
-    """Least-squares harmonics of circles that the other tests expect in the place of the one left out, shape (size, 25) [mm].
-
-    Parameters
-    ----------
-    bound : BoundModel
-        Of all tests.
-    others : Nodes
-        Of the other tests.
-    each : int
-        Circles per posterior draw.
-    """
+    """Least-squares harmonics of circles that the others expect in the place of a test of ``bound``, shape (size, 25) [mm]; so
+    many of each posterior draw."""
     r = bound.test_names.index(name)
     beta, phi = others.draw(-(-size // each), rng)
     machine = beta @ bound.interest[r].T + bound.known_offset[r]
@@ -239,12 +230,9 @@ class TestChecks(Result):
     orders_p : dict of int to float
         Of the residual at order n = 0 … 12 after machine and shared nuisances: the probability that a new circle lies further
         out, averaged over the posterior.
-    noise_p : float or None
-        Two-sided, of the readings' scatter outside orders 0 … 12 against σ.
-    autocorrelation : float or None
-        Lag-one autocorrelation of that scatter [1].
-    autocorrelation_p : float or None
-        Two-sided, against white noise.
+    noise_p, autocorrelation_p : float or None
+        Two-sided: of the readings' scatter outside orders 0 … 12 against σ, and of its lag-one autocorrelation against white
+        noise.
     """
 
     __test__ = False

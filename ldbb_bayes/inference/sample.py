@@ -39,13 +39,7 @@ _EXTREME = 0.999
 
 
 def check_sampler(sampler: str) -> None:
-    """Refuse what is no sampler.
-
-    Raises
-    ------
-    InputError
-        Naming the two.
-    """
+    """Refuse what is no sampler."""
     if sampler == "quadrature":
         raise InputError("sampler must be one of joint, independent, got 'quadrature'. It is now called 'independent'.")
     check_known("sampler", [sampler], SAMPLERS)
@@ -61,14 +55,9 @@ def run_sampler(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
 ) -> tuple[EnsembleRun, Array, Array]:
-    """Run until the rule is met.
+    """A run until the rule is met, β (chains, draws, p) and φ (chains, draws, h) [mm].
 
-    Returns
-    -------
-    run : EnsembleRun
-        Of independent draws ``steps`` counts those of one chain, ``acceptance`` is the share of proposals used.
-    beta : ndarray, shape (chains, draws, p)
-    phi : ndarray, shape (chains, draws, h) [mm]
+    Of independent draws ``steps`` counts those of one chain, ``acceptance`` is the share of proposals used.
     """
     if sampler == "joint":
         options: dict[str, Any] = {"ensembles": ensembles, "walkers": walkers, "progress": progress}
