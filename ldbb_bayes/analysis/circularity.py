@@ -20,7 +20,8 @@ from scipy.optimize import linprog
 
 from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.posterior import bound_of, check_probability, draw_nuisances, draws_of
+from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of
+from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import SIZE, basis, geometric_errors_of, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
@@ -332,14 +333,15 @@ def _of_both_ways(path: Array, half: Array) -> dict[str, Array]:
 
 def _travel_draws(bound: BoundModel, beta: Array, phi: Array) -> dict[str, tuple[Array, Array]]:
     """Draws of the hysteresis in every plane run both ways, constant [mm] and per newton [mm/N], each (draws, 25)."""
-    drawn = draw_nuisances(bound, phi, beta, np.random.default_rng(0))
+    names = [name for term in shared_terms(bound.nuisance_columns) for name in term.names]
+    columns, drawn = shared_columns(bound), draw_shared(bound, phi, beta, np.random.default_rng(0))
     found = {}
     for plane in bound.setting.both_ways:
         r = next(r for r, own in enumerate(bound.setting.plane) if own == plane and bound.setting.travel[r] != 0.0)
         parts = []
         for stem, per in ((r"hysteresis_(?!force)", 1.0), ("hysteresis_force", bound.setting.force_N[r])):
-            own = [j for j, name in enumerate(drawn.names) if re.match(stem, name)]
-            parts.append(drawn.draws[:, own] @ (drawn.values[r][:, own].T * (bound.setting.travel[r] / per)))
+            own = [j for j, name in enumerate(names) if re.match(stem, name)]
+            parts.append(drawn[:, own] @ (columns[r][:, own].T * (bound.setting.travel[r] / per)))
         if any(part.any() for part in parts):
             found[plane] = (parts[0], parts[1])
     return found

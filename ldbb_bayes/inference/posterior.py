@@ -14,7 +14,7 @@ from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import arviz_base
 import numpy as np
@@ -28,7 +28,7 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, ForceLaw, Mount
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.mcmc import Assessment
-from ldbb_bayes.inference.predictive import Check, TestChecks, draw_shared, shared_columns, shared_terms
+from ldbb_bayes.inference.predictive import Check, TestChecks, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
@@ -38,7 +38,6 @@ from ldbb_bayes.units import ranked
 __all__ = [
     "Concern",
     "ConcernKind",
-    "DrawnNuisances",
     "Fit",
     "State",
     "assess",
@@ -48,7 +47,6 @@ __all__ = [
     "campaign_record",
     "check_probability",
     "diagnose",
-    "draw_nuisances",
     "draws_of",
     "fit_of",
     "load",
@@ -524,17 +522,3 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     table.insert(2, "mean", given.mean.mean(axis=0))
     table.insert(3, "sd", np.sqrt((given.sd**2).mean(axis=0) + given.mean.var(axis=0)))
     return table
-
-
-class DrawnNuisances(NamedTuple):
-    """Names of the q shared nuisance coefficients, their columns (tests, 25, q) and draws given β, φ and y, (draws, q)."""
-
-    names: list[str]
-    values: Array
-    draws: Array
-
-
-def draw_nuisances(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> DrawnNuisances:
-    """One draw of the shared nuisances for every draw of φ (draws, h) and β (draws, p)."""
-    names = [name for term in shared_terms(bound.nuisance_columns) for name in term.names]
-    return DrawnNuisances(names, shared_columns(bound), draw_shared(bound, phi, beta, rng))
