@@ -261,10 +261,8 @@ def _columns_of(where: str, layout: Layout, headers: Sequence[str]) -> tuple[dic
     found = {role: column for role, column in found.items() if role == "reading" or column not in readings}
     readings = readings or ([found["reading"]] if "reading" in found else [])
     if len(readings) > 1 and "test" in found:
-        raise InputError(
-            f"{where}: a table must have one column of readings, or none that names the test, got {len(readings)} of readings "
-            f"beside {headers[found['test']][:_LONGEST_NAME]!r}. Say which: --reading-column."
-        )
+        got = f"{len(readings)} of readings beside {headers[found['test']][:_LONGEST_NAME]!r}. Say which: --reading-column"
+        raise InputError(f"{where}: a table must have one column of readings, or none that names the test, got {got}.")
     return found, readings
 
 
@@ -428,10 +426,9 @@ def _headers(sheet: Sheet, k: int, block: int) -> list[str]:
     while len(names) > len(below) and not names[-1]:
         names.pop()
     if len(names) > len(below) or any(below[len(names) :]):
-        raise InputError(
-            f"{sheet.place}, line {line}: the header must name every column, got {len(names)} names for {len(below)} cells. "
-            "Correct it; with decimal commas separate the cells by semicolons; --header-line where it is another, 0 for none."
-        )
+        got = f"the header must name every column, got {len(names)} names for {len(below)} cells"
+        cure = "Correct it; with decimal commas separate the cells by semicolons; --header-line where it is another, 0 for none"
+        raise InputError(f"{sheet.place}, line {line}: {got}. {cure}.")
     return [*names, *[""] * (len(below) - len(names))]
 
 

@@ -171,10 +171,8 @@ class _Table:
                 self.note("direction", f"{given}, as given", "the file says the other", "--direction")
             return given
         if len(senses) > 1 or senses - {"CW", "CCW"}:
-            raise InputError(
-                f"{self.place}, line {max(lines.values())}: direction must be CW or CCW in all rows of a test, "
-                f"got {', '.join(sorted(senses))[:60]!r}. Correct it, or give --direction."
-            )
+            got = f"direction must be CW or CCW in all rows of a test, got {', '.join(sorted(senses))[:60]!r}"
+            raise InputError(f"{self.place}, line {max(lines.values())}: {got}. Correct it, or give --direction.")
         if len(said) > 1:
             got = "CW and CCW above the table or in names"
             raise InputError(f"{self.place}: direction must be said once, got {got}. Give --direction.")
@@ -226,10 +224,8 @@ class _Table:
             self.note(f"column of the {role}", "not used", f"it changes, {span}", f"--{role}-column")
             return None
         line = self.lines[int(np.flatnonzero(values != values[0])[0])]
-        raise InputError(
-            f"{self.place}, line {line}: {role} must be the same in all rows of a test, got {span}. "
-            f"Name the test of each row in a column (--test-column), or give the nominal value ({_option(key)})."
-        )
+        cure = f"Name the test of each row in a column (--test-column), or give the nominal value ({_option(key)})"
+        raise InputError(f"{self.place}, line {line}: {role} must be the same in all rows of a test, got {span}. {cure}.")
 
     def _unit(self, role: str, default: str, because: str = "no unit in the header") -> float:
         """Of one unit in ours: the unit that was given, else the one the header names, else the default, told."""
@@ -406,10 +402,8 @@ def _stated(sheet: Sheet, label: str, layout: Layout, several: bool) -> dict[str
     names = _names(sheet, label)
     of_file = [entry for entry in layout.test if entry.file in names and entry.file not in (label, sheet.own_name)]
     if several and any(entry.force_N or entry.pressure_bar for entry in of_file):
-        raise InputError(
-            f"{sheet.place}: a force or pressure given for the file must be of one test, got several in it. "
-            "Give --forces-N with one for each, a [[test]] for each in --layout, or a column."
-        )
+        cure = "Give --forces-N with one for each, a [[test]] for each in --layout, or a column"
+        raise InputError(f"{sheet.place}: a force or pressure given for the file must be of one test, got several in it. {cure}.")
     stated: dict[str, Any] = {}
     for entry in sorted((own for own in layout.test if own.file in names), key=lambda own: -names.index(own.file)):
         stated |= entry.model_dump(exclude_none=True)

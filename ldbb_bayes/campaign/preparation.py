@@ -101,11 +101,10 @@ def trim_overshoot(test: CircularTest, *, start_deg: float | None = None, arc_de
     if span + step < arc_deg:
         raise InputError(f"recording must span {arc_deg:g}°, got {span:g}° in test {test.name!r}. Give a shorter arc_deg.")
     start = along[0] + max(span - arc_deg, 0.0) / 2 if start_deg is None else travel * start_deg
-    if start < along[0] - tolerance or start + arc_deg > along[-1] + step + tolerance:
-        raise InputError(
-            f"start_deg must leave {arc_deg:g}° of recording, got {start_deg} in test {test.name!r}, which runs from "
-            f"{angle[0]:g}° to {angle[-1]:g}°. Start elsewhere or give a shorter arc_deg."
-        )
+    fits = along[0] - tolerance <= start <= along[-1] + step + tolerance - arc_deg
+    got = f"{start_deg} in test {test.name!r}, which runs from {angle[0]:g}° to {angle[-1]:g}°"
+    cure = "Start elsewhere or give a shorter arc_deg"
+    require(fits, f"start_deg must leave {arc_deg:g}° of recording, got {got}. {cure}.")
     return test.select((along >= start - tolerance) & (along < start + arc_deg - tolerance))
 
 

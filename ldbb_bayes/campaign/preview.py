@@ -91,7 +91,7 @@ class TestPreview:
     spikes : int
         Readings more than eight times the scatter off a resistant Fourier fit to order 12.
     noise_um : float or None
-        Scatter left by a Fourier fit to order 12 without the spikes [µm], where there are at least 35 readings.
+        Scatter left by a Fourier fit to order 12 without the spikes [µm], of 35 to 200 000 readings.
     start_end_um : float or None
         Last reading minus first, where the circle closes [µm].
     peak_to_peak_um : float or None
