@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.fleet.population import PooledMachine, PooledParameter, Population
 from ldbb_bayes.fleet.trend import LIMITS, Trend
-from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
+from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, panels, styled
 from ldbb_bayes.report.wording import probability_words
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty, units_for
 
@@ -157,18 +157,13 @@ def machine_chart(population: Population) -> Figure:
 
     Of more than 60 machines those that do not belong are drawn, and others evenly along the order.
     """
-    parameters = list(population.parameters.values())
-    columns = min(_COLUMNS, len(parameters))
-    rows = -(-len(parameters) // columns)
+    columns = min(_COLUMNS, len(population.parameters))
     shown = min(len(population.machine), _MOST)
     height = max(2.2, 0.6 + 0.14 * min(shown, _NAMED) if shown <= _NAMED else 0.6 + 0.065 * shown)
-    figure = new_figure(3.4 * columns + 0.4, height * rows + 0.9)
-    every = figure.subplots(rows, columns, squeeze=False).ravel()
+    figure, every = panels(len(population.parameters), columns, 3.4 * columns + 0.4, height, 0.9)
     with units_for(population.sizes()):
-        for axes, (name, parameter) in zip(every, population.parameters.items(), strict=False):
+        for axes, (name, parameter) in zip(every, population.parameters.items(), strict=True):
             _machines_panel(axes, population, name, parameter)
-    for axes in every[len(parameters) :]:
-        axes.set_visible(False)
     percent = f"{100 * population.ci_prob:g} %"
     handles = [
         Line2D([], [], color=_ALONE, marker="o", markersize=3, linewidth=1.4, label=f"alone, {percent}"),
