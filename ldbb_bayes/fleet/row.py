@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
@@ -152,16 +151,12 @@ def _fitted(settings: Settings, campaign: Campaign) -> tuple[dict[str, Any], byt
         "warnings": [*words["warnings"], *breakdowns, *doubts],
         "log_prob_truncation": record["fit"]["log_prob_truncation"],
         "rmse_um": record["fit"]["rmse_um"],
-        "parameters": _parameters(posterior, settings.ci_prob),
+        "parameters": {
+            str(name): {"unit": variable.attrs.get("unit", ""), **numbers_of(variable.to_numpy(), settings.ci_prob)}
+            for name, variable in posterior["posterior"].data_vars.items()
+        },
     }
     return row, b"" if settings.posteriors is None else saved_bytes(posterior)
-
-
-def _parameters(posterior: xr.DataTree, ci_prob: float) -> dict[str, dict[str, Any]]:
-    found = {}
-    for name, variable in posterior["posterior"].data_vars.items():
-        found[str(name)] = {"unit": variable.attrs.get("unit", ""), **numbers_of(variable.to_numpy(), ci_prob)}
-    return found
 
 
 def _beside(settings: Settings, campaign: Campaign, densities: Mapping[bool, HyperPosterior]) -> tuple[dict[str, Any], list[str]]:

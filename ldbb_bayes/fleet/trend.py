@@ -579,8 +579,7 @@ def _in_time(statistics: FleetStatistics) -> list[int]:
             f"campaigns must have a date all or none, got none for {', '.join(missing[:5])}. Write date = … into campaign.toml, "
             "or take all dates out and give the campaigns in order."
         )
-    seconds = [0.0 if date is None else date.timestamp() for date in statistics.dates]
-    return [int(place) for place in np.argsort(seconds, kind="stable")]
+    return sorted(range(len(statistics)), key=lambda place: statistics.dates[place] or datetime.min)
 
 
 def _caveats(rows: pd.DataFrame, statistics: FleetStatistics, one_bar: bool) -> list[Caveat]:
