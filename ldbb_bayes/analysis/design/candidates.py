@@ -236,6 +236,7 @@ _ALONE, _AMONG_SEVERAL, _REPORTED = 12, 3, 128
 _MOST_CANDIDATES, _FEWEST_READINGS, _MOST_READINGS = 5000, 25, 100_000
 _GIVEN = "as in the model"
 _MOST_TRIALS, _FEW_STARTS, _AS_GOOD, _QUICK, _ROUGH = 120, 2, 0.998, 4, 1e-3
+_POINTS = 8
 _HYPERS = {
     "kappa": "discrepancy",
     "tau": "ball form",
@@ -476,3 +477,38 @@ class Space:
             seed=self.seed,
         )
         return Forecast(expected, gain, decision)
+
+    def trade_off(self, tests: int) -> pd.DataFrame:
+        """Number of tests, up to twice that of a design, their cost, efficiency, that of equal steps, and every expected sd."""
+        around = np.rint(np.geomspace(max(2, tests // 2), max(2 * tests, 4), _POINTS)).astype(int)
+        rows = []
+        for number in np.union1d(around, [tests]).tolist():
+            try:
+                found = self.search.of_number(number, starts=_FEW_STARTS)
+            except InputError:
+                continue
+            own = self.tests_of(found)
+            row = {"tests": number, "cost": self.costs.of(own), "efficiency": min(found.efficiency, 1.0)}
+            row["efficiency_equal_steps"] = self.efficiency(self.equal_steps(number))
+            expected = self.forecast(own, decide=False).expected
+            rows.append(row | {f"sd_{name}": entry.sd for name, entry in expected.items()})
+        return pd.DataFrame(rows)
+
+    def robustness(self, found: Found, steps: tuple[CircularTest, ...]) -> pd.DataFrame:
+        """Efficiency under each assumption (columns) of the design good over all, of the best for each, and of equal steps.
+
+        Column ``tests`` lists their forces, ``worst`` is the smallest efficiency.
+        """
+        alone = self.alone
+        objectives = {label: search.objective for label, search in alone.items()}
+        designs = {"good over all": found}
+        designs |= {f"best for: {label}": own.of_number(found.tests, starts=1, thorough=False) for label, own in alone.items()}
+        rows = {name: (objectives, own.counts.astype(float), self.tests_of(own)) for name, own in designs.items()}
+        rows["equal steps"] = self.objectives(steps), np.ones(len(steps)), steps
+        shown = {}
+        for name, (judges, counts, tests) in rows.items():
+            best = {label: alone[label].shares(float(found.tests)).value for label in judges}
+            own = {label: min(judge.efficiency(judge.value(counts), best[label]), 1.0) for label, judge in judges.items()}
+            forces = ", ".join(f"{force:.4g}" for force in sorted(float(test.force_N or 0.0) for test in tests))
+            shown[name] = own | {"tests": forces, "worst": min(own.values())}
+        return pd.DataFrame.from_dict(shown, orient="index")

@@ -462,8 +462,8 @@ def _designed(
         shares=candidates[shown].assign(share=optimum.share[shown]).reset_index(drop=True),
         baseline=judged[0].expected,
         compared=judged,
-        trade_off=trade_off(space, len(tests)) if curve else pd.DataFrame(),
-        robustness=robustness(space, found, compared[_STEPS]) if space.robust else pd.DataFrame(),
+        trade_off=space.trade_off(len(tests)) if curve else pd.DataFrame(),
+        robustness=space.robustness(found, compared[_STEPS]) if space.robust else pd.DataFrame(),
         goal=goal,
         limits=_limits(space, tests, expected, of_budget=of_budget and len(space.clockings_deg) > 1),
         hyper_um=dict(zip(space.bound.hyper_prior.names, sizes.tolist(), strict=True)),
@@ -521,7 +521,7 @@ def _limits(space: Space, tests: Sequence[CircularTest], expected: Forecast, *, 
 
 _TURNS_DEG, _SMALLER, _LEVELS = (0.0, 45.0, 90.0), 2.0 / 3.0, 5
 _MISSED, _TRUNCATED, _REWEIGHTED = 1.1, 8.0, 3
-_STARTS, _POINTS = 2, 8
+_STARTS = 2
 
 
 def fewest(space: Space, power: float | None) -> tuple[Found, Goal]:
@@ -616,40 +616,3 @@ def _wider(space: Space) -> Iterator[tuple[RemedyKind, Space]]:
     if len(space.radii_mm) == 1:
         second = float(round(_SMALLER * space.radii_mm[0]))
         yield RemedyKind.RADIUS, replace(space, radii_mm=(*space.radii_mm, second), forces_N=few)
-
-
-def trade_off(space: Space, tests: int) -> pd.DataFrame:
-    """Number of tests, up to twice that of a design, their cost, efficiency, that of equal steps, and every expected sd."""
-    around = np.rint(np.geomspace(max(2, tests // 2), max(2 * tests, 4), _POINTS)).astype(int)
-    rows = []
-    for number in np.union1d(around, [tests]).tolist():
-        try:
-            found = space.search.of_number(number, starts=_STARTS)
-        except InputError:
-            continue
-        own = space.tests_of(found)
-        row = {"tests": number, "cost": space.costs.of(own), "efficiency": min(found.efficiency, 1.0)}
-        row["efficiency_equal_steps"] = space.efficiency(space.equal_steps(number))
-        expected = space.forecast(own, decide=False).expected
-        rows.append(row | {f"sd_{name}": entry.sd for name, entry in expected.items()})
-    return pd.DataFrame(rows)
-
-
-def robustness(space: Space, found: Found, steps: tuple[CircularTest, ...]) -> pd.DataFrame:
-    """Efficiency under each assumption (columns) of the design good over all, of the best for each, and of equal steps of force.
-
-    Column ``tests`` lists their forces, ``worst`` is the smallest efficiency.
-    """
-    alone = space.alone
-    objectives = {label: search.objective for label, search in alone.items()}
-    designs = {"good over all": found}
-    designs |= {f"best for: {label}": own.of_number(found.tests, starts=1, thorough=False) for label, own in alone.items()}
-    rows = {name: (objectives, own.counts.astype(float), space.tests_of(own)) for name, own in designs.items()}
-    rows["equal steps"] = space.objectives(steps), np.ones(len(steps)), steps
-    shown = {}
-    for name, (judges, counts, tests) in rows.items():
-        best = {label: alone[label].shares(float(found.tests)).value for label in judges}
-        own = {label: min(judge.efficiency(judge.value(counts), best[label]), 1.0) for label, judge in judges.items()}
-        forces = ", ".join(f"{force:.4g}" for force in sorted(float(test.force_N or 0.0) for test in tests))
-        shown[name] = own | {"tests": forces, "worst": min(own.values())}
-    return pd.DataFrame.from_dict(shown, orient="index")
