@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.predictive import FitQuality, fit_quality
+from ldbb_bayes.inference.predictive import FitQuality, fit_quality, machine_coefficients
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -77,23 +77,20 @@ def least_squares(
     if campaign.is_plan:
         raise InputError("least squares must have readings, got a plan. Run the tests, or simulate it.")
     bound = HybridModel(degree, (), HybridModel.paper().prior, reference_force_N, "paper", fixed).bind(campaign)
-    centre = bound.centre
-    predicted = bound.interest @ centre + bound.known_offset
-    table = pd.DataFrame(
-        {"unit": [parameter.unit for parameter in bound.parameters], "estimate": centre, "u": _uncertainty(bound, predicted)},
-        index=list(bound.names),
-    )
+    predicted = machine_coefficients(bound, bound.centre[None])[0]
+    readings = {test.name: basis(test.angles_rad()) @ own * 1e3 for test, own in zip(campaign.tests, predicted, strict=True)}
+    quality = fit_quality(bound, np.ones((1, 1)), bound.centre[None])
+    units = [parameter.unit for parameter in bound.parameters]
+    table = pd.DataFrame({"unit": units, "estimate": bound.centre, "u": _uncertainty(bound, quality)}, index=list(bound.names))
     if table["u"].isna().any():
         table["estimate"] = np.nan
-    readings = {test.name: basis(test.angles_rad()) @ own * 1e3 for test, own in zip(campaign.tests, predicted, strict=True)}
-    return LeastSquares(table, fit_quality(bound, np.ones((1, 1)), centre[None]), readings)
+    return LeastSquares(table, quality, readings)
 
 
-def _uncertainty(bound: BoundModel, predicted: Array) -> Array:
+def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     """Square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,); not a number where J is singular or as many as the readings."""
-    freedom = sum(test.readings for test in bound.reduced) - len(bound.names)
-    misfit = [np.asarray(test.projection) - test.factor @ own for test, own in zip(bound.reduced, predicted, strict=True)]
-    square = sum(float(own @ own) + test.residual_ss for own, test in zip(misfit, bound.reduced, strict=True))
+    readings = sum(test.readings for test in bound.reduced)
+    square, freedom = readings * (quality.rmse_um * 1e-3) ** 2, readings - len(bound.names)
     rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]) * bound.scale
     singular, right = np.linalg.svd(rows, full_matrices=False)[1:]
     if freedom <= 0 or len(rows) < rows.shape[1] or singular[-1] < _SINGULAR * singular[0]:

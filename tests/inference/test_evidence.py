@@ -32,7 +32,7 @@ def campaign() -> lb.Campaign:
 
 def brute_force(oracle: Oracle, *, truncated: bool) -> float:
     """ln ∫∫ p(y | σ, κ) p(σ) p(κ) [P(T | y, σ, κ) / P(T)] dσ dκ by Gauss-Legendre rules over the dense oracle, panel by panel."""
-    nodes, weights = np.polynomial.legendre.leggauss(12)
+    nodes, weights = np.polynomial.legendre.leggauss(10)
 
     def panels(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         half = np.diff(edges) / 2.0
