@@ -23,7 +23,7 @@ ALLOWED = {
 }
 LEAVES = {"errors", "files", "jobs", "result", "table", "units"}
 # What is reached; the aims are 75, 18 000 and 10 000. A change may lower these, not raise them.
-MOST_MODULES, MOST_LINES, MOST_TEST_LINES, MOST_FUNCTION_LINES = 95, 28_600, 17_900, 60
+MOST_MODULES, MOST_LINES, MOST_TEST_LINES, MOST_FUNCTION_LINES = 80, 25_000, 16_500, 60
 FORBIDDEN = {"telling", "begun", "known", "found", "told", "hold", "places", "stamps", "own", "said"}
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 NAMES = {
