@@ -252,6 +252,8 @@ def write_report(
             )
             for name, other in (beside_it or {}).items()
         )
+        if progress is not None:
+            progress(0, len(SECTIONS))
         found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended)
         document = compose(found, apart, same_instrument=same_instrument, progress=progress)
         frames = tables(found, apart)

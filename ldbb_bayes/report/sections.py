@@ -532,8 +532,7 @@ def _differences(first: str, other: Beside, percent: str) -> Table:
         factor, _ = display_unit(row["unit"])
         _, decimals = round_uncertainty(row["sd"] * factor)
         values = [round_like(row[key] * factor, decimals) for key in ("first", "second")]
-        p = row["probability_of_increase"]
-        probability = "> 0.999" if p > 0.999 else "< 0.001" if p < 0.001 else f"{p:.3f}"
+        probability = wording.probability_words(row["probability_of_increase"])
         rows.append((display_name(str(parameter)), *values, own.value, own.u, own.interval, own.unit, probability))
     heads = ("parameter", "first", "second", "difference", "u", f"{percent} interval", "unit", "P(second > first)")
     return Table.of(f"Second: {other.name}; first: {first}", heads, rows, text=("unit",))

@@ -1,6 +1,7 @@
 """Every sentence about findings: templates, and small functions that choose among them and fill them with numbers.
 
-Nothing decides by reading a sentence: what is decided stands in the findings. Where a list is named, `joined` joins it.
+Nothing decides by reading a sentence: what is decided stands in the findings. Where a list is named, `joined` joins it. The
+paragraphs that introduce the page's tables are `prose`, from ``templates/prose.j2``.
 """
 
 from __future__ import annotations
