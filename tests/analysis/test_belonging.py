@@ -47,14 +47,6 @@ def test_a_clean_campaign_is_not() -> None:
     assert found["family_wise_p_value"].ge(found["p_value"]).all()
 
 
-def test_the_seed_fixes_the_numbers() -> None:
-    one, two = (
-        lb.belonging({"constant": CONSTANT}, campaign(6).select(["f200", "f400"]), seed=3, replicates=500, tolerance=0.1)
-        for _ in range(2)
-    )
-    assert one.equals(two)
-
-
 def test_p_values_of_what_the_replicates_are_made_of(rng: np.random.Generator) -> None:
     """Uniform, by order and as a whole, for any covariance; −∞ never comes out."""
     root = np.tril(rng.normal(size=(25, 25))) + 3.0 * np.eye(25)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from concurrent.futures import ThreadPoolExecutor
 
 import arviz_stats.ecdf_utils
@@ -56,12 +55,6 @@ def test_executors_change_nothing() -> None:
     record = alone.as_dict()
     assert (record["replicates"], record["band_probability"], "ranks" in record) == (10, 0.99, False)
     assert record["quantities"]["sigma"]["coverage"]["50"] == alone.coverage().loc["sigma", "50"]
-
-
-def test_models_and_plans_reach_other_processes() -> None:
-    model = lb.HybridModel(prior=lb.Prior(overrides={"C_XXX": 2e-4}))
-    assert pickle.loads(pickle.dumps(model)) == model
-    assert pickle.loads(pickle.dumps(CIRCLES)).sha256 == CIRCLES.sha256
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Predictions in their layers against dense algebra; checks: uniform when the model is right, small when something is planted."""
+"""Predictions in their layers and nuisances against dense algebra; checks: uniform when the model is right, small when not."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import arviz_base
 import arviz_stats
 import numpy as np
 import pytest
-from campaigns import oracle_of, plan, simulated
+from campaigns import HYPER_UM, oracle_of, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, State, fit_of, power_sensitivity
+from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, State, draws_of, fit_of, power_sensitivity
 from ldbb_bayes.inference.predictive import (
     TestChecks,
     autocorrelation,
@@ -21,6 +21,8 @@ from ldbb_bayes.inference.predictive import (
     shared_coefficients,
 )
 from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.hybrid import information_of
+from ldbb_bayes.model.terms import Columns
 from ldbb_bayes.report.wording import check_words, fit_verdict
 
 MODEL = lb.HybridModel.default(0)
@@ -141,3 +143,53 @@ def test_the_line_puts_first_what_matters_most() -> None:
     assert "order" not in str(fit)
     assert "<p>Converged; the model does not expect" in unlikely._repr_html_()
     assert Fit.from_dict(unlikely.as_dict()) == unlikely
+
+
+DRIFTING = lb.HybridModel.default(0).without("truncation").including(lb.Drift("time"))
+
+
+@pytest.fixture(scope="module")
+def drifting() -> lb.Campaign:
+    planned = plan((40,) * 6, forces_N=(36.0, 300.0, 742.0, 36.0, 300.0, 742.0))
+    tests = [replace(t, direction="CW" if k < 3 else "CCW", time_s=600.0 * (k * 5 % 6)) for k, t in enumerate(planned.tests)]
+    return DRIFTING.simulate(replace(planned, tests=tuple(tests)), seed=3, hyper_um=HYPER_UM).campaign
+
+
+def test_nuisances_against_dense_conditionals(drifting: lb.Campaign) -> None:
+    """Means and variances of all coefficients given φ and the readings, parameters integrated out, by one dense matrix per draw
+    of φ; then averaged over φ. Of parameters and nuisances alike nothing is sampled."""
+    posterior = lb.sample(DRIFTING, drifting, seed=2, sampler="independent")
+    found = lb.nuisances(posterior)
+    bound = DRIFTING.bind(drifting)
+    _, phi = draws_of(posterior, bound, 1000)
+    reading = np.concatenate([test.readings_mm() for test in drifting.tests])
+    means, variances = [], []
+    for value in phi[::10]:
+        named = dict(zip(bound.hyper_prior.names, value, strict=True))
+        columns = [np.concatenate([basis(t.angles_rad()) @ bound.interest[r] for r, t in enumerate(drifting.tests)])]
+        sd = [bound.prior_sd]
+        covariance = np.eye(len(reading)) * named["sigma"] ** 2
+        start = np.cumsum([0, *(len(t.angle_deg) for t in drifting.tests)])
+        for term in bound.nuisance_columns:
+            for r, test in enumerate(drifting.tests):
+                part, own = slice(start[r], start[r + 1]), basis(test.angles_rad())
+                if not isinstance(term, Columns):
+                    covariance[part, part] += (own * (term.sd * named[term.hyper]) ** 2) @ own.T
+                elif term.private:
+                    covariance[part, part] += (own @ term.values[r] * term.sd**2) @ (own @ term.values[r]).T
+            if isinstance(term, Columns) and not term.private:
+                values = [basis(t.angles_rad()) @ term.values[r] for r, t in enumerate(drifting.tests)]
+                columns.append(np.concatenate(values))
+                sd.append(term.sd * (named[term.hyper] if term.hyper else 1.0))
+        design, prior = np.concatenate(columns, axis=1), np.concatenate(sd)
+        weight = np.linalg.solve(covariance, design)
+        after = np.linalg.inv(design.T @ weight + np.diag(1.0 / prior**2))
+        means.append((after @ weight.T @ reading)[len(bound.names) :])
+        variances.append(np.diag(after)[len(bound.names) :])
+    mean, sd = np.mean(means, axis=0), np.sqrt(np.mean(variances, axis=0) + np.var(means, axis=0))
+    np.testing.assert_allclose((found["mean"] - mean) / sd, 0.0, atol=0.25)
+    np.testing.assert_allclose(found["sd"] / sd, 1.0, atol=0.12)
+    assert set(found.index) == set(information_of(bound, phi[0]).names) - set(bound.names)
+    assert (found.loc["drift_time_length", "unit"], found.loc["hysteresis_sin2", "unit"]) == ("mm/h", "mm")
+    flat = lb.sample(lb.HybridModel.paper(0), drifting, seed=1, sampler="independent", rule=lb.StoppingRule(ess=100.0))
+    assert lb.nuisances(flat).empty
