@@ -83,12 +83,16 @@ def test_the_reference_force_is_that_of_another_model(found: SufficientStatistic
     """Carried along the slopes: C at 500 N is what a model about 500 N calls C, but for what priors of either say."""
     there = replace(MODEL, reference_force_N=500.0).bind(CAMPAIGN)
     other = sufficient_statistics(HyperPosterior(there, truncated=False))
-    carried = fleet_statistics(pd.DataFrame([row(found)]), reference_force_N=500.0)
-    direct = fleet_statistics(pd.DataFrame([row(other, reference_force_N=500.0)]))
-    for own in (carried, direct):
-        assert own.prior_sd[6:] == pytest.approx([2.33e-4, 0.01])
-    _, sds = posteriors(carried, direct)
-    np.testing.assert_allclose(sds[0], sds[1], rtol=0.05)
+    for force, here, moved in (
+        (500.0, row(other, reference_force_N=500.0), row(found)),
+        (389.0, row(found), row(other, reference_force_N=500.0)),
+    ):
+        direct, carried = (fleet_statistics(pd.DataFrame([own]), reference_force_N=force) for own in (here, moved))
+        for own in (carried, direct):
+            assert own.prior_sd[6:] == pytest.approx([2.33e-4, 0.01])
+        means, sds = posteriors(carried, direct)
+        np.testing.assert_allclose(sds[0], sds[1], rtol=0.05)
+        np.testing.assert_allclose((means[0] - means[1]) / sds[1], 0.0, atol=0.1)
 
 
 def test_a_prior_with_means_is_divided_out(found: SufficientStatistics) -> None:

@@ -151,6 +151,8 @@ def test_probability_by_brute_force() -> None:
     expected = np.array(list(totals.values())) / sum(totals.values())
     np.testing.assert_allclose(found.sum(axis=(0, 2)), expected, atol=2e-4)
     assert found.sum() == pytest.approx(1.0)
+    prior = weigh(np.zeros((2, 4, 3)), np.array([0.4, 0.6]), 0.3).sum(axis=0)
+    np.testing.assert_allclose(prior, np.repeat([[0.3 / 9]] * 3 + [[0.7 / 3]], 3, axis=1))
 
 
 @pytest.mark.parametrize("step", [0.12, 0.25, 0.35])
@@ -434,6 +436,9 @@ def test_a_loosened_joint(found: Trend) -> None:
     assert own.percent == pytest.approx(20.0, abs=8.0)
     assert own.level_now - own.level_before == pytest.approx(own.change.mean, rel=0.05)
     assert found.false_alarm.campaigns_before == 4
+    table = found.estimates
+    for side, end in ((-1.0, "ci_low"), (1.0, "ci_high")):
+        np.testing.assert_allclose(table[end], table["estimate"] + side * norm.ppf(0.975) * table["sd"])
     said = verdict(found)
     assert "Over 10 campaigns of M1 a change is found" in said
     assert "one of C_XXX" in said
