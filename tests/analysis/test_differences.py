@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns import HYPER_UM, TRUTH, plan
+from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.differences import _of_one_instrument, _reading, _Together
+from ldbb_bayes.analysis.differences import _conflict, _of_one_instrument, _reading, _Together
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 from ldbb_bayes.model.terms import BasisNoise
 
 MODEL = lb.HybridModel.default(1).without("truncation")
@@ -152,6 +154,20 @@ def test_two_instruments_taken_for_one() -> None:
         bounds = [MODEL.bind(campaign_of(own, model=one_form)) for own in (seed, seed + 100)]
         p_values.append(together(bounds)[1].conflict[1])
     assert min(p_values) > 0.01 / len(p_values)
+
+
+def test_what_two_readings_say_of_one_coefficient() -> None:
+    """n₁ ± s₁ and n₂ ± s₂ are |n₁ − n₂| / √(s₁² + s₂²) apart, whatever the prior."""
+    for prior_sd in (2.0, 20.0):
+        own, means = [], []
+        for value, noise in ((3.0, 1.0), (-1.0, 1.5)):
+            variance = np.diag([1.0, noise**2])
+            scale, noises = np.array([1.0, prior_sd]), ({NOISE: variance},)
+            own.append(Information(("E", "form"), (OWN, "BallForm"), scale, False, (np.eye(2),), noises))
+            means.append(np.array([0.0, value * prior_sd**2 / (prior_sd**2 + noise**2)]))
+        found = _conflict(["form"], [["E", "form"]] * 2, own, means)
+        assert found is not None
+        assert found[1] == pytest.approx(2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6)
 
 
 def test_refused(two: tuple[object, object]) -> None:
