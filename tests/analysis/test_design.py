@@ -466,7 +466,9 @@ def test_another_plane_is_planned(clockwise: lb.Campaign) -> None:
     other = replace(model, prior=replace(prior, overrides={"C_XXX": 1e-5, "C_ZZZ": 2e-5}))
     alone = lb.design(other, clockwise, tests=4, forces_N=(200.0, 300.0, 400.0), planes=("YZ",))
     bound = alone.model.bind(alone.plan())
+    np.testing.assert_allclose(bound.prior_sd, [alone.expected[name].prior_sd for name in bound.names], rtol=1e-12)
     assert bound.prior_sd[bound.names.index("C_ZZZ")] == 2e-5
+    assert alone.model.reference_force_N == 389.0
     assert "C_XXX" not in bound.names
     assert {"E_Yt0_2", "E_Zt0_2"} < set(bound.names) <= set(alone.expected)
 
