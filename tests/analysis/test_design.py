@@ -353,6 +353,9 @@ def test_robustness(pilot: lb.Campaign) -> None:
     assert table.loc["good over all", "worst"] >= table.loc["equal steps", "worst"]
     assert table.loc["good over all", assumptions].mean() >= table.loc["best for: constant compliance", assumptions].mean()
     assert "Good over 10 assumptions" in " ".join(design_sentences(found))
+    space = Space(LINEAR, pilot, THREE, robust=True)
+    alone = [own.value(np.ones(3)) * 19 / own.cases[0].interest for own in space.objectives(space.tests).values()]
+    assert space.value(space.tests) == pytest.approx(np.mean(alone), rel=1e-9)
     apart = replace(LINEAR, nuisances=tuple(SetupShift("apart") if isinstance(t, SetupShift) else t for t in LINEAR.nuisances))
     counts = [(LINEAR, "discriminate", 9), (apart, "eig", 12), (lb.HybridModel.default(0), "eig", 7)]
     for model, criterion, number in counts:
@@ -501,6 +504,9 @@ def test_a_design_of_one_direction_says_what_it_does_not_see(clockwise: lb.Campa
     every = space.forecast(space.tests)
     assert not _limits(space, space.tests, every).one_way
     assert sd["CW"] > 1.5 * every.expected["C_XYX"].sd
+    # Tests that are only judged bring their parameters, not their direction.
+    judged = tuple(replace(test, direction="CCW") for test in clockwise.plan().tests)
+    assert Space(LINEAR, clockwise, THREE, judged=judged).bound.setting.both_ways == ()
     # Only the other direction may be chosen, and the pilot's tests do not count as run: no hysteresis anywhere.
     back, same = (Space(LINEAR, clockwise, THREE, directions=ways) for ways in (("CCW",), ()))
     assert back.forecast(back.tests).expected["C_XYX"].sd == pytest.approx(
