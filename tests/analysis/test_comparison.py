@@ -88,6 +88,11 @@ def test_leave_one_force_out(found: Comparison) -> None:
     for name, model in found.models.items():
         densities = np.array([test.lofo_log_density[name] for test in found.tests.values()])
         assert model.elpd_lofo == pytest.approx(densities.sum())
+        whole = HyperPosterior(PAIR[name].bind(CAMPAIGN), truncated=True).nodes(0.1)
+        others = HyperPosterior(whole.bound.keeping(["f300", "f520", "f742"]), truncated=True).nodes(0.1)
+        assert densities[0] == pytest.approx(whole.evidence.log_value - others.evidence.log_value, abs=0.01)
+        error = whole.evidence.error + others.evidence.error
+        assert found.tests["f036"].lofo_log_density_error[name] == pytest.approx(error, rel=0.2, abs=1e-3)
         assert model.elpd_lofo_se == pytest.approx(np.sqrt(4 * densities.var(ddof=1)))
     differences = np.array([t.lofo_log_density["linear"] - t.lofo_log_density["constant"] for t in found.tests.values()])
     own = found.elpd_difference[RATIO]
