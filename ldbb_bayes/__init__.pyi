@@ -19,8 +19,8 @@ from .analysis.identifiability import ParameterIdentifiability as ParameterIdent
 from .analysis.identifiability import describe as describe
 from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts
-from .analysis.local_fits import local_fits as local_fits
 from .analysis.outliers import belonging as belonging
+from .analysis.sensitivity import local_fits as local_fits
 from .campaign.campaign import Campaign as Campaign
 from .campaign.campaign import CircularTest as CircularTest
 from .campaign.campaign import ForceLaw as ForceLaw
@@ -43,11 +43,11 @@ from .fleet.batch import Batch as Batch
 from .fleet.batch import batch as batch
 from .fleet.charts import control_chart as control_chart
 from .fleet.charts import machine_chart as machine_chart
+from .fleet.dataset import read_batch as read_batch
 from .fleet.population import Population as Population
 from .fleet.population import population as population
 from .fleet.population_prior import PopulationPrior as PopulationPrior
 from .fleet.population_prior import prior_from as prior_from
-from .fleet.row import read_batch as read_batch
 from .fleet.trend import Trend as Trend
 from .fleet.trend import trend as trend
 from .inference.evidence import log_bayes_factor as log_bayes_factor

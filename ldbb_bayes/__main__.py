@@ -10,7 +10,7 @@ __all__ = ["run"]
 def run() -> None:
     """The command line; an interruption while it is still being loaded is one like any other."""
     try:
-        from ldbb_bayes.cli.main import main
+        from ldbb_bayes.cli import main
 
         main()
     except KeyboardInterrupt:

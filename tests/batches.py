@@ -9,7 +9,7 @@ import numpy as np
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.row import Job, Settings
+from ldbb_bayes.fleet.dataset import Job, Settings
 
 CONSTANT = lb.HybridModel.default(0).without("hysteresis", "discrepancy", "setup-shift")
 LINEAR = CONSTANT.with_degree(1)

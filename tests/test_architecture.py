@@ -22,8 +22,8 @@ ALLOWED = {
     **{room: set(ROOMS[: ROOMS.index(room) + 1]) for room in ROOMS[2:]},
 }
 LEAVES = {"errors", "files", "jobs", "result", "table", "units"}
-# What is reached; the aims are 75, 18 000 and 10 000. A change may lower these, not raise them.
-MOST_MODULES, MOST_LINES, MOST_TEST_LINES, MOST_FUNCTION_LINES = 80, 25_000, 16_500, 60
+# What is reached; the aims for lines are 18 000 and 10 000. A change may lower these, not raise them.
+MOST_MODULES, MOST_LINES, MOST_TEST_LINES, MOST_FUNCTION_LINES = 75, 24_750, 16_200, 60
 FORBIDDEN = {"telling", "begun", "known", "found", "told", "hold", "places", "stamps", "own", "said"}
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 NAMES = {

@@ -9,7 +9,7 @@ import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.table import table_html
+from ldbb_bayes.result import table_html
 
 
 def test_tables_are_escaped() -> None:

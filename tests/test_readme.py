@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import ldbb_bayes
 from ldbb_bayes.campaign.layout import Layout, TestLayout
-from ldbb_bayes.cli.main import app
+from ldbb_bayes.cli import app
 
 
 def pages(root: Path) -> list[Path]:
@@ -129,7 +129,8 @@ def test_make_targets_exist(root: Path, target: str) -> None:
 def test_the_house_as_drawn(root: Path) -> None:
     drawn = (root / "README.md").read_text(encoding="utf-8").split("## The house")[1].split("## ")[0]
     package = Path(ldbb_bayes.__file__).parent
-    rooms = {room: set(modules.split()) for room, modules in re.findall(r"^    ([\w/]*)/ .*? · (.*)$", drawn, re.M)}
+    heads = re.findall(r"^    ([\w/]+)/ .*\n((?:        .*\n)+)", drawn, re.M)
+    rooms = {room: set(re.findall(r"\w+", re.sub(r"\([^)]*\)", "", modules))) for room, modules in heads}
     found: dict[str, set[str]] = {}
     for path in package.rglob("*.py"):
         if not path.name.startswith("__"):

@@ -19,7 +19,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis.local_fits import local_fits
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS, Dropped, dropped, outliers
 from ldbb_bayes.analysis.sensitivity import (
     WHITE_NOISE,
@@ -31,6 +30,7 @@ from ldbb_bayes.analysis.sensitivity import (
     averaged_curves,
     count_subsets,
     discrepancy_assumptions,
+    local_fits,
     nuisance_assumptions,
     slope_subsets,
     under,

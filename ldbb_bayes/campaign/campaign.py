@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.table import table_html
+from ldbb_bayes.result import table_html
 
 __all__ = [
     "PER_TEST",

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainSerializer
 
-from ldbb_bayes.campaign import heading as headings
-from ldbb_bayes.campaign import spreadsheet
+from ldbb_bayes.campaign import headers, spreadsheet
 from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, ForceLaw
-from ldbb_bayes.campaign.heading import Heading, Said, find_headings, load_in_name, note_heading, said_above
+from ldbb_bayes.campaign.headers import Heading, Said, find_headings, load_in_name, note_heading, said_above
 from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes, in_ours
 from ldbb_bayes.campaign.preparation import angles_from_time, average_laps, direction_run, on_the_circle
 from ldbb_bayes.campaign.spreadsheet import Sheet, Unusable, numbers_of, read_sheets
@@ -164,7 +163,7 @@ class _Table:
         """CW or CCW: as given, by the words of its column, the lines above and names; None where none says it."""
         given: str | None = self.given("direction")
         lines = {_sense(word): line for word, line in sorted(self.words.items(), key=lambda own: -own[1]) if word}
-        senses, beside = set(lines), headings.directions_said(self.heading.above, self.names())
+        senses, beside = set(lines), headers.directions_said(self.heading.above, self.names())
         said = senses or beside
         if given is not None:
             if said - {given}:
@@ -177,7 +176,7 @@ class _Table:
             got = "CW and CCW above the table or in names"
             raise InputError(f"{self.place}: direction must be said once, got {got}. Give --direction.")
         direction = next(iter(said), None)
-        line = headings.direction_not_understood(self.heading.above)
+        line = headers.direction_not_understood(self.heading.above)
         if direction is None and line is not None:
             self.note("direction", "none", f"line {line} is not understood", "--direction")
         elif direction and not senses:
@@ -194,7 +193,7 @@ class _Table:
         if not loads:
             raise InputError(
                 f"{self.place}: force or pressure must be known, got neither from a column, the lines above the table "
-                f"or the name.{headings.loads_not_understood(self.heading.above)} "
+                f"or the name.{headers.loads_not_understood(self.heading.above)} "
                 "Give --forces-N or --pressures-bar, one for each test in the order of files and sheets, or a "
                 "[[test]] in --layout."
             )

@@ -323,7 +323,7 @@ def show(*parts: Any) -> None:
     """Print tables (a blank line after each) and sentences on stdout, 120 columns wide when it is no terminal."""
     from rich.console import Console
 
-    from ldbb_bayes.table import Table
+    from ldbb_bayes.result import Table
 
     class Terminal(Console):
         """rich ends the program when a reader closes the pipe; that is for the command to answer."""
@@ -347,7 +347,7 @@ def figure_files(names: Iterable[str], kinds: Collection[str] = ("png", "svg")) 
 
 def write_files(folder: Path, contents: Mapping[str, Any], figures: Mapping[str, Callable[[], Figure]] | None = None) -> None:
     """Write records as JSON, tables as CSV (by their files' names), text as it is and figures (PNG and SVG) into a folder."""
-    from ldbb_bayes.table import json_text
+    from ldbb_bayes.result import json_text
 
     for name, content in contents.items():
         text = json_text(content) if name.endswith(".json") else content
@@ -390,7 +390,7 @@ class Output:
         """
         from ldbb_bayes.files import staged_folder
         from ldbb_bayes.report.text import parts_of
-        from ldbb_bayes.table import json_text
+        from ldbb_bayes.result import json_text
 
         if self.out is not None:
             with staged_folder(self.out, force=self.force, ours=self.files) as staging:

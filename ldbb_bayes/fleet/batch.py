@@ -23,9 +23,9 @@ from pydantic import Field
 from ldbb_bayes.campaign.folder import TOML_NAME
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of, write_whole
-from ldbb_bayes.fleet import row as rows_of
+from ldbb_bayes.fleet import dataset
+from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART, Job, Settings, fit_row, read_batch, write_dataset
 from ldbb_bayes.fleet.population_prior import PopulationPrior
-from ldbb_bayes.fleet.row import DATASET, JOURNAL, PART, Job, Settings, fit_row, read_batch, write_dataset
 from ldbb_bayes.inference.posterior import State, check_probability
 from ldbb_bayes.inference.sample import check_sampler, versions
 from ldbb_bayes.jobs import Lost, done
@@ -264,7 +264,7 @@ def _wanted(journal: sqlite3.Connection, settings: Settings, retry: bool) -> dic
         if status != "done":
             found[number] = None
         else:
-            before, now = json.loads(row), rows_of.stamp_of(os.path.join(settings.here, path))
+            before, now = json.loads(row), dataset.stamp_of(os.path.join(settings.here, path))
             if None not in (before["stamp"], now) and now != before["stamp"]:
                 found[number] = before["sha256"]
     return found
@@ -289,14 +289,14 @@ def _fit(
         for count, (place, result) in enumerate(results, start=1):
             number = order[place]
             if isinstance(result, Lost):
-                result = rows_of.failed_row(settings, Job(number, paths[number]), result.reason)
+                result = dataset.failed_row(settings, Job(number, paths[number]), result.reason)
             journal.execute(
                 "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
                 (result["status"], result.get("state"), json.dumps(_plain(result)), number),
             )
             before = wanted[number]
             if settings.posteriors is not None and before is not None and before != result.get("sha256"):
-                (Path(settings.posteriors) / rows_of.posterior_name(number, before)).unlink(missing_ok=True)
+                (Path(settings.posteriors) / dataset.posterior_name(number, before)).unlink(missing_ok=True)
             (failed.add if result["status"] == "failed" else failed.discard)(number)
             if progress is not None:
                 progress(len(paths) - len(wanted) + count, len(paths), len(failed))
@@ -439,7 +439,7 @@ def batch(
         For no campaigns, a batch in ``out`` that may not be touched or is another one, a place that cannot be written, or
         without pyarrow.
     """
-    rows_of.check_pyarrow()
+    dataset.check_pyarrow()
     check_sampler(sampler)
     check_probability(ci_prob)
     if retry and not resume:

@@ -53,8 +53,7 @@ from ldbb_bayes.model.gaussian import (
 )
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, nuisance_words, population_doubts, population_sentences, with_words
-from ldbb_bayes.result import Result
-from ldbb_bayes.table import Table, json_text
+from ldbb_bayes.result import Result, Table, json_text
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state, units_for
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "pool", "population"]

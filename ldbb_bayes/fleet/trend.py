@@ -45,8 +45,7 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantiles
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
-from ldbb_bayes.result import Number, Result
-from ldbb_bayes.table import Table
+from ldbb_bayes.result import Number, Result, Table
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, units_for
 
 __all__ = ["LIMITS", "SURE", "MostProbable", "ParameterChange", "Trend", "Visit", "trend"]

@@ -28,7 +28,7 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of
 from ldbb_bayes.report import figures, wording
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find, sizes_of
 from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
-from ldbb_bayes.table import json_text
+from ldbb_bayes.result import json_text
 from ldbb_bayes.units import display_unit, typeset, units_for
 
 __all__ = ["REPORT_FILES", "Document", "compose", "html_page", "tables", "write_report"]

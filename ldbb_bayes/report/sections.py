@@ -36,7 +36,7 @@ from ldbb_bayes.report.text import (
     two_digits,
 )
 from ldbb_bayes.report.wording import DEGREES, IN_FORCE, nuisance_words, prose, source_words, unit_words
-from ldbb_bayes.table import Table
+from ldbb_bayes.result import Table
 from ldbb_bayes.units import display_name, display_unit, ranked, round_like, round_uncertainty, state
 
 __all__ = ["SECTIONS", "Beside", "Details", "Part", "Picture", "Section", "beside"]

@@ -43,8 +43,7 @@ from ldbb_bayes.report.wording import (
     validation_verdict,
     verdict_words,
 )
-from ldbb_bayes.result import Result
-from ldbb_bayes.table import Table
+from ldbb_bayes.result import Result, Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,

@@ -19,7 +19,7 @@ import numpy as np
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli.main import app
+from ldbb_bayes.cli import app
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]

@@ -22,7 +22,7 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.terms import Discrepancy, SetupShift
 from ldbb_bayes.report.wording import comparison_sentences, strength_words, with_words
-from ldbb_bayes.table import json_text
+from ldbb_bayes.result import json_text
 
 LINEAR = lb.HybridModel.default(1)
 RATIO = "linear/constant"

@@ -23,7 +23,7 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import SetupShift
 from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
-from ldbb_bayes.table import json_text
+from ldbb_bayes.result import json_text
 
 LINEAR = lb.HybridModel.default(1)
 LEVELS = tuple(np.linspace(36.0, 742.0, 13))

@@ -11,7 +11,7 @@ import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.local_fits import windows
+from ldbb_bayes.analysis.sensitivity import windows
 from ldbb_bayes.errors import InputError
 
 COLUMNS = ["force_low_N", "force_high_N", "force_N", "tests", "parameter", "unit", "least_squares", "least_squares_u"]

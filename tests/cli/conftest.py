@@ -8,7 +8,7 @@ import pytest
 from campaigns import Invoke, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli.main import app
+from ldbb_bayes.cli import app
 
 
 @pytest.fixture

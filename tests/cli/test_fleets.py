@@ -21,10 +21,10 @@ from trends import drawn_rows
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli.main import app
+from ldbb_bayes.cli import app
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.fleet.dataset import Job, Settings, fit_row
 from ldbb_bayes.fleet.population_prior import digest_of
-from ldbb_bayes.fleet.row import Job, Settings, fit_row
 from ldbb_bayes.fleet.trend import detection
 from ldbb_bayes.report.wording import population_doubts
 
@@ -213,7 +213,7 @@ def test_campaigns_that_a_population_leaves_out(rows: Path) -> None:
 def test_a_trend_and_its_files(tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a machine that has loosened; its options are those of the answer."""
     drawn = drawn_rows(6, np.random.default_rng(4), step_at=4)
-    monkeypatch.setattr("ldbb_bayes.fleet.row.read_batch", lambda *_: drawn)
+    monkeypatch.setattr("ldbb_bayes.fleet.dataset.read_batch", lambda *_: drawn)
     monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "detection", partial(detection, replicates=50, further=3))
     out = tmp_path / "out"
     given = ("--out", out, "--seed", 3, "--parameters", "C_XXX, C_YYY", "--detect", "0.3", "--ci", 0.9)

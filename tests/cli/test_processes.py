@@ -27,7 +27,7 @@ def test_help_and_version_import_nothing_heavy() -> None:
     assert run("--version").stdout == f"ldbb-bayes {lb.__version__}\n"
     code = (
         "import sys; sys.argv = ['ldbb-bayes', *sys.argv[1:]]\n"
-        "from ldbb_bayes.cli.main import main\n"
+        "from ldbb_bayes.cli import main\n"
         "try: main()\nexcept SystemExit: pass\n"
         "print([m for m in ('numpy', 'scipy', 'pandas', 'xarray', 'emcee', 'matplotlib') if m in sys.modules])"
     )

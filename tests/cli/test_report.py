@@ -16,11 +16,11 @@ from reports import NOT_COMPARED, fitted
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.cli.fits import figure_names, write_result
+from ldbb_bayes.cli.analyses import figure_names, write_result
 from ldbb_bayes.report import findings
 from ldbb_bayes.report.findings import full_result
 from ldbb_bayes.report.page import REPORT_FILES
-from ldbb_bayes.table import json_text
+from ldbb_bayes.result import json_text
 
 
 @pytest.fixture(autouse=True)

@@ -27,8 +27,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.fleet.batch import Batch, gather, listed
+from ldbb_bayes.fleet.dataset import Job, Settings, fit_row
 from ldbb_bayes.fleet.population_prior import PopulationPrior
-from ldbb_bayes.fleet.row import Job, Settings, fit_row
 from ldbb_bayes.fleet.statistics import fleet_statistics, sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.jobs import WorkerDied, process_executor
@@ -147,7 +147,7 @@ def test_every_kind_of_error_is_a_reason(error: Exception, message: str, monkeyp
     def broken(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("ldbb_bayes.fleet.row.read_campaign", broken)
+    monkeypatch.setattr("ldbb_bayes.fleet.dataset.read_campaign", broken)
     row = fit_row(Settings(model_to_toml(CONSTANT)), Job(0, "x"))
     assert row["status"] == "failed"
     assert message in row["reason"]
@@ -176,7 +176,7 @@ def test_a_failing_disk_is_no_failed_campaign(folders: list[str], code: int, mon
 
     settings = Settings(model_to_toml(CONSTANT))
     with monkeypatch.context() as patch:
-        patch.setattr("ldbb_bayes.fleet.row.read_campaign", broken)
+        patch.setattr("ldbb_bayes.fleet.dataset.read_campaign", broken)
         with pytest.raises(InputError, match=rf"/x/y must be usable, got: {os.strerror(code)}. That is the place, not the camp"):
             fit_row(settings, Job(0, folders[0]))
     with monkeypatch.context() as patch:
@@ -197,7 +197,7 @@ def test_a_full_disk_ends_the_batch_and_keeps_what_is_done(
         write_whole(target, content)
 
     with monkeypatch.context() as patch:
-        patch.setattr("ldbb_bayes.fleet.row.write_whole", full)
+        patch.setattr("ldbb_bayes.fleet.dataset.write_whole", full)
         with pytest.raises(InputError, match="No space left on device"):
             lb.batch(folders, tmp_path / "out", resume=True, **OPTIONS)
     again = lb.batch(folders, tmp_path / "out", resume=True, **OPTIONS)

@@ -16,8 +16,8 @@ from trends import doubts, drawn_rows, one_campaign, row
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.fleet.dataset import Job, Settings, fit_row
 from ldbb_bayes.fleet.population_prior import stands_for
-from ldbb_bayes.fleet.row import Job, Settings, fit_row
 from ldbb_bayes.fleet.statistics import (
     Caveat,
     CaveatKind,

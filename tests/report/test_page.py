@@ -18,7 +18,7 @@ from ldbb_bayes.report.figures.style import new_figure
 from ldbb_bayes.report.findings import find, sizes_of
 from ldbb_bayes.report.page import Document, compose, html_page
 from ldbb_bayes.report.sections import Details, Picture, Section
-from ldbb_bayes.table import Table
+from ldbb_bayes.result import Table
 from ldbb_bayes.units import units_for
 
 GOLDEN = Path(__file__).parent / "golden" / "report.txt"

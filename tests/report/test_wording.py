@@ -20,15 +20,15 @@ from trends import drawn_rows
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli.main import app
-from ldbb_bayes.fleet.row import Job, Settings, fit_row
+from ldbb_bayes.cli import app
+from ldbb_bayes.fleet.dataset import Job, Settings, fit_row
 from ldbb_bayes.fleet.statistics import choose
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import compose
 from ldbb_bayes.report.sections import Details, Picture
-from ldbb_bayes.table import Table, json_text
+from ldbb_bayes.result import Table, json_text
 
 MODEL = lb.HybridModel.default(1)
 QUICK = lb.StoppingRule(ess=100.0)

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli.main import app
+from ldbb_bayes.cli import app
 from ldbb_bayes.errors import LONGEST_MESSAGE
 
 STUDY = Path(__file__).parents[2] / "studies" / "10_files"

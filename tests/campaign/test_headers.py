@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.heading import direction_not_understood, directions_said, load_in_name, said_above, unit_of
+from ldbb_bayes.campaign.headers import direction_not_understood, directions_said, load_in_name, said_above, unit_of
 
 
 def cases(text: str) -> list[list[str]]:
