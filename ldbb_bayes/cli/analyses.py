@@ -44,14 +44,13 @@ def identify(campaign: options.GivenCampaign, model: options.ChosenModel, output
 
     A plan (a campaign without readings) will do: ask before the experiment.
     """
-    from ldbb_bayes.report import figures
     from ldbb_bayes.report.text import parameters_frame, parts_of
 
     drawn = {
-        "correlation": figures.correlation_map,
-        "prior_and_posterior": figures.prior_and_posterior,
-        "alias": figures.alias_map,
-        "nuisance_costs": figures.nuisance_costs,
+        "correlation": "correlation_map",
+        "prior_and_posterior": "prior_and_posterior",
+        "alias": "alias_map",
+        "nuisance_costs": "nuisance_costs",
     }
     output.check("identify.json", "parameters.csv", "alias.csv", "correlation.csv", *ATLAS_FILES, figures=drawn)
     result = lb.identify(model, campaign)
@@ -66,7 +65,7 @@ def identify(campaign: options.GivenCampaign, model: options.ChosenModel, output
         record,
         (f"Compliance {_DEGREES[model.degree]} in force.", *parts_of(result)),
         contents,
-        {name: partial(draw, result) for name, draw in drawn.items()},
+        {name: options.drawing(draw, result) for name, draw in drawn.items()},
         also=partial(write_atlases, campaign.machine(), [test.circle for test in campaign.tests]),
         written=f"{output.out}/identify.json, tables (CSV) and figures (PNG and SVG)",
     )
@@ -97,7 +96,6 @@ def compare(
 
     Compares constant with linear compliance; with --degree 2 also quadratic. Exit code 1: an evidence is less exact than asked.
     """
-    from ldbb_bayes.report import figures
     from ldbb_bayes.report.text import left_out_frame, sensitivity_frame, subsets_frame
 
     if model.degree == 0:
@@ -118,7 +116,7 @@ def compare(
     frames = (sensitivity_frame(result), subsets_frame(result), left_out_frame(result), result.local_fits)
     contents = {"comparison.json": record, **dict(zip(tables, frames, strict=True))}
     written = f"{output.out}/comparison.json, tables (CSV) and figures (PNG and SVG)"
-    draws = {name: partial(getattr(figures, name), result) for name in names}
+    draws = {name: options.drawing(name, result) for name in names}
     output.deliver(record, result, contents, draws, written=written)
     if not result.within_tolerance:
         raise typer.Exit(options.EXIT_MISSED)
@@ -212,7 +210,6 @@ def design(
     """
     from ldbb_bayes.campaign.folder import write_campaign_into
     from ldbb_bayes.model.specification import model_to_toml
-    from ldbb_bayes.report import figures
     from ldbb_bayes.report.text import parts_of
 
     names = ("information", "efficiency", "trade_off", "expected_widths")
@@ -237,7 +234,7 @@ def design(
         record,
         (*parts_of(result), order),
         contents,
-        {name: partial(getattr(figures, name), result) for name in names},
+        {name: options.drawing(name, result) for name in names},
         also=partial(write_campaign_into, plan),
         written=f"{output.out}, {written}",
     )

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, cast
 
 import typer
 
@@ -343,6 +343,11 @@ def show(*parts: Any) -> None:
 def figure_files(names: Iterable[str], kinds: Collection[str] = ("png", "svg")) -> tuple[str, ...]:
     """Names of the files of figures."""
     return tuple(f"{name}.{kind}" for name in names for kind in kinds)
+
+
+def drawing(name: str, *results: Any) -> Callable[[], Figure]:
+    """Return what draws a figure of `lb.figures`: matplotlib is loaded only where a figure is wanted."""
+    return lambda: cast("Figure", getattr(lb.figures, name)(*results))
 
 
 def write_files(folder: Path, contents: Mapping[str, Any], figures: Mapping[str, Callable[[], Figure]] | None = None) -> None:
