@@ -319,7 +319,7 @@ def _opened(source: Path) -> xr.DataTree:
             if promised > _MOST_PER_BYTE * size + 2**20:
                 raise ValueError(f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB")
             return opened.load()
-    except Exception as error:  # noqa: BLE001
+    except Exception as error:  # noqa: BLE001  # whatever a damaged file makes of the libraries
         why = " ".join(str(error).split())[:_REASON]
         raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit again.") from None
     finally:
