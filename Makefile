@@ -8,6 +8,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# Without bytecode every process of a test would compile the package and the tests anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-golden lint test-slow studies clean
 
@@ -15,7 +17,7 @@ demo: $(VENV)/.package
 	$(BIN)/ldbb-bayes demo --force
 
 test: $(VENV)/.test
-	$(BIN)/python -m pytest -n 2 --dist loadscope
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # What a reader sees must not hang on the processor: words and goldens on other kernels of OpenBLAS.
 test-golden: $(VENV)/.test

@@ -53,13 +53,13 @@ from .fleet.trend import trend as trend
 from .inference.evidence import log_bayes_factor as log_bayes_factor
 from .inference.evidence import log_evidence as log_evidence
 from .inference.evidence import marginals as marginals
-from .inference.least_squares import LeastSquares as LeastSquares
-from .inference.least_squares import least_squares as least_squares
 from .inference.mcmc import StoppingRule as StoppingRule
 from .inference.posterior import load as load
 from .inference.posterior import nuisances as nuisances
 from .inference.posterior import save as save
 from .inference.posterior import summarize as summarize
+from .inference.predictive import LeastSquares as LeastSquares
+from .inference.predictive import least_squares as least_squares
 from .inference.sample import sample as sample
 from .machine.chain import Circle as Circle
 from .machine.chain import Machine as Machine

@@ -49,13 +49,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def check_known(what: str, names: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse the first of ``names`` that is not known.
-
-    Raises
-    ------
-    InputError
-        Naming the nearest known name and the whole list.
-    """
+    """Refuse the first of ``names`` that is not known, with the nearest known name and the whole list."""
     candidates = list(known)
     for name in names:
         if not candidates:

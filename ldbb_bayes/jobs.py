@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import logging
 import multiprocessing
@@ -14,8 +15,8 @@ import traceback
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -25,7 +26,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, require
 
 __all__ = ["EXECUTORS", "Lost", "dask_executor", "done", "executor_named", "one_blas_thread", "process_executor"]
 
@@ -57,23 +58,20 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
 @dataclass(frozen=True)
 class Lost:
-    """What a job gives whose worker died whenever it was tried."""
+    """What a job gives whose worker died twice."""
 
-    reason: str = "its worker died whenever it was tried, the last time with no other job at work (killed, or out of memory?)"
+    reason: str = "its worker died twice, the second time with no other job at work (killed, or out of memory?)"
 
 
 class WorkerDied(RuntimeError):
     """The process of one job ended; the others go on."""
 
 
-def done(
-    function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None, *, retries: int = 2
-) -> Iterator[tuple[int, R | Lost]]:
+def done(function: Callable[[T], R], jobs: Iterable[T], executor: Executor | None = None) -> Iterator[tuple[int, R | Lost]]:
     """Run a function on every job, one BLAS thread each, and yield (index from 0, result) as they come.
 
-    A job whose worker dies (killed, out of memory) is tried again once the others are done, with no other job at work; one that
-    its worker does not survive more often than ``retries`` is `Lost`. Dask has tried several times before it says so. Threads of
-    one process take turns: processes are faster.
+    A job whose worker dies (killed, out of memory) is tried once more when all others are done, with no other job at work; then
+    it is `Lost`. Threads of one process take turns: processes are faster.
 
     Parameters
     ----------
@@ -83,7 +81,6 @@ def done(
         Read as far as needed.
     executor : concurrent.futures.Executor, optional
         Default: here, one after the other.
-    retries : int
 
     Raises
     ------
@@ -93,46 +90,43 @@ def done(
         Of the first job that raises, with a note that says which. What is pending is cancelled, as it is when the iterator is
         closed.
     """
-    fresh, again = enumerate(jobs), deque[tuple[int, T, int]]()
+    fresh, again = enumerate(jobs), deque[tuple[int, T]]()
     room = 1 if executor is None else _PER_WORKER * getattr(executor, "_max_workers", 0) or _UNCOUNTED
-    flying: dict[Future[R], tuple[int, T, int]] = {}
+    flying: dict[Future[R], tuple[int, T, bool]] = {}
     landed: SimpleQueue[Future[R]] = SimpleQueue()
 
-    def submit(index: int, work: T, deaths: int) -> None:
+    def submit(index: int, work: T, last: bool) -> None:
         future = _submitted(partial(_alone, function, work), executor)
-        flying[future] = (index, work, deaths)
+        flying[future] = (index, work, last)
         future.add_done_callback(landed.put)
 
     try:
         while True:
             while len(flying) < room and (job := next(fresh, None)) is not None:
-                submit(*job, 0)
+                submit(*job, last=False)
             if not flying and again:
-                submit(*again.popleft())
+                submit(*again.popleft(), last=True)
             elif not flying:
                 return
             future = landed.get()
-            index, work, deaths = flying.pop(future)
-            if future.cancelled():
-                raise InputError(
-                    "the executor must last as long as its jobs, got one that gave them up (its scheduler or pool has ended). "
-                    "Finished work is kept. Start it again, and run what is left."
-                )
-            error = future.exception()
+            index, work, last = flying.pop(future)
+            error = BrokenExecutor("cancelled") if future.cancelled() else future.exception()
             if error is None:
                 yield index, future.result()
-            elif isinstance(error, BrokenExecutor):
-                raise _broken() from error
             elif isinstance(error, WorkerDied) or type(error).__name__ == "KilledWorker":
-                deaths = deaths + 1 if isinstance(error, WorkerDied) else max(deaths + 1, retries)
-                if deaths > retries:
+                if last:
                     yield index, Lost()
                 else:
-                    again.append((index, work, deaths))
+                    again.append((index, work))
             else:
                 error.add_note(f"In job {index}, counted from 0.")
                 raise error
             del future  # a result is not kept while the consumer works on the next
+    except BrokenExecutor as error:
+        raise InputError(
+            "the executor must last as long as its jobs, got one that gave them up (its workers died, or its scheduler ended). "
+            "Finished work is kept. Run what is left on process_executor() of ldbb_bayes.jobs, which starts workers afresh."
+        ) from error
     finally:
         for future in flying:
             future.cancel()
@@ -140,10 +134,7 @@ def done(
 
 def _submitted(call: Callable[[], R], executor: Executor | None) -> Future[R]:
     if executor is not None:
-        try:
-            return executor.submit(call)
-        except BrokenExecutor as error:
-            raise _broken() from error
+        return executor.submit(call)
     future: Future[R] = Future()
     try:
         future.set_result(call())
@@ -156,13 +147,6 @@ def _alone(function: Callable[[T], R], work: T) -> R:
     """The number of BLAS threads and the filters of warnings are the whole process's: its threads take turns."""
     with _TURN, threadpool_limits(1):
         return function(work)
-
-
-def _broken() -> InputError:
-    return InputError(
-        "the executor's workers must live as long as their jobs, got some that died (killed, or out of memory?). Finished work "
-        "is kept. Run what is left on process_executor() of ldbb_bayes.jobs, which starts workers afresh."
-    )
 
 
 @contextmanager
@@ -239,7 +223,7 @@ class _Processes(ThreadPoolExecutor):
 
 def _serve(pipe: Connection) -> None:
     """Do jobs until the other end is closed: when the pool ends, or its process is killed."""
-    leave_interrupts()
+    dask_setup(None)
     os.environ.update(ONE_THREAD)
     pipe.send("ready")
     while True:
@@ -258,11 +242,6 @@ def _serve(pipe: Connection) -> None:
             pipe.send((False, TypeError(f"{type(answer[1]).__name__} must be picklable, got: {error}. {answer[1]}")))
 
 
-def leave_interrupts() -> None:
-    """Ctrl-C reaches every process of the terminal; the first one answers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 def _refuse_to_nest() -> None:
     """End a worker that is still importing an unguarded script: its parent will say what is wrong, once."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
@@ -271,8 +250,10 @@ def _refuse_to_nest() -> None:
 
 # Dask has workers give freed memory back, to be fetched again page by page: stacks of small matrices take more than twice as
 # long. A worker's profile of itself grows with the jobs it has run; what it logs of connections that close is no matter of the
-# user's.
+# user's. A worker that is killed while it starts is not replaced: what kills one is not begun again at once, but by `done`, last.
 _DASK: dict[str, Any] = {
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.comm.timeouts.connect": ANSWER_S,
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": {
@@ -285,13 +266,13 @@ _DASK: dict[str, Any] = {
 
 
 def dask_setup(_: Any) -> None:
-    """What Dask calls in every worker of a cluster of this machine."""
-    leave_interrupts()
+    """In every worker of this machine: Ctrl-C reaches all processes of the terminal; the first one answers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
 def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Executor]:
-    """Yield workers of Dask, one process and one BLAS thread each; Dask runs the job of a killed worker again by itself.
+    """Yield workers of Dask, one process and one BLAS thread each.
 
     Parameters
     ----------
@@ -321,29 +302,77 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
         if scheduler is None:
             stack.enter_context(dask.config.set(_DASK))
             place = stack.enter_context(_cluster(workers))
-        try:
-            client = stack.enter_context(distributed.Client(place, timeout=ANSWER_S, set_as_default=False))
-        except (OSError, ValueError, TypeError, AssertionError) as error:  # the last where nobody answers
-            raise InputError(
-                f"--scheduler must be the address of a Dask scheduler that is at work, got {scheduler!r} "
-                f"({str(error) or f'no answer in {ANSWER_S:g} s'}). "
-                "Copy it from what dask scheduler says when it starts, for example tcp://10.0.0.1:8786."
-            ) from None
+        else:
+            _check_answers(scheduler)
+        client = stack.enter_context(distributed.Client(place, timeout=ANSWER_S, set_as_default=False))
         if scheduler is not None:
             _check_workers(client, scheduler)
-        yield client.get_executor(pure=False)
+        yield _OnDask(client)
 
 
-def _cluster(workers: int) -> Any:
+class _OnDask(Executor):
+    """What `Client.get_executor` would be, did it not take a result that is lost with its worker, as it arrives, for an error."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        theirs, ours = self._client.submit(partial(fn, *args, **kwargs), pure=False), Future[Any]()
+        ours.add_done_callback(lambda own: theirs.cancel() if own.cancelled() and not theirs.cancelled() else None)
+        self._client.loop.add_callback(self._fetch, theirs, ours)
+        return ours
+
+    async def _fetch(self, theirs: Any, ours: Future[Any]) -> None:
+        """Hand on what Dask's future gives; where nobody wants it any more, nothing."""
+        try:
+            result = await self._client.gather(theirs, asynchronous=True)
+        except CancelledError:
+            ours.cancel()
+            ours.set_running_or_notify_cancel()
+        except Exception as error:  # noqa: BLE001  # the job's own, or of a scheduler that has ended
+            if ours.set_running_or_notify_cancel():
+                ours.set_exception(error if theirs.status == "error" else BrokenExecutor(str(error)))
+        else:
+            if ours.set_running_or_notify_cancel():
+                ours.set_result(result)
+
+
+@contextmanager
+def _cluster(workers: int) -> Iterator[Any]:
+    """A cluster on this machine; results are there at its end, so one that closes slowly (a worker died) is left to do so."""
     from distributed import LocalCluster
 
     # Any free port: without a dashboard it would still ask for 8787, and warn where another cluster has it.
     options: dict[str, Any] = {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
     options |= {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "silence_logs": logging.CRITICAL}
     try:
-        return LocalCluster(n_workers=workers or _usable_cores(), **options)
+        cluster = LocalCluster(n_workers=workers or _usable_cores(), **options)
     except RuntimeError:
         raise InputError(_UNGUARDED) from None
+    try:
+        yield cluster
+    finally:
+        with suppress(TimeoutError):
+            cluster.close(timeout=ANSWER_S)
+
+
+def _check_answers(scheduler: str) -> None:
+    """Whether a scheduler is there: a client that finds none takes as long again to give up, and says so on the way."""
+    from distributed import Security, rpc
+
+    async def kind() -> str:
+        async with rpc(scheduler, connection_args=Security().get_connection_args("client")) as there:
+            return str((await there.identity())["type"])
+
+    try:
+        got = asyncio.run(asyncio.wait_for(kind(), ANSWER_S))
+    except Exception as error:  # noqa: BLE001  # of whatever kind: what is there may speak anything
+        got = str(error) or f"no answer in {ANSWER_S:g} s"
+    require(
+        got == "Scheduler",
+        f"--scheduler must be the address of a Dask scheduler that is at work, got {scheduler!r} ({got}). "
+        "Copy it from what dask scheduler says when it starts, for example tcp://10.0.0.1:8786.",
+    )
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
@@ -351,20 +380,14 @@ def _check_workers(client: Any, scheduler: str) -> None:
     answers = client.run(_versions, on_error="return")
     if not answers:
         warnings.warn(f"the scheduler {scheduler} has no workers yet; jobs wait for the first one.", stacklevel=6)
-    for address, answer in answers.items():
-        versions = answer if isinstance(answer, dict) else {}
-        for name, wanted in _versions().items():
-            if versions.get(name) != wanted:
-                raise InputError(
-                    f"workers must have {name} {wanted} as it is here, got {versions.get(name, 'none')} at {address}. Install it "
-                    "there, and start the worker again."
-                )
     for address, threads in client.nthreads().items():
-        if threads > 1:
-            raise InputError(
-                f"workers must have one thread each, got {threads} at {address}. Start workers with --nthreads 1, as many as "
-                "there are cores (--nworkers)."
-            )
+        cure = "Start workers with --nthreads 1, as many as there are cores (--nworkers)"
+        require(threads == 1, f"workers must have one thread each, got {threads} at {address}. {cure}.")
+    for address, answer in answers.items():
+        for name, wanted in _versions().items():
+            got = answer.get(name) if isinstance(answer, dict) else None
+            cure = f"got {got or 'none'} at {address}. Install it there, and start the worker again."
+            require(got == wanted, f"workers must have {name} {wanted} as it is here, {cure}")
 
 
 def _versions() -> dict[str, str]:
@@ -390,12 +413,12 @@ def executor_named(kind: str, workers: int = 0, scheduler: str | None = None) ->
         For an unknown kind, options that exclude one another, or a scheduler that does not answer.
     """
     check_known("--executor", [kind], EXECUTORS)
-    if workers < 0:
-        raise InputError(f"--workers must be 0 or more, got {workers}. 0 is one per core.")
-    if scheduler is not None and kind != "dask":
-        raise InputError(f"--scheduler must go with --executor dask, got --executor {kind}. Add it, or leave the address out.")
-    if scheduler is not None and workers:
-        raise InputError(f"--workers must not go with --scheduler, got {workers}. A cluster has the workers it was started with.")
+    require(workers >= 0, f"--workers must be 0 or more, got {workers}. 0 is one per core.")
+    if scheduler is not None:
+        cure = f"got --executor {kind}. Add it, or leave the address out."
+        require(kind == "dask", f"--scheduler must go with --executor dask, {cure}")
+        cure = "A cluster has the workers it was started with."
+        require(not workers, f"--workers must not go with --scheduler, got {workers}. {cure}")
     if kind == "dask":
         with dask_executor(scheduler, workers) as executor:
             yield executor

@@ -9,19 +9,33 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
-import pandas as pd
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
+from pydantic_core import to_json
 
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.files import bytes_of
 from ldbb_bayes.units import typeset
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.table import Table as RichTable
 
-__all__ = ["ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Table", "json_text", "read_result", "table_html"]
+__all__ = [
+    "ByClass",
+    "ByRow",
+    "Finite",
+    "Number",
+    "Numbers",
+    "Records",
+    "Result",
+    "Table",
+    "json_text",
+    "read_result",
+    "table_html",
+]
 
 T = TypeVar("T")
 _LARGEST_BYTES = 200_000_000
@@ -44,19 +58,29 @@ Number = Annotated[float, BeforeValidator(lambda value: np.nan if value is None 
 Numbers = Annotated[np.ndarray, BeforeValidator(np.asarray), PlainSerializer(lambda array: array.tolist())]
 """An array, in JSON nested lists."""
 
-ByRow = Annotated[
-    pd.DataFrame,
-    BeforeValidator(lambda rows: rows if isinstance(rows, pd.DataFrame) else pd.DataFrame.from_dict(rows, orient="index")),
-    PlainSerializer(lambda frame: frame.to_dict(orient="index")),
-]
-"""A table, in JSON its rows by name."""
 
-Records = Annotated[
-    pd.DataFrame,
-    BeforeValidator(lambda rows: rows if isinstance(rows, pd.DataFrame) else pd.DataFrame.from_records(rows)),
-    PlainSerializer(lambda frame: frame.astype(object).where(frame.notna(), None).to_dict(orient="records")),
-]
-"""A table, in JSON a list of its rows, null where a cell is missing."""
+def _frame(rows: Any) -> pd.DataFrame:
+    """A frame as it is; else rows by name, or a list of rows."""
+    import pandas as pd  # commands that show no frame start without it
+
+    if isinstance(rows, pd.DataFrame):
+        return rows
+    return pd.DataFrame.from_dict(rows, orient="index") if isinstance(rows, dict) else pd.DataFrame.from_records(rows)
+
+
+if TYPE_CHECKING:
+    ByRow: TypeAlias = pd.DataFrame
+    Records: TypeAlias = pd.DataFrame
+else:
+    ByRow = Annotated[Any, BeforeValidator(_frame), PlainSerializer(lambda frame: frame.to_dict(orient="index"))]
+    """A table, in JSON its rows by name."""
+
+    Records = Annotated[
+        Any,
+        BeforeValidator(_frame),
+        PlainSerializer(lambda frame: frame.astype(object).where(frame.notna(), None).to_dict(orient="records")),
+    ]
+    """A table, in JSON a list of its rows, null where a cell is missing."""
 
 
 class Result:
@@ -90,6 +114,24 @@ class Result:
         return str(import_module("ldbb_bayes.report.text").html_of(self))
 
 
+class ByClass(Generic[T]):
+    """A function that is another one for every kind of result. They are kept by the names of the classes, so that words for a
+    result are registered without importing the analysis that makes it."""
+
+    def __init__(self, default: Callable[[Any], T]) -> None:
+        self._default, self._registered = default, dict[str, Callable[[Any], T]]()
+        self.__doc__ = default.__doc__
+
+    def register(self, function: Callable[[Any], T]) -> Callable[[Any], T]:
+        """Take a function for the class that its first argument is annotated with."""
+        self._registered[next(iter(function.__annotations__.values()))] = function
+        return function
+
+    def __call__(self, result: Any) -> T:
+        names = (kind.__name__ for kind in type(result).__mro__)
+        return next((self._registered[name] for name in names if name in self._registered), self._default)(result)
+
+
 def read_result(path: Path, what: str, command: str, read: Callable[[dict[str, Any]], T]) -> T:
     """Return what a command wrote into a folder, or into the file itself.
 
@@ -109,19 +151,14 @@ def read_result(path: Path, what: str, command: str, read: Callable[[dict[str, A
         When the file is missing, damaged, or not one of ours.
     """
     source = path / f"{what}.json" if path.is_dir() else path
-    if not source.is_file():
-        raise InputError(
-            f"{what} must be a folder with {what}.json or such a file, got {path}. Give the --out folder of a {command}."
-        )
+    cure = f"got {path}. Give the --out folder of a {command}."
+    require(source.is_file(), f"{what} must be a folder with {what}.json or such a file, {cure}")
+    raw = bytes_of(source, _LARGEST_BYTES, what=f"a {what}")
     try:
-        if source.stat().st_size > _LARGEST_BYTES:
-            raise ValueError("larger than 200 MB")
-        return read(json.loads(source.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, StopIteration, RecursionError) as error:
-        why = str(error)
-        if isinstance(error, ValidationError):
-            first = error.errors()[0]
-            why = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        return read(json.loads(raw))
+    except (ValueError, KeyError, TypeError, AttributeError, StopIteration, RecursionError) as error:
+        first = error.errors()[0] if isinstance(error, ValidationError) else None
+        why = str(error) if first is None else f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         raise InputError(
             f"{source} must be a {what} written by this version of ldbb-bayes {command}, got a damaged one "
             f"({type(error).__name__}: {why}). Run {command} again."
@@ -170,6 +207,8 @@ class Table:
 
     def frame(self) -> pd.DataFrame:
         """Return the cells as they are, for CSV."""
+        import pandas as pd
+
         return pd.DataFrame(list(self.rows), columns=list(self.heads))
 
     def shown(self) -> tuple[tuple[str, ...], ...]:
@@ -226,14 +265,4 @@ def table_html(caption: str, rows: Sequence[Mapping[str, Any]]) -> str:
 
 def json_text(result: Mapping[str, Any]) -> str:
     """Return a result as JSON; numbers that are not finite become null."""
-    return json.dumps(_plain(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    return None if isinstance(value, float) and value - value != 0.0 else value
+    return to_json(result, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist()).decode() + "\n"

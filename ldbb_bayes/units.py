@@ -8,9 +8,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import require
 
 __all__ = [
     "Statement",
@@ -20,13 +20,13 @@ __all__ = [
     "is_lopsided",
     "plus_minus",
     "ranked",
-    "reading_unit",
     "round_like",
     "round_uncertainty",
     "state",
     "stiffness",
     "typeset",
     "units_for",
+    "units_of",
     "value_and_uncertainty",
 ]
 
@@ -55,27 +55,36 @@ def display_unit(unit: str) -> tuple[float, str]:
     InputError
         For a unit that is not one of ours.
     """
-    if unit not in _UNITS:
-        raise InputError(f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.")
+    require(unit in _UNITS, f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.")
     return _CHOSEN.get({}).get(unit, _UNITS[unit])
-
-
-def reading_unit(unit: str, *sizes: float) -> tuple[float, str]:
-    """The usual factor and label, or those of a unit a thousand times smaller where every size would stay below 0.1: 58 nm/N."""
-    factor, label = _UNITS[unit]
-    if any(sizes) and all(abs(size) * factor < _READABLE for size in sizes):
-        return factor * 1e3, {"µ": "n", "n": "p"}[label[0]] + label[1:]
-    return factor, label
 
 
 @contextmanager
 def units_for(sizes: Mapping[str, Collection[float]]) -> Iterator[None]:
-    """Choose one unit for each inside unit by the numbers that will be shown; `display_unit` gives it until the block ends."""
-    token = _CHOSEN.set({unit: reading_unit(unit, *shown) for unit, shown in sizes.items()})
+    """Choose one unit for each inside unit by the numbers that will be shown; `display_unit` gives it until the block ends.
+
+    It is the usual one, or one a thousand times smaller where every number would stay below 0.1: 58 nm/N.
+    """
+    chosen = {}
+    for unit, shown in sizes.items():
+        factor, label = _UNITS[unit]
+        if any(shown) and all(abs(size) * factor < _READABLE for size in shown):
+            chosen[unit] = factor * 1e3, {"µ": "n", "n": "p"}[label[0]] + label[1:]
+    token = _CHOSEN.set(chosen)
     try:
         yield
     finally:
         _CHOSEN.reset(token)
+
+
+@contextmanager
+def units_of(entries: Iterable[Mapping[str, Any]]) -> Iterator[None]:
+    """`units_for` parameters with their ``unit``, ``mean`` and ``sd``: one rule for all that shows a posterior."""
+    sizes: dict[str, list[float]] = {}
+    for entry in entries:
+        sizes.setdefault(entry["unit"], []).extend((entry["mean"], 2.0 * entry["sd"]))
+    with units_for(sizes):
+        yield
 
 
 def is_direct(name: str) -> bool:
@@ -131,25 +140,12 @@ def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Statement:
-    """A result as a metrologist writes it; every text without the unit.
+    """A result as a metrologist writes it; every text without the unit."""
 
-    Attributes
-    ----------
-    value : str
-        To the place of u.
-    u : str
-        Standard uncertainty, two significant digits.
-    expanded : str
-        U (k = 2); of a lopsided distribution the distances to the ends of the interval, +a/−b.
-    interval : str
-        Credible interval.
-    unit : str
-    """
-
-    value: str
-    u: str
-    expanded: str
-    interval: str
+    value: str  # to the place of u
+    u: str  # standard uncertainty, two significant digits
+    expanded: str  # U (k = 2); of a lopsided distribution the distances to the ends of the interval, +a/−b
+    interval: str  # credible
     unit: str
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.fleet.dataset import Job, Settings
+from ldbb_bayes.fleet.batch import Job, Settings
 
 CONSTANT = lb.HybridModel.default(0).without("hysteresis", "discrepancy", "setup-shift")
 LINEAR = CONSTANT.with_degree(1)
@@ -27,25 +27,24 @@ def write_campaigns(folder: Path, number: int) -> list[str]:
 
 def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, Any]:
     """A row as `fit_row` makes them, of nothing; every fifth failed."""
-    rng = np.random.default_rng(job.index)
+    rng = np.random.default_rng(job.number)
     row: dict[str, Any] = {"campaign": job.path, "degree": 0, "sampler": settings.sampler, "seed": settings.seed}
-    if job.index % 5 == 4:
+    if job.number % 5 == 4:
         return row | {"status": "failed", "reason": "campaign must be good, got none. Mend it."}
-    names = [f"C_{k}" for k in range(parameters + job.index % 2)]
+    names = [f"C_{k}" for k in range(parameters + job.number % 2)]
     numbers = {
         name: dict(zip(("mean", "sd", "median", "ci_low", "ci_high"), rng.standard_normal(5).tolist(), strict=True))
         for name in names
     }
     return row | {
         "status": "done",
-        "stamp": None,
         "converged": True,
-        "state": "doubtful" if job.index % 7 == 0 else "usable",
+        "state": "doubtful" if job.number % 7 == 0 else "usable",
         "verdict": "fine",
-        "misfits": ["form"] if job.index % 7 == 0 else [],
+        "misfits": ["form"] if job.number % 7 == 0 else [],
         "warnings": [],
         "terms": ["Compliance"],
-        "log_prob_truncation": float("nan") if job.index % 3 == 0 else -0.5,
+        "log_prob_truncation": float("nan") if job.number % 3 == 0 else -0.5,
         "parameters": {name: {"unit": "mm/N", **own} for name, own in numbers.items()},
         "gaussian_names": names,
         "gaussian_mean": rng.standard_normal(len(names)).tolist(),

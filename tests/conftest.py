@@ -39,7 +39,7 @@ def few_states() -> Iterator[None]:
     """Designs average over few values of the hyper-parameters: how they are chosen does not hang on it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(candidates, "_REPORTED", 16)
-        patch.setattr(candidates, "_ALONE", 4)
+        patch.setattr(candidates, "_SEARCHED", 4)
         yield
 
 

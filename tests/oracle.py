@@ -154,60 +154,25 @@ class Oracle:
                 holds &= value >= 0
         return holds
 
-    def posterior(self, *, points: int = 400, draws: int = 200, seed: int = 0) -> dict[str, np.ndarray]:
-        """Weighted draws of (β, ln φ): importance sampling of ln φ from a wide Student-t about the mode."""
+    def posterior(self, *, points: int = 400, draws: int = 200, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Draws of (β, φ) and their weights: importance sampling of ln φ from a wide Student-t."""
         rng = np.random.default_rng(seed)
-
-        def negative(log_phi: np.ndarray) -> float:
-            prior = self.log_prior_of_log(log_phi)
-            return 1e10 if not np.isfinite(prior) else -(prior + self.given(np.exp(log_phi))[0])
-
-        start = np.log(0.3 * self.scales)
-        found = optimize.minimize(negative, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-4, "maxiter": 2000})
-        mode = found.x
-        h = len(mode)
-        step = 0.15
-        hessian = np.zeros((h, h))
-        for i in range(h):
-            for j in range(i, h):
-                total = 0.0
-                for a in (1, -1):
-                    for b in (1, -1):
-                        point = mode.copy()
-                        point[i] += a * step
-                        point[j] += b * step
-                        total += a * b * min(negative(point), found.fun + 30.0)
-                hessian[i, j] = hessian[j, i] = total / (4 * step**2)
-        values, vectors = np.linalg.eigh(hessian)
-        spread = 1.3 * vectors / np.sqrt(np.maximum(values, 0.25))
-        first, weight, _ = self._propose(mode, spread, 1500, rng)
-        share = np.exp(weight - weight.max())
-        share /= share.sum()
-        centre = share @ first
-        wide = np.linalg.cholesky((share[:, None] * (first - centre)).T @ (first - centre)) * 1.1
-        log_phi, log_z, conditional = self._propose(centre, wide, points, rng)
-        log_phi, kept = log_phi[np.isfinite(log_z)], log_z[np.isfinite(log_z)]
-        beta, inside = [], []
-        for mean, covariance in conditional:
+        centre, spread = self._locate(rng)
+        log_phi, log_z, conditional = self._propose(
+            centre, 1.1 * spread, stats.t.rvs(5, size=(points, len(centre)), random_state=rng)
+        )
+        kept, found, weight = np.isfinite(log_z), [], []
+        for point, value, (mean, covariance) in zip(log_phi[kept], log_z[kept] - log_z[kept].max(), conditional, strict=True):
             root = np.linalg.cholesky(covariance / np.outer(self.sd, self.sd))
-            sample = mean + (rng.standard_normal((draws, self.sd.size)) @ root.T) * self.sd
-            beta.append(sample)
-            inside.append(self.inside(sample) if self.truncated else np.ones(draws, dtype=bool))
-        weight = np.repeat(np.exp(kept - kept.max()), draws)
-        density = weight * np.concatenate(inside)
-        return {
-            "beta": np.concatenate(beta),
-            "log_phi": np.repeat(log_phi, draws, axis=0),
-            "weight": density / density.sum(),
-            "log_prob_truncation": np.log(density.sum() / weight.sum()),
-            "log_evidence": np.log(np.exp(kept - kept.max()).sum() / points) + kept.max(),
-        }
+            beta = mean + (rng.standard_normal((draws, self.sd.size)) @ root.T) * self.sd
+            found.append(np.hstack([beta, np.tile(np.exp(point), (draws, 1))]))
+            weight.append(np.exp(value) * (self.inside(beta) if self.truncated else np.ones(draws)))
+        return np.concatenate(found), np.concatenate(weight) / np.sum(weight)
 
     def _propose(
-        self, centre: np.ndarray, spread: np.ndarray, n: int, rng: np.random.Generator
+        self, centre: np.ndarray, spread: np.ndarray, standard: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
         """Student-t points about a centre; ln p(y, φ) over their density, −inf outside the prior; β given φ of those inside."""
-        standard = stats.t.rvs(5, size=(n, len(centre)), random_state=rng)
         log_phi = centre + standard @ spread.T
         log_proposal = stats.t.logpdf(standard, 5).sum(axis=1) - np.log(np.abs(np.linalg.det(spread)))
         target = np.array([self.log_prior_of_log(point) for point in log_phi])
@@ -222,23 +187,17 @@ class Oracle:
         """ln Z, truncation included where it is on, and its standard error: quasi-random importance sampling about the mode."""
         rng = np.random.default_rng(seed)
         centre, spread = self._locate(rng)
-        h, rows = len(centre), self._rows()
+        rows = self._rows()
         halves, places = [], stats.qmc.Sobol(len(rows), rng=rng).random(draws)
         for _ in range(4):
-            uniform = np.clip(stats.qmc.Sobol(h, rng=rng).random(points // 4), 1e-12, 1.0 - 1e-12)
-            standard = stats.t(5).ppf(uniform)
-            log_phi = centre + standard @ spread.T
-            weight = np.array([self.log_prior_of_log(point) for point in log_phi])
-            weight -= stats.t.logpdf(standard, 5).sum(axis=1) - np.log(np.abs(np.linalg.det(spread)))
-            for k in np.flatnonzero(np.isfinite(weight)):
-                log_z, mean, covariance = self.given(np.exp(log_phi[k]))
-                inside = np.ones(draws, dtype=bool)
+            uniform = np.clip(stats.qmc.Sobol(len(centre), rng=rng).random(points // 4), 1e-12, 1.0 - 1e-12)
+            _, weight, conditional = self._propose(centre, spread, stats.t(5).ppf(uniform))
+            for k, (mean, covariance) in zip(np.flatnonzero(np.isfinite(weight)), conditional, strict=True):
                 if self.truncated:
                     root = np.linalg.cholesky(rows @ covariance @ rows.T)
-                    turned = (places + rng.random(len(rows))) % 1.0
-                    normal = special.ndtri(np.clip(turned, 1e-12, 1.0 - 1e-12))
-                    inside = (rows @ mean + normal @ root.T >= 0.0).all(axis=1)
-                weight[k] += log_z + np.log(max(inside.mean(), 1e-300))
+                    turned = np.clip((places + rng.random(len(rows))) % 1.0, 1e-12, 1.0 - 1e-12)
+                    inside = (rows @ mean + special.ndtri(turned) @ root.T >= 0.0).all(axis=1)
+                    weight[k] += np.log(max(inside.mean(), 1e-300))
             halves.append(np.logaddexp.reduce(weight) - np.log(points // 4))
         value = float(np.logaddexp.reduce(halves) - np.log(4))
         error = float(np.std(np.exp(np.array(halves) - value), ddof=1) / 2.0)
@@ -281,41 +240,9 @@ class Oracle:
         found = optimize.minimize(negative, np.log(0.3 * self.scales), method="Nelder-Mead", options={"maxiter": 600})
         centre, spread = found.x, 0.5 * np.eye(len(found.x))
         for temperature in (30.0, 10.0, 3.0, 1.0, 1.0):
-            log_phi, weight, _ = self._propose(centre, spread, 300, rng)
+            log_phi, weight, _ = self._propose(centre, spread, stats.t.rvs(5, size=(300, len(centre)), random_state=rng))
             share = np.exp((weight - weight.max()) / temperature)
             share /= share.sum()
             centre = share @ log_phi
             spread = np.linalg.cholesky((share[:, None] * (log_phi - centre)).T @ (log_phi - centre) + 1e-4 * np.eye(len(centre)))
         return centre, spread
-
-
-@dataclass
-class ThinnedOracle(Oracle):
-    """The same for uniform circles of many readings: 25 stand for them that have their harmonics up to order 12, with white noise
-    σ² 25/n, beside the squares left over. ln Z is short of a constant that depends on the readings' number alone."""
-
-    readings: int = 25
-    left_over: float = 0.0
-
-    @classmethod
-    def of(cls, tests: list[OracleTest], degree: int, **options: object) -> ThinnedOracle:
-        """From tests with one number of readings."""
-        readings, left_over, thinned = tests[0].angle.size, 0.0, []
-        for t in tests:
-            columns = [np.ones_like(t.angle), *(f(m * t.angle) for m in range(1, 13) for f in (np.cos, np.sin))]
-            basis = np.column_stack(columns)
-            harmonics = np.linalg.lstsq(basis, t.reading, rcond=None)[0]
-            left_over += float(np.sum((t.reading - basis @ harmonics) ** 2))
-            angle = 2.0 * np.pi * np.arange(25) / 25.0
-            few = np.column_stack([np.ones_like(angle), *(f(m * angle) for m in range(1, 13) for f in (np.cos, np.sin))])
-            thinned.append(OracleTest(t.force, t.pressure, angle, few @ harmonics, t.work, t.tool, t.radius))
-        return cls(thinned, degree, readings=readings, left_over=left_over, **options)  # type: ignore[arg-type]
-
-    def covariance(self, phi: np.ndarray) -> np.ndarray:
-        white = phi[0] ** 2 * (1.0 - 25.0 / self.readings)
-        return super().covariance(phi) - white * np.eye(self.y.size)
-
-    def given(self, phi: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        log_evidence, mean, covariance = super().given(phi)
-        spare = len(self.tests) * (self.readings - 25)
-        return log_evidence - 0.5 * (spare * np.log(phi[0] ** 2) + self.left_over / phi[0] ** 2), mean, covariance

@@ -11,6 +11,7 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.mcmc import StoppingRule
+from ldbb_bayes.model.specification import model_sha256
 from ldbb_bayes.report import sections
 from ldbb_bayes.report.figures import new_figure
 
@@ -47,12 +48,18 @@ def awkward(kind: str) -> xr.DataTree:
 AWKWARD = ("script", "long name", "two tests", "forty tests", "degree 2", "unconverged", "contradiction", "paper")
 
 
+_FITTED: dict[tuple[str, str, str], xr.DataTree] = {}
+
+
 def fitted(model: lb.HybridModel, campaign: lb.Campaign) -> xr.DataTree:
-    """By quadrature: the same draws every time."""
-    return lb.sample(model, campaign, seed=1, sampler="independent")
+    """By quadrature: the same draws every time, made once."""
+    key = (model_sha256(model), campaign.sha256, campaign.name)
+    if key not in _FITTED:
+        _FITTED[key] = lb.sample(model, campaign, seed=1, sampler="independent")
+    return _FITTED[key].copy(deep=True)
 
 
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages with empty figures: for tests of what is said."""
-    empty = {key: (lambda *_, **__: new_figure(1.0, 1.0), *words) for key, (_, *words) in sections._PICTURES.items()}
-    monkeypatch.setattr(sections, "_PICTURES", empty)
+    empty = {key: (lambda *_, **__: new_figure(1.0, 1.0), *words) for key, (_, *words) in sections.PICTURES.items()}
+    monkeypatch.setattr(sections, "PICTURES", empty)

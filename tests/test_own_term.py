@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import TRUTH, plan
+from reports import undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import cures, degeneracies
@@ -64,17 +65,10 @@ def posterior(campaign: lb.Campaign) -> Any:
     return lb.sample(MODEL, campaign, sampler="independent", seed=1)
 
 
-def test_it_has_its_place_in_the_model() -> None:
-    assert MODEL.terms[-1] == "PitchError"
+def test_toml_both_ways() -> None:
     assert MODEL.hypers == ("sigma", "delta", "kappa", "pitch")
     assert MODEL.without("pitch-error").hypers == ("sigma", "delta", "kappa")
-    assert MODEL.including(PitchError(2.0)).nuisances[-1] == PitchError(2.0)
-    assert MODEL.bind(plan()).columns_of[PitchError][0].names[0] == "pitch_error_cos5"
     assert "PitchError" in str(MODEL)
-    assert "PitchError" in MODEL._repr_html_()
-
-
-def test_toml_both_ways() -> None:
     text = model_to_toml(MODEL.including(PitchError(2.5)))
     assert "[terms.PitchError]\nscale_um = 2.5" in text
     assert model_from_toml(text).nuisances == MODEL.including(PitchError(2.5)).nuisances
@@ -96,18 +90,15 @@ def test_fit_finds_it(posterior: Any, campaign: lb.Campaign) -> None:
     assert lb.summarize(posterior).loc["pitch", "mean"] > lb.summarize(posterior).loc["kappa", "mean"]
 
 
-def test_comparison_prefers_it(campaign: lb.Campaign) -> None:
-    without = lb.log_evidence(MODEL.without("pitch-error"), campaign)
-    assert lb.log_bayes_factor(lb.log_evidence(MODEL, campaign), without)[0] > 3.0
-
-
 @pytest.mark.slow
-def test_comparison_leaves_it_out_among_its_assumptions(campaign: lb.Campaign) -> None:
-    both = {"constant": MODEL, "linear": MODEL.with_degree(1)}
-    assert "without pitch error" in lb.compare(both, campaign, tolerance=0.1).assumptions
+def test_comparison_prefers_it(campaign: lb.Campaign) -> None:
+    both = {"without": MODEL.without("pitch-error"), "with": MODEL}
+    assert lb.compare(both, campaign, tolerance=0.1, evidence_only=True).log_bayes_factor["with/without"] > 3.0
 
 
-def test_identify_budgets_and_design_know_it(campaign: lb.Campaign, posterior: Any) -> None:
+def test_identify_budgets_design_and_report_know_it(
+    campaign: lb.Campaign, posterior: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = lb.identify(MODEL, campaign)
     assert "PitchError" in found.parameters["C_XXX"].confounding
     budgets = lb.budgets(posterior)
@@ -116,9 +107,7 @@ def test_identify_budgets_and_design_know_it(campaign: lb.Campaign, posterior: A
     assert remedy_words(replace(budgets["C_XXX"], heaviest="PitchError")) == "Measure the screws' pitch with a laser."
     designed = lb.design(MODEL, campaign, tests=3, forces_N=(36.0, 400.0, 742.0))
     assert len(designed.tests) == 3
-
-
-def test_report_names_it(posterior: Any, tmp_path: Path) -> None:
+    undrawn(monkeypatch)
     lb.write_report(posterior, tmp_path / "report", comparison="left out here", recommended="left out here")
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert "pitch error (cos 5θ)" in page

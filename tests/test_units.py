@@ -13,11 +13,8 @@ from ldbb_bayes.units import (
     display_name,
     display_unit,
     is_direct,
-    is_lopsided,
     plus_minus,
     ranked,
-    reading_unit,
-    round_uncertainty,
     state,
     stiffness,
     typeset,
@@ -60,14 +57,10 @@ def test_ranked_keeps_the_order_of_ties_and_infinities_first() -> None:
     ("value", "uncertainty", "expected"),
     [
         (0.0548, 0.003378, ("0.0548", "0.0034")),
-        (-130.4, 14.2, ("-130", "14")),
         (1234.5, 987.0, ("1230", "990")),
         (123456.0, 9960.0, ("123000", "10000")),
-        (0.123456, 0.00996, ("0.123", "0.010")),
         (0.0123, 0.0995, ("0.01", "0.10")),
         (-0.0004, 0.011, ("0.000", "0.011")),
-        (5.0, 1.0, ("5.0", "1.0")),
-        (0.1197, 0.00135, ("0.1197", "0.0014")),
         (3.0, 0.0, ("3.00", "0")),
         (3.0, float("nan"), ("3.00", "?")),
         (float("nan"), 1.0, ("?", "1.0")),
@@ -77,19 +70,12 @@ def test_two_significant_digits(value: float, uncertainty: float, expected: tupl
     assert value_and_uncertainty(value, uncertainty) == expected
 
 
-def test_decimals() -> None:
-    assert round_uncertainty(0.00337) == ("0.0034", 4)
-    assert round_uncertainty(3370.0) == ("3400", -2)
-
-
 def test_units_and_names() -> None:
-    assert display_unit("mm/N") == (1e3, "µm/N")
-    assert display_unit("1") == (1e6, "µm/m")
     with pytest.raises(InputError, match="unit must be one of"):
         display_unit("furlong")
-    assert display_name("E_C0YX") == "E_C(0Y)X"
-    assert display_name("E_Xt0") == "E_Xt0"
-    assert display_name("C_XXX_1") == "C_XXX_1"
+    names = ("E_C0YX", "E_Xt0", "C_XXX_1", "C_ZZA", "C_XYX")
+    assert [display_name(name) for name in names] == ["E_C(0Y)X", *names[1:]]
+    assert [name for name in names if is_direct(name)] == ["C_ZZA"]
 
 
 @pytest.mark.parametrize(
@@ -97,10 +83,7 @@ def test_units_and_names() -> None:
     [
         (5.478e-5, 3.301e-6, (4.824e-5, 6.134e-5), "mm/N", Statement("54.8", "3.3", "6.6", "[48.2, 61.3]", "nm/N")),
         (1.478e-4, 3.301e-6, (1.41e-4, 1.545e-4), "mm/N", Statement("0.1478", "0.0033", "0.0066", "[0.1410, 0.1545]", "µm/N")),
-        (-4.56e-7, 8.7e-7, (-2.19e-6, 1.28e-6), "mm/N", Statement("−0.46", "0.87", "1.7", "[−2.19, 1.28]", "nm/N")),
         (7.3e-11, 4.5e-11, (1.1e-11, 1.78e-10), "rad/(N mm)", Statement("73", "45", "+105 / −62", "[11, 178]", "nrad/(N m)")),
-        (-1.03e-4, 5.8e-5, (-2.17e-4, 1.2e-5), "1", Statement("−103", "58", "120", "[−217, 12]", "µm/m")),
-        (3.8e-3, 8.2e-4, (2.17e-3, 5.41e-3), "mm", Statement("3.80", "0.82", "1.6", "[2.17, 5.41]", "µm")),
         (-2e-8, 1e-6, (-2e-6, 2e-6), "rad", Statement("0.0", "1.0", "2.0", "[−2.0, 2.0]", "µrad")),
         (0.0, 0.0, (0.0, 0.0), "mm", Statement("0.00", "0", "0", "[0.00, 0.00]", "µm")),
     ],
@@ -124,37 +107,22 @@ def test_in_a_sentence(mean: float, sd: float, interval: tuple[float, float], un
         assert plus_minus(mean, sd, interval, unit) == expected
 
 
-def test_lopsided() -> None:
-    assert state(0.9, 0.1, (1.0, 3.0), "um").expanded == "see interval"
-    assert is_lopsided(7.3, (1.1, 17.8))
-    assert not is_lopsided(5.48, (4.82, 6.13))
-
-
 def test_stiffness() -> None:
     """1 / 54.8 nm/N = 18.2 N/µm; only a lower limit where C may be a fifth of its median or less."""
     assert stiffness(5.48e-5, (4.82e-5, 6.13e-5)) == "18.2 [16.3, 20.7]"
     assert stiffness(5.48e-5, (5.47e-5, 5.49e-5)) == "18.248 [18.215, 18.282]"
     assert stiffness(5.48e-5, (0.0, 6.13e-5)) == "at least 16.3"
     assert stiffness(1e-6, (-1e-6, 3e-6)) == "at least 333"
-    assert stiffness(4.337e-5, (8.7e-6, 1.445e-4)) == "23 [7, 115]"
-    assert stiffness(-1e-6, (-3e-6, -1e-7)) == ""
     assert stiffness(1e-5, (1e-8, 6e-5)) == "at least 16.7"
-    assert [name for name in ("C_XXX", "C_XYX", "C_ZZA", "C_CCY", "C_XXX_1", "E_XX1") if is_direct(name)] == ["C_XXX", "C_ZZA"]
-
-
-def test_a_unit_for_reading() -> None:
-    assert reading_unit("mm/N", 2e-4, 1e-6) == (1e3, "µm/N")
-    assert reading_unit("mm/N", 5e-5, 1e-6) == (1e6, "nm/N")
-    assert reading_unit("rad/N", 5e-12) == (1e12, "prad/N")
-    assert reading_unit("1", 5e-8, 0.0) == (1e9, "nm/m")
-    assert reading_unit("mm", 0.0, 0.0) == (1e3, "µm")
+    assert stiffness(4.337e-5, (8.7e-6, 1.445e-4)) == "23 [7, 115]"
 
 
 def test_one_unit_for_all_of_a_kind() -> None:
     """Chosen by the largest number, kept until the block ends."""
-    with units_for({"mm/N": (5e-5, 4e-7, 0.0), "1": (1e-4,)}):
+    with units_for({"mm/N": (5e-5, 4e-7, 0.0), "1": (1e-4,), "rad": (0.0, 0.0)}):
         assert display_unit("mm/N") == (1e6, "nm/N")
         assert display_unit("1") == (1e6, "µm/m")
+        assert display_unit("rad") == (1e6, "µrad")
         assert display_unit("rad/N") == (1e9, "nrad/N")
     assert display_unit("mm/N") == (1e3, "µm/N")
 

@@ -12,23 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
-from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.terms import Columns, Drift, Term
+from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Result
 
-__all__ = [
-    "EXACTLY",
-    "Cure",
-    "Degeneracy",
-    "NullSpace",
-    "Standing",
-    "StandingKind",
-    "cures",
-    "degeneracies",
-    "standing_degeneracies",
-]
+__all__ = ["Cure", "Degeneracy", "Standing", "StandingKind", "cures", "degeneracies", "standing_degeneracies"]
 
 Array = NDArray[Any]
 _CUTS = (0.02, 1e-3, 1e-5, 1e-8)
@@ -42,8 +31,8 @@ class NullSpace:
 
     def __init__(self, scaled: Array, p: int, limit: float) -> None:
         self.scaled, self.p, self.limit = scaled, p, limit
-        stacked: Any = scaled
-        self._triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+        self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
+        self._largest = np.abs(scaled).max(axis=0)
 
     def sparse(self) -> list[tuple[int, Array]]:
         """A basis of the null space: pivots and vectors, each with a one at its pivot.
@@ -53,7 +42,7 @@ class NullSpace:
         that the others lack.
         """
         own = np.arange(self.p)
-        seen = np.abs(self.scaled).max(axis=0) > self.limit
+        seen = self._largest > self.limit
         every = np.flatnonzero(seen | (np.arange(len(seen)) < self.p))
         found = self._independent(own, own < self.p)
         own = np.setdiff1d(own, list(found))
@@ -85,7 +74,7 @@ class NullSpace:
         """One of the target and the least of the others that undo it, or None when they cannot."""
         solved = self._undone(target, others)
         change = np.abs(self.scaled @ solved).max()
-        effect = np.abs(self.scaled * solved).max(axis=0)
+        effect = self._largest * np.abs(solved)
         if change > self.limit * np.linalg.norm(solved) or change > EXACTLY * effect[target]:
             return None
         for cut in _CUTS:
@@ -168,7 +157,6 @@ class Cure(StrEnum):
     BOTH_BALLS = "both balls"
     RADIUS = "radius"
     DIRECTIONS = "directions"
-    REVERSE_ORDER = "reverse order"
     FULL_CIRCLES = "full circles"
     CALIBRATION = "calibration"
 
@@ -179,16 +167,14 @@ class StandingKind(StrEnum):
     FRICTION = "friction"
     CURVATURE = "curvature"
     LOBES = "lobes"
-    DRIFT = "drift"
 
 
 @dataclass(frozen=True)
 class Standing(Result):
-    """What holds whatever is measured: parameters that such an effect looks like; of a drift, what it would be over."""
+    """What holds whatever is measured: parameters that such an effect looks like."""
 
     kind: StandingKind
-    parameters: tuple[str, ...] = ()
-    over: str = ""
+    parameters: tuple[str, ...]
 
 
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
@@ -253,9 +239,6 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
     four = any(of_fourth_order[names.index(name)] for d in found for name in d.nuisances)
     if rotary and once and not four and any(d.term == "BallForm" for d in found):
         standing.append(Standing(StandingKind.LOBES, rotary))
-    for covariate, values in (("time", bound.setting.time_h), ("temperature", bound.setting.temperature_K)):
-        if np.isfinite(values).all() and np.ptp(values) > 0.0 and not any(isinstance(t, Drift) for t in bound.model.nuisances):
-            standing.append(Standing(StandingKind.DRIFT, over=covariate))
     return tuple(standing)
 
 
@@ -340,7 +323,8 @@ def _same(one: Degeneracy, other: Degeneracy) -> bool:
 
 def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
     """Tests one could add, by what is new about them."""
-    first, last = min(plan.tests, key=_force), max(plan.tests, key=_force)
+    forces = plan.forces_N
+    first = plan.tests[int(forces.argmin())]
     radius = float(first.radius_mm or plan.radius_mm)
 
     def again(work: float, tool: float) -> list[CircularTest]:
@@ -350,7 +334,7 @@ def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
             for turn in (45.0, 90.0)
         ]
 
-    levels = [round(factor * _force(test), 3) for factor, test in ((0.5, first), (1.5, last))]
+    levels = round(0.5 * float(forces.min()), 3), round(1.5 * float(forces.max()), 3)
     further = {
         Cure.FORCES: [replace(first, force_N=level, pressure_bar=None) for level in levels],
         Cure.WORK_BALL: again(1.0, 0.0),
@@ -361,19 +345,9 @@ def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
     if all(test.direction for test in plan.tests):
         turned: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
         further[Cure.DIRECTIONS] = [replace(test, direction=turned.get(test.direction or "")) for test in plan.tests]
-    times = [test.time_s for test in plan.tests]
-    if all(time is not None for time in times) and len(set(times)) > 1:
-        end = 2.0 * max(time for time in times if time is not None) + 1.0
-        further[Cure.REVERSE_ORDER] = [replace(test, time_s=end - float(test.time_s or 0.0)) for test in plan.tests]
     if any(test.arc_deg < _FULL_DEG or len(np.unique(np.round(test.angle_deg % 360.0, 6))) < _MANY for test in plan.tests):
         further[Cure.FULL_CIRCLES] = [replace(test, angle_deg=np.arange(120) * 3.0) for test in plan.tests]
     return further
-
-
-def _force(test: CircularTest) -> float:
-    if test.force_N is None:
-        raise InputError(f"{test.label} must have a force here.")
-    return float(test.force_N)
 
 
 def _order(nuisance: str) -> str:

@@ -17,10 +17,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from pydantic import model_serializer
-from scipy.stats import binom
+from scipy.special import bdtr, bdtrc, gammaln, xlog1py, xlogy
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import check_sampler, draw
 from ldbb_bayes.jobs import Lost, done
@@ -44,11 +44,11 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     """Lower and upper ends of the band, each of shape (draws,), for the `ecdf` of so many ranks, uniform in 0 … draws: with
     probability ``prob`` it stays inside as a whole; as near above that as whole counts allow."""
     level = np.arange(1, draws + 1) / (draws + 1)
+    below, above = (tail(np.arange(replicates + 1.0)[:, None], replicates, level) for tail in (bdtr, bdtrc))
 
     def pointwise(tail: float) -> tuple[Array, Array]:
         """Binomial intervals that leave out less than ``tail`` in all."""
-        lower, upper = binom.ppf(0.5 * tail, replicates, level), binom.isf(0.5 * tail, replicates, level)
-        return np.maximum(lower, 0.0).astype(int), np.minimum(upper, replicates).astype(int)
+        return (below < 0.5 * tail).sum(axis=0), (above > 0.5 * tail).sum(axis=0)
 
     low, high = 0.0, 1.0 - prob
     for _ in range(_BISECTIONS):
@@ -64,9 +64,17 @@ def _coverage(replicates: int, level: Array, lower: Array, upper: Array) -> floa
     for point, least, most in zip(level, lower, upper, strict=True):
         now = np.arange(least, most + 1)
         share = (point - before) / (1.0 - before)
-        probability = probability @ binom.pmf(now - origin[:, None], replicates - origin[:, None], share)
+        probability = probability @ _binomial(now - origin[:, None], replicates - origin[:, None], share)
         before, origin = point, now
     return float(probability.sum())
+
+
+def _binomial(count: Array, number: Array, share: float) -> Array:
+    """P(count of so many); zero below none."""
+    most = np.maximum(count, 0)
+    log_ways = gammaln(number + 1.0) - gammaln(most + 1.0) - gammaln(np.maximum(number - most, 0) + 1.0)
+    log_probability = log_ways + xlogy(most, share) + xlog1py(number - most, -share)
+    return np.where((count >= 0) & (count <= number), np.exp(log_probability), 0.0)
 
 
 LOG_LIKELIHOOD = "log_likelihood"
@@ -141,21 +149,12 @@ class Validation(Result):
     @model_serializer
     def _all_but_ranks(self) -> dict[str, Any]:
         coverage = self.coverage()[[f"{100 * prob:g}" for prob in _INTERVALS]].to_dict(orient="index")
-        level = np.arange(1, self.draws + 1) / (self.draws + 1)
-        quantities = {
-            name: {
-                "inside_band": name not in self.outside,
-                "largest_difference": float(np.abs(self.ecdf(name) - level).max()),
-                "coverage": coverage[name],
-            }
-            for name in self.names
-        }
         return {
             "sampler": self.sampler,
             "replicates": self.replicates,
             "draws": self.draws,
             "band_probability": self.prob,
-            "quantities": quantities,
+            "quantities": {n: {"inside_band": n not in self.outside, "coverage": coverage[n]} for n in self.names},
             "failures": list(self.failures),
             "calibrated": self.calibrated,
         }
@@ -236,10 +235,8 @@ def _ranks(
 
 def _check(model: HybridModel, generator: HybridModel | None, replicates: int, draws: int, sampler: str, prob: float) -> None:
     check_sampler(sampler)
-    if model.prior.flat or (generator is not None and generator.prior.flat):
-        raise InputError("validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.")
+    proper = not (model.prior.flat or (generator is not None and generator.prior.flat))
+    require(proper, "validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.")
     for name, value, least in (("replicates", replicates, 10), ("draws", draws, 9)):
-        if value < least:
-            raise InputError(f"{name} must be at least {least}, got {value}. Ask for more.")
-    if not 0.0 < prob < 1.0:
-        raise InputError(f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99.")
+        require(value >= least, f"{name} must be at least {least}, got {value}. Ask for more.")
+    require(0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99.")

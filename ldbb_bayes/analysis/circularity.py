@@ -1,4 +1,4 @@
-"""Circles that enclose a path: the zone about the least-squares centre and the narrowest one.
+"""Circular-test quantities in the sense of ISO 230-4, of the machine's own path and of the readings as they are.
 
 Radial deviations are small beside R: a shift of the centre by (a, b) takes a cos θ + b sin θ from them (to e²/2R: 0.01 µm for a
 circle 50 µm off centre).
@@ -16,10 +16,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of
 from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
@@ -30,6 +29,7 @@ __all__ = [
     "BIDIRECTIONAL",
     "COMPLIANCE",
     "GEOMETRY",
+    "MINIMUM_ZONES",
     "QUANTITIES",
     "TOGETHER",
     "Zone",
@@ -39,35 +39,21 @@ __all__ = [
     "first_circle",
     "least_squares_zone",
     "measured_circularity",
-    "minimum_zone",
-    "minimum_zone_widths",
+    "minimum_zone_width",
     "offsets",
     "squareness_name",
 ]
 
 Array = NDArray[Any]
 _FEWEST = 3
-_EXCHANGES = 200
-_LEVEL = 1e-9
-_SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 _SIDES = ((-1.0, 0.0, 1.0), (1.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)
 class Zone:
-    """Two concentric circles that enclose a path.
+    """A path about the centre of its least-squares circle: smallest and largest radial deviation from the nominal radius, and
+    that of the least-squares circle, in the unit of the deviations."""
 
-    Attributes
-    ----------
-    centre : (a, b)
-        Shift of their centre from the nominal one, in the unit of the deviations.
-    lower, upper : float
-        Smallest and largest radial deviation from the nominal radius about that centre.
-    mean : float
-        Mean of these for the minimum zone; radius of the least-squares circle less the nominal one.
-    """
-
-    centre: tuple[float, float]
     lower: float
     upper: float
     mean: float
@@ -79,106 +65,42 @@ class Zone:
 
 
 def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
-    """About the centre of the least-squares circle.
-
-    Parameters
-    ----------
-    angle_rad, deviation : ndarray, shape (n,)
-        Radial deviation of the path from the nominal circle at each angle; any unit.
-    """
+    """The zone about the centre of the least-squares circle, of radial deviations at each angle, shape (n,), in any unit."""
     columns = _columns(angle_rad, deviation)
     mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()
-    return _zone(columns, deviation, centre, mean)
+    rest = deviation - columns[:, 1:] @ centre
+    return Zone(float(rest.min()), float(rest.max()), mean)
 
 
-def minimum_zone(angle_rad: Array, deviation: Array) -> Zone:
-    """About the centre that makes the zone narrowest: a linear programme, solved exactly."""
+def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
+    """Width of the zone about the centre that makes it narrowest: a linear programme, solved exactly."""
+    from scipy.optimize import linprog
+
     columns = _columns(angle_rad, deviation)
     size = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
     # Centre, lower, upper: lower ≤ ρ − a cos θ − b sin θ ≤ upper.
     sides = [sign * np.column_stack([columns[:, 1:], columns[:, :1] * low, columns[:, :1] * high]) for sign, low, high in _SIDES]
     limits = np.concatenate([-deviation, deviation]) / size
     solved = linprog([0.0, 0.0, -1.0, 1.0], np.vstack(sides), limits, bounds=(None, None), method="highs")
-    if solved.x is None or not solved.success:
-        raise InputError(f"a minimum zone must exist, got none ({solved.message}). Check the readings.")
-    return _zone(columns, deviation, (solved.x[:2] * size).tolist())
-
-
-def _zone(columns: Array, deviation: Array, centre: Sequence[float], mean: float | None = None) -> Zone:
-    rest = deviation - columns[:, 1:] @ centre
-    lower, upper = float(rest.min()), float(rest.max())
-    return Zone((centre[0], centre[1]), lower, upper, 0.5 * (lower + upper) if mean is None else mean)
-
-
-def minimum_zone_widths(angle_rad: Array, deviations: Array) -> Array:
-    """Widths of the minimum zones of many full circles at once.
-
-    1, cos θ, sin θ satisfy Haar's condition, so the best fit deviates equally, with alternating sign, at four angles; they are
-    found by exchanging one at a time for where the deviation is largest.
-
-    Parameters
-    ----------
-    angle_rad : ndarray, shape (n,)
-        Different angles, rising, within one turn.
-    deviations : ndarray, shape (traces, n)
-
-    Returns
-    -------
-    ndarray, shape (traces,)
-    """
-    deviations = np.atleast_2d(deviations)
-    columns = _columns(angle_rad, deviations[0])
-    at = np.tile(np.arange(4) * len(angle_rad) // 4, (len(deviations), 1))
-    found = np.zeros(len(deviations))
-    left = np.arange(len(deviations))
-    for _ in range(_EXCHANGES):
-        own, trace = at[left], deviations[left]
-        matrix = np.concatenate([columns[own], np.broadcast_to(_SIGNS[:, None], (len(left), 4, 1))], axis=2)
-        solved = np.linalg.solve(matrix, np.take_along_axis(trace, own, axis=1)[..., None])[..., 0]
-        rest = trace - solved[:, :3] @ columns.T
-        worst = np.abs(rest).argmax(axis=1)
-        largest = np.take_along_axis(np.abs(rest), worst[:, None], axis=1)[:, 0]
-        found[left] = 2.0 * largest
-        open_ = largest > np.abs(solved[:, 3]) * (1.0 + _LEVEL) + _LEVEL * np.abs(trace).max(axis=1)
-        deviation = np.take_along_axis(rest, worst[:, None], axis=1)[:, 0]
-        at[left] = np.where(open_[:, None], _exchanged(own, worst, deviation, solved[:, 3]), own)
-        left = left[open_]
-        if not len(left):
-            break
-    return found
-
-
-def _exchanged(points: Array, new: Array, deviation: Array, level: Array) -> Array:
-    """Four points a trace (n, 4), the one beside ``new`` that deviates to the same side replaced by it; the first deviates by
-    ``level``."""
-    sign = np.where(level < 0.0, -1.0, 1.0)[:, None] * _SIGNS
-    place = (points < new[:, None]).sum(axis=1)
-    before, after = (place - 1) % 4, place % 4
-    rows = np.arange(len(points))
-    replaced = np.where(sign[rows, before] * deviation > 0.0, before, after)
-    points = points.copy()
-    points[rows, replaced] = new
-    return np.sort(points, axis=1)
+    require(solved.success, f"a minimum zone must exist, got none ({solved.message}). Check the readings.")
+    return float(np.ptp(deviation - columns[:, 1:] @ (np.asarray(solved.x)[:2] * size)))
 
 
 def _columns(angle_rad: Array, deviation: Array) -> Array:
-    if len(deviation) < _FEWEST or len(angle_rad) != len(deviation):
-        raise InputError(
-            f"a zone must have at least {_FEWEST} angles with a deviation each, got {len(deviation)}. Give the trace."
-        )
+    require(
+        len(deviation) >= _FEWEST and len(angle_rad) == len(deviation),
+        f"a zone must have at least {_FEWEST} angles with a deviation each, got {len(deviation)}. Give the trace.",
+    )
     return np.column_stack([np.ones(len(angle_rad)), np.cos(angle_rad), np.sin(angle_rad)])
 
 
 _ANGLE = np.arange(360) * (np.pi / 180.0)
 _CLOSED_DEG = 350.0
-# Minimum zones of two paths at once are a linear programme each.
-_ZONES = 200
+_CENTRED = np.arange(SIZE) >= 3  # without radius and centre
 _COS2, _SIN2 = harmonic_index(2)
-QUANTITIES = {
-    **dict.fromkeys(("G", "G_minimum_zone", "F_max", "F_min"), "µm"),
-    **dict.fromkeys(("squareness", "scale_mismatch"), "µm/m"),
-}
-BIDIRECTIONAL = dict.fromkeys(("G_b", "G_b_minimum_zone", "D"), "µm")
+QUANTITIES = {**dict.fromkeys(("G", "F_max", "F_min"), "µm"), **dict.fromkeys(("squareness", "scale_mismatch"), "µm/m")}
+BIDIRECTIONAL = dict.fromkeys(("G_b", "D"), "µm")
+MINIMUM_ZONES = dict.fromkeys(("G_minimum_zone", "G_b_minimum_zone"), "µm")
 
 
 def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -202,10 +124,10 @@ def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataF
             "force_N": one.force_N,
             "plane": one.plane,
             "G_b": least_squares_zone(*both).width,
-            "G_b_minimum_zone": minimum_zone(*both).width,
+            "G_b_minimum_zone": minimum_zone_width(*both),
             "D": float(np.mean([least_squares_zone(*trace).mean for trace in traces])),
         }
-    columns = ["force_N", "plane", *BIDIRECTIONAL]
+    columns = ["force_N", "plane", *BIDIRECTIONAL, "G_b_minimum_zone"]
     return pd.DataFrame.from_dict(tests, orient="index"), pd.DataFrame.from_dict(pairs, orient="index", columns=columns)
 
 
@@ -225,7 +147,7 @@ def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
         "G": zone.width,
         "F_max": zone.upper - zone.mean,
         "F_min": zone.lower - zone.mean,
-        "G_minimum_zone": minimum_zone(angle, reading).width,
+        "G_minimum_zone": minimum_zone_width(angle, reading),
         "squareness": square,
         "scale_mismatch": mismatch,
     }
@@ -248,7 +170,7 @@ def _pairs(tests: Sequence[CircularTest]) -> Iterator[tuple[CircularTest, Circul
 
 @one_blas_thread
 def circularity(
-    posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95, draws: int = 2000, both_ways: bool = True
+    posterior: xr.DataTree, forces_N: Sequence[float] = (), *, ci_prob: float = 0.95, draws: int = 2000
 ) -> pd.DataFrame:
     """The machine's own path at every force, with credible intervals.
 
@@ -258,24 +180,22 @@ def circularity(
         Default: 0 (geometry alone) and the tested forces.
     ci_prob : float
     draws : int
-        Of the posterior, evenly picked (for G_b of the minimum zone 200 at most).
-    both_ways : bool
-        Whether G_b and D are wanted where a plane is run both ways.
+        Of the posterior, evenly picked.
 
     Returns
     -------
     DataFrame
         One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high; on the first circle of the
-        plane. G about the least-squares centre and that of the minimum zone; F_max, F_min about the least-squares centre and
-        radius; squareness (in the sense and sign of the plane's own parameter, `squareness_name`) and scale_mismatch (gain of
-        the first axis less that of the second), as the second harmonic shows them, compliance included; where the plane is run
-        both ways G_b by either centre and D, the mean radius less the nominal one (G and F are then of the mean path). A G is a
-        largest difference: where the path is not known it is more often too large than too small.
+        plane. G, F_max, F_min about the least-squares centre and radius; squareness (in the sense and sign of the plane's own
+        parameter, `squareness_name`) and scale_mismatch (gain of the first axis less that of the second), as the second harmonic
+        shows them, compliance included; where the plane is run both ways G_b and D, the mean radius less the nominal one (G and
+        F are then of the mean path). A G is a largest difference: where the path is not known it is more often too large than
+        too small.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, draws)
-    travel = _travel_draws(bound, beta, phi) if both_ways and bound.setting.both_ways else {}
+    travel = _travel_draws(bound, beta, phi) if bound.setting.both_ways else {}
     beta = np.where(offsets(bound), 0.0, beta)
     forces = list(forces_N) or [0.0, *distinct_forces(bound.setting.force_N).tolist()]
     units, rows = QUANTITIES | BIDIRECTIONAL, []
@@ -300,18 +220,12 @@ def _spread(values: Array, ci_prob: float) -> dict[str, float]:
     return {"sd": float(values.std()), "median": float(median), "ci_low": float(low), "ci_high": float(high)}
 
 
-def _centred(path: Array) -> Array:
-    """Basis coefficients without radius and centre, shape (draws, 25)."""
-    return np.where(np.arange(SIZE) < 3, 0.0, path)
-
-
 def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
     """Of many paths, basis coefficients (draws, 25) [µm]."""
-    trace = _centred(path) @ basis(_ANGLE).T
+    trace = np.where(_CENTRED, path, 0.0) @ basis(_ANGLE).T
     upper, lower = trace.max(axis=1), trace.min(axis=1)
     return {
         "G": upper - lower,
-        "G_minimum_zone": minimum_zone_widths(_ANGLE, trace),
         "F_max": upper,
         "F_min": lower,
         "squareness": path[:, _SIN2] * per_second_order[1],
@@ -321,14 +235,9 @@ def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
 
 def _of_both_ways(path: Array, half: Array) -> dict[str, Array]:
     """Of two paths, path ± half of their difference; the least-squares centre common to both is that of their mean."""
-    centred, turn = _centred(path), basis(_ANGLE).T
+    centred, turn = np.where(_CENTRED, path, 0.0), basis(_ANGLE).T
     traces = np.concatenate([(centred + half) @ turn, (centred - half) @ turn], axis=1)
-    some = np.linspace(0, len(traces) - 1, min(len(traces), _ZONES)).astype(int)
-    return {
-        "G_b": np.ptp(traces, axis=1),
-        "G_b_minimum_zone": np.array([minimum_zone(np.tile(_ANGLE[::4], 2), trace[::4]).width for trace in traces[some]]),
-        "D": path[:, 0],
-    }
+    return {"G_b": np.ptp(traces, axis=1), "D": path[:, 0]}
 
 
 def _travel_draws(bound: BoundModel, beta: Array, phi: Array) -> dict[str, tuple[Array, Array]]:

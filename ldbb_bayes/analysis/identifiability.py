@@ -9,16 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cached_property
-from math import factorial
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.special import ndtr
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, cures, degeneracies, standing_degeneracies
 from ldbb_bayes.campaign.campaign import Campaign
@@ -31,28 +27,27 @@ from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
-from ldbb_bayes.model.likelihood import NOISE, Information
+from ldbb_bayes.model.likelihood import Information
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
 from ldbb_bayes.result import ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 __all__ = [
-    "Confounding",
     "DescribedMachine",
-    "Direction",
     "Identifiability",
     "ParameterIdentifiability",
     "Seen",
     "Verdict",
     "describe",
     "identify",
-    "overlap",
     "verdicts",
 ]
 
 Array = NDArray[Any]
 _TENTH, _HALF, _CONTRACTED, _NAMED = 0.1, 0.5, 0.75, 0.05
-_SHOWN = 3
 _ROUNDING = 1e-12
 
 
@@ -72,67 +67,23 @@ class Verdict(StrEnum):
     CONFOUNDED = "confounded"
 
 
-@dataclass(frozen=True, eq=False)
-class Confounding:
-    """Posterior variances of the parameters of interest under everything one could know."""
+def lost_by_knowing(information: Information, known: Sequence[str]) -> Array:
+    """Share of the variance of every parameter that vanishes when these terms or coefficients are known, shape (p,)."""
+    return np.clip(1.0 - information.variances(known) / information.variances(), 0.0, 1.0)
 
-    information: Information
 
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """The nuisance terms."""
-        return self.information.terms
+def unseen_share(information: Information, least: float = 1.0) -> Array:
+    """Share of the variance along directions in which the readings add less than ``least`` times the prior, shape (p,).
 
-    @cached_property
-    def variance(self) -> Array:
-        """Var(β | y) in units of the prior variance, shape (p,)."""
-        return self.information.variances()
-
-    @cached_property
-    def fraction(self) -> dict[str, Array]:
-        """Confounding fraction 1 − Var(β | y, g) / Var(β | y) of every term g, each shape (p,)."""
-        return {term: self.lost_by_knowing([term]) for term in self.terms}
-
-    def lost_by_knowing(self, terms: Sequence[str], *, clipped: bool = True) -> Array:
-        """Share of the variance that vanishes when these terms are known, shape (p,)."""
-        lost = 1.0 - self.information.variances(terms) / self.variance
-        return np.clip(lost, 0.0, 1.0) if clipped else lost
-
-    @cached_property
-    def shares(self) -> dict[str, Array]:
-        """Shapley shares of the terms and of the reading noise with the parameters' own prior; they sum to one.
-
-        A term's share is what knowing it takes from the variance, averaged over all orders in which terms become known
-        (Shapley 1953; Owen 2014). What stays when all are known goes to ``ReadingNoise``.
-        """
-        terms, count, numbers = self.terms, len(self.terms), np.arange(2 ** len(self.terms))
-        has = (numbers[:, None] >> np.arange(count)) & 1
-        subsets = [[term for term, there in zip(terms, row, strict=True) if there] for row in has]
-        worth = np.array([self.lost_by_knowing(subset, clipped=False) for subset in subsets])
-        weight = np.array([factorial(k) * factorial(count - k - 1) / factorial(count) for k in range(count)])
-        found = {}
-        for i, term in enumerate(terms):
-            without = numbers[has[:, i] == 0]
-            found[term] = weight[has[without].sum(axis=1)] @ (worth[without | 1 << i] - worth[without])
-        return found | {NOISE: 1.0 - worth[-1]}
-
-    @cached_property
-    def sensitivity(self) -> dict[str, Array]:
-        """d ln sd(β) / d ln(prior scale of the term), each shape (p,); parameters' own priors and reading noise too."""
-        return self.information.contributions()
-
-    def unseen_share(self, least: float = 1.0) -> Array:
-        """Share of the variance along directions in which the readings add less than ``least`` times the prior, shape (p,).
-
-        Directions of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors of the
-        whitened design, along which the readings add the squared singular value to a prior precision of one.
-        """
-        rows = self.information.rows()
-        missing = max(rows.shape[1] - len(rows), 0)
-        _, singular, right = np.linalg.svd(np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False)
-        gain = singular[:, None] ** 2
-        parts = right[:, self.information.own] ** 2 / (1.0 + gain)
-        return np.asarray(np.where(gain < least, parts, 0.0).sum(axis=0) / parts.sum(axis=0))
+    Directions of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors of the whitened
+    design, along which the readings add the squared singular value to a prior precision of one.
+    """
+    rows = information.rows()
+    missing = max(rows.shape[1] - len(rows), 0)
+    _, singular, right = np.linalg.svd(np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False)
+    gain = singular[:, None] ** 2
+    parts = right[:, information.own] ** 2 / (1.0 + gain)
+    return np.asarray(np.where(gain < least, parts, 0.0).sum(axis=0) / parts.sum(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,21 +104,13 @@ class ParameterIdentifiability(Result):
         Not a number, and infinite, when flat.
     mean, sd : float
         Of the Gaussian posterior; a plan's mean is the prior's.
-    contraction : float
-        1 − Var(β | y) / Var(β); not a number when flat, as `information_gain` and `overlap`.
-    information_gain, overlap : float
-        Mutual information of parameter and readings, ½ ln(Var(β) / Var(β | y)) [nat]; area common to prior and posterior density.
+    contraction, information_gain : float
+        1 − Var(β | y) / Var(β), and ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]; not a
+        number when flat.
     confounding : dict of term to float
         1 − Var(β | y, term) / Var(β | y).
-    shapley, sensitivity : dict of source to float
-        Fair shares of the variance; d ln sd(β) / d ln(scale of the source), ``Parameters`` being their own priors. Either
-        sum to one.
-    variance_inflation : float
-        Var(β | y) over what it would be if every other coefficient were known.
-    correlations : dict of name to float
-        The largest posterior correlations with parameters and nuisances.
-    unseen_share : float
-        Share of the variance along directions in which the priors outweigh the readings.
+    shares : dict of source to float
+        What the terms, the reading noise and the parameters' own priors bring to the variance, as in `budgets`; they sum to one.
     """
 
     name: str
@@ -181,30 +124,8 @@ class ParameterIdentifiability(Result):
     sd: float
     contraction: Number
     information_gain: Number
-    overlap: Number
     confounding: dict[str, float]
-    shapley: dict[str, float]
-    sensitivity: dict[str, float]
-    variance_inflation: float
-    correlations: dict[str, float]
-    unseen_share: float
-
-
-@dataclass(frozen=True)
-class Direction:
-    """A direction of the parameters of interest along which the readings add to the prior.
-
-    Attributes
-    ----------
-    gain : float
-        λ of F v = λ S⁻¹ v, F the Fisher information with nuisances integrated out and S the prior covariance: precision grows
-        by the factor 1 + λ.
-    loadings : dict of parameter to float
-        In units of the prior sd, of length one.
-    """
-
-    gain: float
-    loadings: dict[str, float]
+    shares: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,13 +143,8 @@ class Identifiability(Result):
         units.
     correlation : DataFrame
         Posterior correlations of parameters and shared nuisances.
-    directions : tuple of Direction
-        Likelihood-informed directions, the best known first; none when the prior is flat.
     effective_parameters : float
-        Σ λ / (1 + λ): how many parameters the readings determine.
-    condition_number, scaled_condition_number : float
-        Of the design of the parameters of interest, in inside units (as the paper quotes it) and in units of the prior sd;
-        infinite when columns depend on one another.
+        How many parameters the readings determine: the sum of the contractions, all of them when the prior is flat.
     hyper_um : dict of name to float
         φ it holds at [µm].
     measured : bool
@@ -240,11 +156,8 @@ class Identifiability(Result):
     cures: tuple[tuple[Cure, ...], ...]
     standing: tuple[Standing, ...]
     effective_parameters: float
-    directions: tuple[Direction, ...]
     alias: ByRow
     correlation: ByRow
-    condition_number: Finite
-    scaled_condition_number: Finite
     hyper_um: dict[str, float]
     measured: bool
 
@@ -262,22 +175,14 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     phi, mean = _hyper_and_mean(bound)
     information = information_of(bound, phi)
     found = degeneracies(bound)
-    covariance = information.covariance()
-    own = information.own
-    entries = _parameters(bound, information, found, mean)
-    directions, effective = _directions(information, covariance[np.ix_(own, own)])
-    rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
     return Identifiability(
-        parameters=entries,
+        parameters=_parameters(bound, information, found, mean),
         degeneracies=found,
         cures=cures(bound, found),
         standing=standing_degeneracies(bound, found),
-        effective_parameters=effective,
-        directions=directions,
-        alias=_alias_matrix(information, rows),
-        correlation=_correlation(information, covariance),
-        condition_number=_condition(rows),
-        scaled_condition_number=_condition(rows * bound.scale),
+        effective_parameters=len(bound.names) - (0.0 if information.flat else float(information.variances().sum())),
+        alias=_alias_matrix(bound, information),
+        correlation=_correlation(information),
         hyper_um={name: float(value * 1e3) for name, value in zip(bound.hyper_prior.names, phi, strict=True)},
         measured=not campaign.is_plan,
     )
@@ -314,21 +219,21 @@ def _parameters(
     drawn: tuple[Array, Array] | None = None,
 ) -> dict[str, ParameterIdentifiability]:
     """``drawn``: prior and posterior sd that replace the Gaussian's, truncation included."""
-    confounding, own, proper = Confounding(information), information.own, not information.flat
-    covariance = information.covariance()
-    unseen = [confounding.unseen_share(least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)]
-    inflation = np.diag(covariance) * (information.root()[0] ** 2).sum(axis=0)
-    correlation = _correlation(information, covariance)
-    nominal = np.array([p.prior_sd for p in bound.parameters]), np.sqrt(np.diag(covariance)[own]) * information.scale[own]
+    own, proper = information.own, not information.flat
+    unseen = [unseen_share(information, least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)]
+    correlation = _correlation(information)
+    lost = {term: lost_by_knowing(information, [term]) for term in information.terms}
+    shares = information.contributions()
+    nominal = np.array([p.prior_sd for p in bound.parameters]), np.sqrt(information.variances()) * information.scale[own]
     entries = {}
-    for i, (k, p, prior_sd, sd) in enumerate(zip(own, bound.parameters, *(drawn or nominal), strict=True)):
+    for i, (p, prior_sd, sd) in enumerate(zip(bound.parameters, *(drawn or nominal), strict=True)):
         ratio = float(sd / prior_sd) ** 2
-        others = correlation[p.name].drop(p.name)
+        others = correlation[p.name]
         rivals = {name: float(others[name] ** 2) for name in bound.names if name != p.name}
+        confounding = {term: float(values[i]) for term, values in lost.items()}
+        every = confounding | rivals
         mine = tuple(d for d in found if p.name in d.parameters)
-        verdict, partners = _verdict(confounding, i, rivals, (unseen[0][i], unseen[1][i]), 1.0 - ratio, mine)
-        shares = {term: float(values[i]) for term, values in confounding.fraction.items()}
-        every = shares | rivals
+        verdict, partners = _verdict(information, i, every, (unseen[0][i], unseen[1][i]), 1.0 - ratio, mine)
         entries[p.name] = ParameterIdentifiability(
             name=p.name,
             verdict=verdict,
@@ -341,92 +246,57 @@ def _parameters(
             sd=float(sd),
             contraction=1.0 - ratio if proper else np.nan,
             information_gain=float(-0.5 * np.log(ratio)) if proper else np.nan,
-            overlap=overlap((float(mean[i]) - p.prior_mean) / prior_sd, np.sqrt(ratio)) if proper else np.nan,
-            confounding=shares,
-            shapley={source: float(values[i]) for source, values in confounding.shares.items()},
-            sensitivity={source: float(values[i]) for source, values in confounding.sensitivity.items()},
-            variance_inflation=float(inflation[k]),
-            correlations={str(n): float(others[n]) for n in ranked(others.index, others.abs().__getitem__)[:_SHOWN]},
-            unseen_share=float(unseen[0][i]),
+            confounding=confounding,
+            shares={source: float(values[i]) for source, values in shares.items()},
         )
     return entries
 
 
 def _verdict(
-    confounding: Confounding,
+    information: Information,
     i: int,
-    rivals: Mapping[str, float],
+    share: Mapping[str, float],
     unseen: tuple[float, float],
     contraction: float,
     mine: tuple[Degeneracy, ...],
 ) -> tuple[Verdict, tuple[str, ...]]:
     """See `Verdict` for the rule; with the partners.
 
-    ``i``: its number among the parameters; ``rivals``: squared correlations with the other parameters; ``unseen``: shares of the
-    variance where the priors outweigh the readings, once and tenfold; ``mine``: its degeneracies.
+    ``i``: its number among the parameters; ``share``: what knowing each term would take from its variance, and its squared
+    correlations with the other parameters; ``unseen``: shares of the variance where the priors outweigh the readings, once and
+    tenfold; ``mine``: its degeneracies.
     """
-    shared = confounding.information.shared_terms
-    share = {term: float(values[i]) for term, values in confounding.fraction.items()} | dict(rivals)
-    heavy = tuple(ranked((t for t in shared if share[t] > _NAMED), share.__getitem__))
+    terms = information.shared_terms
+    rivals = ranked((name for name in share if name not in information.terms), share.__getitem__)
+    heavy = tuple(ranked((term for term in terms if share[term] > _NAMED), share.__getitem__))
     alike = {d.term for d in mine if d.modelled}
     exact = tuple(term for term in heavy if term in alike)
     left_out = tuple(dict.fromkeys(d.term for d in mine if not d.modelled))
     if left_out:
         return Verdict.CONFOUNDED, (*left_out, *exact)
-    same = {n: None for d in mine if not d.term for n in d.parameters if n in rivals}
-    twins = ranked(same, rivals.__getitem__)
+    same = {name for d in mine if not d.term for name in d.parameters}
+    twins = [name for name in rivals if name in same]
     partners = tuple(name for name in (*(exact or heavy), *twins) if share[name] > _NAMED)
-    if unseen[0] > _HALF and partners and confounding.lost_by_knowing((*shared, *twins))[i] > _HALF:
+    if unseen[0] > _HALF and partners and lost_by_knowing(information, (*terms, *twins))[i] > _HALF:
         return Verdict.CONFOUNDED, partners
-    rival = next(iter(ranked(rivals, rivals.__getitem__)), "")
-    if unseen[1] > _HALF and rival and rivals[rival] > _HALF:
-        return Verdict.CONFOUNDED, (rival,)
+    if unseen[1] > _HALF and rivals and share[rivals[0]] > _HALF:
+        return Verdict.CONFOUNDED, (rivals[0],)
     return (Verdict.PRIOR_LIMITED if contraction < _CONTRACTED else Verdict.IDENTIFIED), heavy
 
 
-def overlap(mean: float, sd: float) -> float:
-    """Area common to N(0, 1) and N(mean, sd²), 0 … 1; mean and sd in units of the prior sd."""
-    if abs(sd - 1.0) < 1e-9:
-        return float(2.0 * ndtr(-abs(mean) / 2.0))
-    # The densities cross where (x − mean)² / sd² + 2 ln sd = x².
-    a, b, c = 1.0 / sd**2 - 1.0, -2.0 * mean / sd**2, mean**2 / sd**2 + 2.0 * np.log(sd)
-    low, high = sorted(((-b - np.sqrt(b * b - 4 * a * c)) / (2 * a), (-b + np.sqrt(b * b - 4 * a * c)) / (2 * a)))
-    narrow = ndtr((high - mean) / sd) - ndtr((low - mean) / sd)
-    return float(min(1.0, 1.0 - abs(narrow - (ndtr(high) - ndtr(low)))))
-
-
-def _directions(information: Information, covariance: Array) -> tuple[tuple[Direction, ...], float]:
-    """Eigenvectors of the prior-whitened posterior covariance of the parameters of interest, and Σ λ / (1 + λ)."""
-    names = [information.names[i] for i in information.own]
-    if information.flat:
-        return (), float(len(names))
-    kept, vectors = np.linalg.eigh(covariance)
-    kept = np.clip(kept, np.finfo(float).tiny, 1.0)
-    found = []
-    for value, vector in zip(kept, vectors.T, strict=True):
-        sign = np.sign(vector[ranked(range(len(vector)), np.abs(vector).__getitem__)[0]])
-        found.append(Direction(float(1.0 / value - 1.0), dict(zip(names, (sign * vector).tolist(), strict=True))))
-    return tuple(found), float((1.0 - kept).sum())
-
-
-def _condition(rows: Array) -> float:
-    singular = np.linalg.svd(rows, compute_uv=False)
-    dependent = len(rows) < rows.shape[1] or singular[-1] <= np.finfo(float).eps * max(rows.shape) * singular[0]
-    return np.inf if dependent else float(singular[0] / singular[-1])
-
-
-def _alias_matrix(information: Information, rows: Array) -> pd.DataFrame:
+def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
     own, names = information.own, np.array(information.names)
     others = np.setdiff1d(np.arange(len(names)), own)
+    rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)])
     every = np.concatenate(information.design) * information.scale
     table = np.array([least_squares(rows, every[:, j], information.scale[own]) for j in others]).reshape(len(others), len(own)).T
     table[np.abs(table) < _ROUNDING * information.scale[own, None]] = 0.0
     return pd.DataFrame(table, names[own].tolist(), names[others].tolist())
 
 
-def _correlation(information: Information, covariance: Array) -> pd.DataFrame:
+def _correlation(information: Information) -> pd.DataFrame:
+    covariance, names = information.covariance(), list(information.names)
     sd = np.sqrt(np.diag(covariance))
-    names = list(information.names)
     return pd.DataFrame(covariance / np.outer(sd, sd), names, names)
 
 
@@ -535,18 +405,12 @@ def _patterns(values: Mapping[str, Array], k: int, base: int) -> dict[str, str]:
 def _formula(values: Array, base: int) -> str:
     """The formula of a column (radii, angles); ``base``: degree in (c, s) of the part without R."""
     by_power = np.linalg.solve(np.vander(_RADII, increasing=True), values)
-    largest = np.abs(values).max()
-    if largest < _NEGLIGIBLE:
-        return ""
-    text = ""
+    least, text = _NEGLIGIBLE * max(np.abs(values).max(), 1.0), ""
     for power in range(len(_RADII) - 1, -1, -1):
         degree = base + power
         monomials = np.stack([np.cos(_ANGLE) ** (degree - k) * np.sin(_ANGLE) ** k for k in range(degree + 1)], axis=1)
-        if np.abs(by_power[power]).max() < _NEGLIGIBLE * largest:
-            continue
-        factors = np.linalg.lstsq(monomials, by_power[power], rcond=None)[0]
-        for k, factor in enumerate(factors.tolist()):
-            if abs(factor) > _NEGLIGIBLE * largest:
+        for k, factor in enumerate(np.linalg.lstsq(monomials, by_power[power], rcond=None)[0].tolist()):
+            if abs(factor) > least:
                 size = abs(round(factor, 9))
                 sign = (" − " if factor < 0 else " + ") if text else "−" * (factor < 0)
                 monomial = _power("R", power, " ") + _power("c", degree - k) + _power("s", k)

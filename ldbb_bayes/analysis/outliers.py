@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import Evidences, leave_one_out, probabilities
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.predictive import harmonics_of, replicate_left_out
@@ -27,14 +27,13 @@ from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
 from ldbb_bayes.model.gaussian import holm
 from ldbb_bayes.model.hybrid import HybridModel
 
-__all__ = ["FALSE_ALARMS", "Dropped", "Outlier", "belonging", "dropped", "outliers"]
+__all__ = ["FALSE_ALARMS", "Outlier", "belonging", "outliers"]
 
 Array = NDArray[Any]
 FALSE_ALARMS = 0.02
 _REPLICATES = 20_000
 _EACH = 400
 _CLOSER, _TOGETHER, _MORE = 0.05, 5, 2
-_SPARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -60,15 +59,6 @@ class Outlier:
     worst_order: int
     flag: bool
     distance: float
-
-
-@dataclass(frozen=True)
-class Dropped:
-    """A parameter without the test: mean and sd, and how far the mean moves in units of the sd with all tests."""
-
-    mean: float
-    sd: float
-    shift: float
 
 
 @one_blas_thread
@@ -105,25 +95,21 @@ def belonging(
         For fewer than two tests, a plan, or an improper prior.
     """
     check_campaign(campaign)
-    if not models:
-        raise InputError("models must be at least one, got none. Give for example {'linear': HybridModel.default(1)}.")
-    if replicates is not None and replicates < 1:
-        raise InputError(f"replicates must be at least 1, got {replicates}. Leave it out for the default.")
-    if len(campaign.tests) < 2:
-        raise InputError("a campaign must have at least two tests to compare them, got one. Add tests.")
-    size = _circles(len(campaign.tests), replicates)
+    require(len(campaign.tests) > 1, "a campaign must have at least two tests to compare them, got one. Add tests.")
+    least = int(len(campaign.tests) / (_MORE * FALSE_ALARMS)) + 1
+    few = replicates is not None and replicates < least
+    require(
+        not few, f"replicates must be at least {least} to judge {len(campaign.tests)} tests, got {replicates}. Leave them out."
+    )
     evidences = Evidences(campaign, tolerance=tolerance)
-    weighed = {name: evidences.of(model) for name, model in models.items()}
+    weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
     left = {name: leave_one_out(nodes, tolerance=tolerance) for name, nodes in weighed.items()}
-    judged = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=size)
-    rows = {
-        test.name: {
-            "force_N": test.force_N,
-            **{column: getattr(judged[test.name], column) for column in ("p_value", "family_wise_p_value", "flag")},
-            **{f"order_{n}": p for n, p in enumerate(judged[test.name].order_p_values)},
-        }
-        for test in campaign.tests
-    }
+    judged = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=replicates)
+    rows = {}
+    for test in campaign.tests:
+        own = judged[test.name]
+        seen = {"force_N": test.force_N, "p_value": own.p_value, "family_wise_p_value": own.family_wise_p_value, "flag": own.flag}
+        rows[test.name] = seen | {f"order_{n}": p for n, p in enumerate(own.order_p_values)}
     return pd.DataFrame.from_dict(rows, orient="index")
 
 
@@ -138,7 +124,7 @@ def outliers(
     """Return every test against the others, from the nodes of all tests by model, and of all but one by model and test."""
     rng = np.random.default_rng(seed)
     names = next(iter(models.values())).bound.test_names
-    size = _circles(len(names), replicates)
+    size = replicates or max(_REPLICATES, _EACH * len(names))
     flagged: dict[str, Outlier] = {}
     reached = 0.0
     while True:
@@ -153,28 +139,6 @@ def outliers(
     adjusted = np.maximum(holm(np.array([own.p_value for own in rest.values()])), reached)
     rest = {name: replace(own, family_wise_p_value=float(p)) for (name, own), p in zip(rest.items(), adjusted, strict=True)}
     return {name: (flagged | rest)[name] for name in names}
-
-
-def _circles(tests: int, replicates: int | None) -> int:
-    """How many to draw in the place of each test."""
-    size = replicates or max(_REPLICATES, _EACH * tests)
-    if (_MORE * size + 1) * FALSE_ALARMS <= tests:
-        least = int(tests / (FALSE_ALARMS * _MORE)) + 1
-        raise InputError(
-            f"replicates must be at least {least} to judge {tests} tests, got {size}. Leave them out for the default."
-        )
-    return size
-
-
-def dropped(nodes: Nodes, left: Mapping[str, Nodes]) -> dict[str, dict[str, Dropped]]:
-    """Return what every parameter becomes when a test is left out."""
-    mean, sd = nodes.moments(spare=_SPARE)
-    changes = {}
-    for name, others in left.items():
-        other_mean, other_sd = others.moments(spare=_SPARE)
-        rows = zip(nodes.bound.names, other_mean, other_sd, (other_mean - mean) / sd, strict=True)
-        changes[name] = {parameter: Dropped(float(m), float(s), float(shift)) for parameter, m, s, shift in rows}
-    return changes
 
 
 def _against_the_others(

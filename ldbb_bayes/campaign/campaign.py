@@ -6,27 +6,32 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from datetime import datetime
-from functools import cached_property
+from dataclasses import field, fields, replace
+from datetime import date, datetime
+from functools import cached_property, lru_cache
 from itertools import count
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, SkipValidation
+from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.errors import InputError, check_known, require
+from ldbb_bayes.files import refusing
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.result import table_html
 
 __all__ = [
     "PER_TEST",
     "Campaign",
+    "CampaignFields",
     "CircularTest",
     "Direction",
     "ForceLaw",
     "MountCompensation",
     "Plan",
+    "TestFields",
     "check_campaign",
     "distinct_forces",
 ]
@@ -34,26 +39,52 @@ __all__ = [
 Array = NDArray[np.float64]
 Direction = Literal["CW", "CCW"]
 MINIMUM_READINGS, MINIMUM_ARC_DEG, LARGEST_READING_MM, LARGEST_SETUP = 9, 180.0, 100.0, 1000
-LARGEST_FORCE_N, LARGEST_LENGTH_MM = 1e6, 1e5
 # A regulator repeats a force no better than to this share of the largest.
 SAME_FORCE = 1e-3
-_CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
-# Fields of a test that a table may hold in columns, and campaign.toml in its [[test]], by these very names.
-PER_TEST = ("work_ball_deg", "tool_ball_deg", "radius_mm", "plane", *_CENTRE, "setup", "temperature_C", "time_s")
-_SAFE_NAME = re.compile(r"[\w+\-][\w+\-. ]{0,99}")
 
 
-@dataclass(frozen=True)
+def _no_text(value: Any) -> Any:
+    if isinstance(value, str | bool):
+        raise ValueError("it should be a number")
+    return value
+
+
+def _printable(text: str) -> str:
+    if not (text.strip() and text.isprintable()):
+        raise ValueError("it should be a name that can be printed")
+    return text
+
+
+def _iso(when: Any) -> str:
+    try:
+        return when.isoformat() if isinstance(when, date) else str(datetime.fromisoformat(when) and when)
+    except (TypeError, ValueError):
+        raise ValueError("it should be a date as ISO 8601, for example 2026-11-20") from None
+
+
+def _file_name(name: str) -> str:
+    if name and not re.fullmatch(r"[\w+\-][\w+\-. ]{0,99}", name):
+        raise ValueError("it names a file: letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot")
+    return name
+
+
+_STRICT = ConfigDict(extra="forbid")
+Number = Annotated[float, BeforeValidator(_no_text), Field(allow_inf_nan=False)]
+Force = Annotated[Number, Field(gt=0.0, le=1e6)]
+Pressure = Annotated[Number, Field(ge=0.0)]
+Length = Annotated[Number, Field(gt=0.0, le=1e5)]
+Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
+Label = Annotated[str, AfterValidator(_printable)]
+Date = Annotated[str, BeforeValidator(_iso)]
+
+
+@refusing("force law ([force])")
+@dataclass(frozen=True, config=_STRICT)
 class ForceLaw:
     """F = slope · P + offset: what the regulator pressure does to the force (default: the paper's bar)."""
 
-    slope_N_per_bar: float = 126.04
-    offset_N: float = -14.2
-
-    def __post_init__(self) -> None:
-        got = f"{self.slope_N_per_bar} N/bar and {self.offset_N} N. Correct the [force] table"
-        holds = 0 < self.slope_N_per_bar < np.inf and np.isfinite(self.offset_N)
-        require(holds, f"force law must have a positive finite slope and a finite offset, got {got}.")
+    slope_N_per_bar: Annotated[Number, Field(gt=0.0)] = 126.04
+    offset_N: Number = -14.2
 
     def force_N(self, pressure_bar: float) -> float:
         """Force at a pressure [N]."""
@@ -64,20 +95,45 @@ class ForceLaw:
         return (force_N - self.offset_N) / self.slope_N_per_bar
 
 
-@dataclass(frozen=True)
+@refusing("mount ([mount])")
+@dataclass(frozen=True, config=_STRICT)
 class MountCompensation:
     """Deflection of the work ball's mount per bar (Eq. 32) and whether the readings are already free of it."""
 
-    deflection_um_per_bar: float = 2.33
+    deflection_um_per_bar: Annotated[Number, Field(ge=0.0)] = 2.33
     compensated: bool = True
 
-    def __post_init__(self) -> None:
-        got = f"{self.deflection_um_per_bar}. Correct the [mount] table"
-        require(0 <= self.deflection_um_per_bar < np.inf, f"mount deflection must be a number ≥ 0 in µm/bar, got {got}.")
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TestFields:
+    """What a program, campaign.toml or a layout says of a test beside its readings; None: not stated."""
+
+    __test__ = False
+
+    name: Annotated[str, AfterValidator(_file_name)] | None = None
+    force_N: Force | None = None
+    pressure_bar: Pressure | None = None
+    direction: Direction | None = None
+    work_ball_deg: Number | None = None
+    tool_ball_deg: Number | None = None
+    radius_mm: Length | None = None
+    plane: str | None = None
+    centre_x_mm: Coordinate | None = None
+    centre_y_mm: Coordinate | None = None
+    centre_z_mm: Coordinate | None = None
+    setup: Annotated[int, BeforeValidator(_no_text), Field(ge=1, le=LARGEST_SETUP)] | None = None
+    temperature_C: Number | None = None
+    time_s: Number | None = None
 
 
+# Fields of a test that a table may hold in columns, by these very names, beside its load and direction.
+PER_TEST = tuple(own.name for own in fields(TestFields) if own.name not in ("name", "force_N", "pressure_bar", "direction"))
+_CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
+
+
+@refusing("test")
 @dataclass(frozen=True, eq=False)
-class CircularTest:
+class CircularTest(TestFields):
     """One circle at one force. Without readings it is a planned test.
 
     Parameters
@@ -109,37 +165,21 @@ class CircularTest:
         For missing, non-finite, too few or unequal numbers of angles and readings, or a force that is not positive.
     """
 
-    force_N: float | None = None
+    force_N: Force | None = None
     angle_deg: Any = None
     reading_um: Any = None
-    pressure_bar: float | None = None
-    name: str = ""
-    direction: Direction | None = None
-    work_ball_deg: float = 0.0
-    tool_ball_deg: float = 0.0
-    radius_mm: float | None = None
-    plane: str | None = None
-    centre_x_mm: float | None = None
-    centre_y_mm: float | None = None
-    centre_z_mm: float | None = None
-    setup: int | None = None
-    temperature_C: float | None = None
-    time_s: float | None = None
-    angle_rad: Any = None
-    reading_mm: Any = None
+    name: Annotated[str, AfterValidator(_file_name)] = field(default="", kw_only=True)
+    work_ball_deg: Number = field(default=0.0, kw_only=True)
+    tool_ball_deg: Number = field(default=0.0, kw_only=True)
+    angle_rad: Any = field(default=None, kw_only=True)
+    reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         angle = self._column("angle_deg", "angle_rad", np.rad2deg)
         reading = self._column("reading_um", "reading_mm", lambda mm: mm * 1e3)
         for fault in self._faults(angle, reading):
             raise InputError(f"{self.label} must {fault}")
-        if self.name and not _SAFE_NAME.fullmatch(self.name):
-            raise InputError(
-                f"a test's name must be letters, digits, spaces, '_', '-', '+' or '.', not starting with a dot, "
-                f"got {self.name!r}. Rename it: the name becomes a file's."
-            )
-        setup = None if self.setup is None else int(self.setup)
-        self.__dict__.update(setup=setup, angle_deg=angle, reading_um=reading, angle_rad=None, reading_mm=None)
+        self.__dict__.update(angle_deg=angle, reading_um=reading, angle_rad=None, reading_mm=None)
 
     def _column(self, plain: str, other: str, convert: Callable[[Array], Array]) -> Array | None:
         """The column as one of two units gives it, in the first."""
@@ -147,12 +187,10 @@ class CircularTest:
         require(len(given) <= 1, f"{self.label} must have {plain} or {other}, got both. Keep one of them.")
         for name, value in given.items():
             array = np.array(value, dtype=float)
-            if array.ndim != 1:
-                got = f"{name} of shape (n,), got shape {array.shape}"
-                raise InputError(f"{self.label} must have {got}. Pass one value per reading.")
-            bad = np.flatnonzero(~np.isfinite(array))
-            if bad.size:
-                got = f"{array[bad[0]]} at reading {bad[0] + 1}"
+            got = f"{name} of shape (n,), got shape {array.shape}"
+            require(array.ndim == 1, f"{self.label} must have {got}. Pass one value per reading.")
+            for k in np.flatnonzero(~np.isfinite(array)):
+                got = f"{array[k]} at reading {k + 1}"
                 raise InputError(f"{self.label} must have finite {name}, got {got}. Remove or correct that reading.")
             array = array if name == plain else convert(array)
             array.setflags(write=False)
@@ -172,20 +210,8 @@ class CircularTest:
         if _arc_deg(angle) < MINIMUM_ARC_DEG:
             cure = "Check the unit of the angle (degrees or radians) or leave the test out"
             yield f"cover an arc of at least {MINIMUM_ARC_DEG:g}°, got {_arc_deg(angle):.3g}°. {cure}."
-        yield from _not_positive("force_N", self.force_N, "N", LARGEST_FORCE_N)
-        yield from _not_positive("radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM)
-        if self.pressure_bar is not None and self.pressure_bar < 0:
-            yield f"have pressure_bar ≥ 0, got {self.pressure_bar}. Correct it."
         if reading is not None and (largest := np.abs(reading).max() * 1e-3) > LARGEST_READING_MM:
             yield f"have readings below {LARGEST_READING_MM:g} mm, got {largest:.4g} mm. Check the unit of the readings."
-        for key in ("pressure_bar", "work_ball_deg", "tool_ball_deg", *_CENTRE, "temperature_C", "time_s"):
-            value = getattr(self, key)
-            if value is not None and not abs(value) <= (LARGEST_LENGTH_MM if key in _CENTRE else np.finfo(float).max):
-                yield f"have a finite {key}, got {value}. Correct or remove it."
-        if self.setup is not None and (self.setup != int(self.setup) or not 1 <= self.setup <= LARGEST_SETUP):
-            yield f"have a setup of 1, 2, …, got {self.setup}. Number the set-ups, or leave it out."
-        if self.direction not in (None, "CW", "CCW"):
-            yield f"have direction CW or CCW, got {self.direction!r}. Correct or remove it."
 
     @property
     def label(self) -> str:
@@ -197,15 +223,9 @@ class CircularTest:
         return np.deg2rad(self.angle_deg)
 
     def readings_mm(self) -> Array:
-        """ρ in millimetres, shape (n,).
-
-        Raises
-        ------
-        ValueError
-            For a planned test.
-        """
-        if self.reading_um is None:
-            raise InputError(f"{self.label} must have readings here, got a planned test. Use a campaign, or simulate the plan.")
+        """ρ in millimetres, shape (n,); `InputError` for a planned test."""
+        got = "got a planned test. Use a campaign, or simulate the plan"
+        require(self.reading_um is not None, f"{self.label} must have readings here, {got}.")
         return np.asarray(self.reading_um) * 1e-3
 
     def with_reading_um(self, reading_um: ArrayLike | None) -> CircularTest:
@@ -230,20 +250,18 @@ class CircularTest:
 
 
 def _arc_deg(angle_deg: Array) -> float:
-    wrapped = np.unique(np.mod(angle_deg, 360.0))
+    return _arc_of(angle_deg.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _arc_of(angles: bytes) -> float:
+    """The tests of a campaign, and the candidates of a design, often have the same angles."""
+    wrapped = np.unique(np.mod(np.frombuffer(angles), 360.0))
     if len(wrapped) < 2:
         return 0.0
     gaps = np.diff(np.append(wrapped, wrapped[0] + 360.0))
     largest = float(gaps.max())
     return 360.0 if largest <= 3.0 * float(np.median(gaps)) else 360.0 - largest
-
-
-def _not_positive(key: str, value: float | None, unit: str, largest: float) -> Iterator[str]:
-    """What is wrong with a value that must be positive, and of sensible size."""
-    if value is not None and value > largest:
-        yield f"have {key} ≤ {largest:g} {unit}, got {value}. Check the unit."
-    if value is not None and not (np.isfinite(value) and value > 0):
-        yield f"have {key} > 0 {unit}, got {value}. Correct it."
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:
@@ -256,8 +274,26 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
     return np.array(distinct)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CampaignFields:
+    """What a program or campaign.toml says of a campaign beside its tests."""
+
+    topology: str = "wCAFYXZSt"
+    plane: str = "XY"
+    radius_mm: Length = 150.0
+    name: Label | None = None
+    machine_id: Label | None = None
+    date: Date | None = None
+    feed_mm_per_min: Number | None = None
+    resolution_um: Annotated[Number, Field(gt=0.0)] = 0.24
+    mount: MountCompensation = field(default_factory=MountCompensation)
+    force_law: ForceLaw = field(default_factory=ForceLaw)
+    frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(default_factory=dict)
+
+
+@refusing("campaign")
 @dataclass(frozen=True, eq=False)
-class Campaign:
+class Campaign(CampaignFields):
     """The tests of one machine.
 
     Parameters
@@ -289,38 +325,14 @@ class Campaign:
     """
 
     tests: tuple[CircularTest, ...]
-    topology: str = "wCAFYXZSt"
-    plane: str = "XY"
-    radius_mm: float = 150.0
-    name: str = "campaign"
-    feed_mm_per_min: float | None = None
-    resolution_um: float = 0.24
-    mount: MountCompensation = field(default_factory=MountCompensation)
-    force_law: ForceLaw = field(default_factory=ForceLaw)
-    centre_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
-    frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    foreseen: tuple[CircularTest, ...] = ()
-    machine_id: str | None = None
-    date: str | None = None
+    name: Label = field(default="campaign", kw_only=True)
+    centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    foreseen: tuple[CircularTest, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        tests = tuple(self.tests)
-        require(tests, "campaign must have at least one test, got none. Add a circular test.")
-        require(self.name.isprintable(), f"campaign must have a name that can be printed, got {self.name[:80]!r}. Correct it.")
-        if self.machine_id is not None and not (self.machine_id.strip() and self.machine_id.isprintable()):
-            got = f"{self.machine_id[:80]!r}"
-            raise InputError(f"machine_id must be a name that can be printed, got {got}. Correct it or leave it out.")
-        try:
-            datetime.fromisoformat(self.date or "2026-11-20")
-        except ValueError:
-            got = f"{str(self.date)[:80]!r}"
-            raise InputError(f"date must be a date as ISO 8601, got {got}. For example 2026-11-20.") from None
-        if not (np.isfinite(self.resolution_um) and self.resolution_um > 0):
-            raise InputError(f"resolution_um must be a positive number, got {self.resolution_um}. Give the readout's step in µm.")
-        for fault in _not_positive("radius_mm", self.radius_mm, "mm", LARGEST_LENGTH_MM):
-            raise InputError(f"campaign must {fault}")
+        require(self.tests, "campaign must have at least one test, got none. Add a circular test.")
         foreseen = tuple(self._resolved(replace(test.with_reading_um(None), name="")) for test in self.foreseen)
-        self.__dict__.update(tests=_named([self._resolved(test) for test in tests]), foreseen=foreseen)
+        self.__dict__.update(tests=_named([self._resolved(test) for test in self.tests]), foreseen=foreseen)
         planned = [test.name for test in self.tests if test.reading_um is None]
         got = f"campaign must have readings in all tests or in none, got test {next(iter(planned), '')!r} without"
         require(len(planned) in (0, len(self.tests)), f"{got}. Add its file or plan it apart.")
@@ -334,12 +346,10 @@ class Campaign:
         force, pressure = test.force_N, test.pressure_bar
         if force is None:
             force = self.force_law.force_N(float(pressure or 0.0))
-            if force <= 0:
-                got = f"{force:.4g} N from {pressure} bar"
-                raise InputError(f"{test.label} must have a force > 0, got {got}. Check pressure_bar and [force].")
+            got = f"{force:.4g} N from {pressure} bar"
+            require(force > 0, f"{test.label} must have a force > 0, got {got}. Check pressure_bar and [force].")
         usual |= {"force_N": force, "pressure_bar": self.force_law.pressure_bar(force) if pressure is None else pressure}
-        numbers: dict[str, Any] = {key: value if key in ("plane", "setup") else float(value) for key, value in usual.items()}
-        return replace(test, **numbers)
+        return replace(test, **usual)
 
     def machine(self) -> Machine:
         """The machine and the planes of all tests, run or foreseen."""
@@ -376,13 +386,7 @@ class Campaign:
         return sum(len(test.angle_deg) for test in self.tests)
 
     def without(self, *names: str) -> Campaign:
-        """The campaign without the named tests.
-
-        Raises
-        ------
-        ValueError
-            For a name the campaign does not have.
-        """
+        """The campaign without the named tests; `InputError` for a name that it does not have."""
         check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
 
@@ -399,9 +403,7 @@ class Campaign:
         shown = {"test": "name", "force (N)": "force_N", "pressure (bar)": "pressure_bar", "arc (°)": "arc_deg"}
         shown |= {"direction": "direction", "plane": "plane", "radius (mm)": "radius_mm"}
         shown |= {"work ball (°)": "work_ball_deg", "tool ball (°)": "tool_ball_deg"}
-        rows = [
-            {head: getattr(test, key) for head, key in shown.items()} | {"readings": len(test.angle_deg)} for test in self.tests
-        ]
+        rows = [{head: getattr(own, key) for head, key in shown.items()} | {"readings": len(own.angle_deg)} for own in self.tests]
         kind = "Plan" if self.is_plan else "Campaign"
         return table_html(f"{kind} {self.name}: {self.topology}, plane {self.machine().plane}, R = {self.radius_mm:g} mm", rows)
 
@@ -437,10 +439,9 @@ def _digested(test: CircularTest) -> list[Any]:
     """What the model uses of a test beside its readings, numbers as floats."""
     always = ("force_N", "pressure_bar", "direction", "work_ball_deg", "tool_ball_deg", "radius_mm", "plane", *_CENTRE[:2])
     unless = {"centre_z_mm": 0.0, "setup": 1.0, "temperature_C": None, "time_s": None}
-    values = {key: getattr(test, key) for key in (*always, *unless)}
-    fields = {key: value if value is None or isinstance(value, str) else float(value) for key, value in values.items()}
-    extra = [[key, fields[key]] for key, usual in unless.items() if fields[key] != usual]
-    return [test.name, *(fields[key] for key in always), *extra]
+    values = {key: getattr(test, key) for key in (*always, *unless)} | {"setup": float(test.setup or 1)}
+    extra = [[key, values[key]] for key, usual in unless.items() if values[key] != usual]
+    return [test.name, *(values[key] for key in always), *extra]
 
 
 def _named(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:

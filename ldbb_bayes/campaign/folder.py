@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from contextlib import suppress
+from dataclasses import asdict, field, fields
+from datetime import date
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-import pandas as pd
 import tomli_w
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
 
-from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CampaignFields, CircularTest, ForceLaw, Length, Number, TestFields
 from ldbb_bayes.campaign.spreadsheet import columns_of, numbers_of, read_strict_table
 from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated
@@ -26,10 +27,8 @@ __all__ = [
     "LARGEST_PLAN",
     "TOML_NAME",
     "TRUTH_NAME",
-    "TestFields",
     "embedded_campaign",
     "files_of",
-    "iso",
     "labels_of",
     "read_campaign",
     "write_campaign",
@@ -66,7 +65,7 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
         path = path / TOML_NAME
     got = f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path},"
     require(path.is_file(), f"{got} which {'is no ordinary file' if path.exists() else 'does not exist'}. Check the path.")
-    check_known("option", options, [field.name for field in fields(Campaign) if field.name != "tests"])
+    check_known("option", options, [own.name for own in fields(Campaign) if own.name != "tests"])
     if path.suffix.lower() != ".toml":
         tests = _tests_of_table(path)
         options = {"name": path.stem} | options
@@ -99,62 +98,22 @@ def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force:
     return folder
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class _MountFile(_Strict):
-    deflection_um_per_bar: float = 2.33
-    compensated: bool = True
-
-
-class _ForceFile(_Strict):
-    slope_N_per_bar: float = 126.04
-    offset_N: float = -14.2
-
-
-class TestFields(_Strict):
-    """What a file may say of a test."""
-
-    __test__ = False
-
-    name: str | None = None
-    force_N: float | None = None
-    pressure_bar: float | None = None
-    direction: Literal["CW", "CCW"] | None = None
-    work_ball_deg: float | None = None
-    tool_ball_deg: float | None = None
-    radius_mm: float | None = None
-    plane: Literal["XY", "YZ", "ZX"] | None = None
-    centre_x_mm: float | None = None
-    centre_y_mm: float | None = None
-    centre_z_mm: float | None = None
-    setup: int | None = None
-    temperature_C: float | None = None
-    time_s: float | None = None
-    start_deg: float | None = None
-
-
+@dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
 class _TestFile(TestFields):
     file: str | None = None
-    readings: int | None = Field(default=None, ge=9, le=1_000_000)
-    arc_deg: float | None = Field(default=None, ge=-360.0, le=360.0)
+    readings: Annotated[int, Field(ge=9, le=1_000_000)] | None = None
+    start_deg: Number | None = None
+    arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
 
 
-class _CampaignFile(_Strict):
-    schema_: Literal[1] = Field(alias="schema")
+@dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
+class _CampaignFile(CampaignFields):
+    schema: Literal[1]
     topology: str
-    plane: Literal["XY", "YZ", "ZX"]
-    radius_mm: float
-    name: str | None = None
-    machine_id: str | None = None
-    date: dt.datetime | dt.date | str | None = None
-    feed_mm_per_min: float | None = None
-    resolution_um: float = 0.24
-    mount: _MountFile = _MountFile()
-    force: _ForceFile = _ForceFile()
-    frames_mm: dict[str, list[float]] = Field(default_factory=dict)
-    test: list[_TestFile] = Field(min_length=1, max_length=1000)
+    plane: str
+    radius_mm: Length
+    force_law: Annotated[ForceLaw, Field(alias="force")] = field(default_factory=ForceLaw)
+    test: Annotated[list[_TestFile], Field(min_length=1, max_length=1000)]
 
 
 def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, Any]]:
@@ -168,30 +127,23 @@ def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, An
     got = f"a plan must have at most {LARGEST_PLAN} readings, got {planned}"
     require(planned <= LARGEST_PLAN, f"{path}: {got}. Plan fewer readings a circle.")
     tests = tuple(_test(path, i, entry) for i, entry in enumerate(file.test, start=1))
-    with placed(path):
-        law = ForceLaw(**file.force.model_dump())
-    return tests, file.model_dump(exclude={"schema_", "mount", "force", "test"}) | {
-        "name": file.name or path.resolve().parent.name,
-        "date": iso(file.date),
-        "mount": MountCompensation(**file.mount.model_dump()),
-        "force_law": law,
-        "frames_mm": {axis: tuple(frame) for axis, frame in file.frames_mm.items()},
-    }
+    stated = {key: own for key, own in vars(file).items() if key not in ("schema", "test")}
+    return tests, stated | {"name": file.name or path.resolve().parent.name}
 
 
 def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
-    own: dict[str, Any] = entry.model_dump(exclude_none=True, exclude={"file", "name", "readings", "start_deg", "arc_deg"})
-    own["name"] = entry.name or (Path(entry.file).stem if entry.file else "")
-    planned = [key for key in ("readings", "start_deg", "arc_deg") if getattr(entry, key) is not None]
-    if entry.file is None:
-        path, n, arc = Path(f"{toml}, test {k}"), entry.readings or PLANNED_READINGS, entry.arc_deg or 360.0
-        own["angle_deg"] = (entry.start_deg or 0.0) + arc * (np.arange(n) / (n if abs(arc) == 360.0 else n - 1))
+    own = _given(vars(entry))
+    planned = {key: own.pop(key) for key in ("readings", "start_deg", "arc_deg") if key in own}
+    file = own.pop("file", None)
+    if file is None:
+        path, n, arc = Path(f"{toml}, test {k}"), planned.get("readings", PLANNED_READINGS), planned.get("arc_deg", 360.0)
+        own["angle_deg"] = planned.get("start_deg", 0.0) + arc * (np.arange(n) / (n if abs(arc) == 360.0 else n - 1))
     elif planned:
-        got = f"{planned[0]} must stand in planned tests only, got it beside 'file'"
+        got = f"{next(iter(planned))} must stand in planned tests only, got it beside 'file'"
         raise InputError(f"{toml}, test {k}: {got}. Remove one of them.")
     else:
-        path = _inside(toml, k, entry.file)
-        own |= _checked(path, _read_columns(path, _READINGS))
+        path = _inside(toml, k, file)
+        own = {"name": Path(file).stem} | own | _checked(path, _read_columns(path, _READINGS))
     with placed(path):
         return CircularTest(**own)
 
@@ -234,24 +186,18 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
     """Columns of a CSV by name: numbers, or texts. Where semicolons or tabs separate and no point stands, commas are decimal."""
     rows, separator = read_strict_table(path)
     names = [name.strip() for name in rows[0][1]] if rows[0][0] == 1 else [""]
-    if len(names) > _LARGEST_COLUMNS:
-        many = f"a table must have at most {_LARGEST_COLUMNS} columns, got {len(names)}"
-        raise InputError(f"{path}, line 1: {many}. Export it again.")
+    many = f"a table must have at most {_LARGEST_COLUMNS} columns, got {len(names)}"
+    require(len(names) <= _LARGEST_COLUMNS, f"{path}, line 1: {many}. Export it again.")
     for name in names:
-        if name not in known:
-            raise InputError(
-                f"{path}, line 1: columns must be among {', '.join(known)}, got {name[:60]!r}. "
-                f"Did you mean {nearest(name[:60], known)!r}? Rename or remove the column, "
-                "or let ldbb-bayes import read the file."
-            )
+        got = f"columns must be among {', '.join(known)}, got {name[:60]!r}. Did you mean {nearest(name[:60], known)!r}?"
+        cure = "Rename or remove the column, or let ldbb-bayes import read the file"
+        require(name in known, f"{path}, line 1: {got} {cure}.")
         require(names.count(name) == 1, f"{path}, line 1: columns must differ, got {name!r} twice. Remove one.")
     filled = [row for row in rows[1:] if any(row[1])]
     require(filled, f"{path} must hold readings below its header, got none. Fill the file or remove the test.")
-    if all(any(cells[len(names) :]) for _, cells in filled):
-        raise InputError(
-            f"{path}, line 1: the header must name every column, got fewer names than columns. Name them all; "
-            "with decimal commas separate the cells by semicolons."
-        )
+    got = "got fewer names than columns. Name them all; with decimal commas separate the cells by semicolons"
+    named = not all(any(cells[len(names) :]) for _, cells in filled)
+    require(named, f"{path}, line 1: the header must name every column, {got}.")
     lines, cells = columns_of(str(path), filled, len(names))
     columns = dict(zip(names, cells, strict=True))
     points = any("." in cell for name in names if name not in _TEXTS for cell in columns[name])
@@ -272,13 +218,11 @@ def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
             raise InputError(f"{path}, line 1: columns must hold {pair[0]} or {pair[1]}, got {got}. Correct the header.")
         found[present[0]] = columns[present[0]]
     (angle, values), _ = found.items()
-    span = float(np.ptp(values))
-    if angle == "angle_deg" and span < 7.0:
-        cure = "If the angles are radians, name the column angle_rad"
-        raise InputError(f"{path}: angle_deg must span more than 7°, got {span:.3g}°. {cure}.")
-    if angle == "angle_rad" and span > 8.0 * np.pi:
-        cure = "If the angles are degrees, name the column angle_deg"
-        raise InputError(f"{path}: angle_rad must span at most 4 turns, got {span:.4g} rad. {cure}.")
+    span, cure = float(np.ptp(values)), "If the angles are {}, name the column {}"
+    got = f"{path}: angle_deg must span more than 7°, got {span:.3g}°. {cure.format('radians', 'angle_rad')}."
+    require(angle != "angle_deg" or span >= 7.0, got)
+    got = f"{path}: angle_rad must span at most 4 turns, got {span:.4g} rad. {cure.format('degrees', 'angle_deg')}."
+    require(angle != "angle_rad" or span <= 8.0 * np.pi, got)
     return found
 
 
@@ -293,8 +237,10 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")
     for test in campaign.tests:
         if test.reading_um is not None:
-            frame = pd.DataFrame({"angle_deg": test.angle_deg, "reading_um": test.reading_um})
-            frame.to_csv(folder / f"{test.name}.csv", index=False, lineterminator="\n")
+            rows = (
+                f"{angle},{reading}\n" for angle, reading in zip(test.angle_deg.tolist(), test.reading_um.tolist(), strict=True)
+            )
+            (folder / f"{test.name}.csv").write_text("angle_deg,reading_um\n" + "".join(rows), encoding="utf-8")
 
 
 def _entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
@@ -328,35 +274,23 @@ def files_of(folder: Path) -> set[str]:
     return {TOML_NAME, TRUTH_NAME, IMPORT_NAME, *listed}
 
 
-def iso(date: dt.date | str | None) -> str | None:
-    """A date or time as ISO 8601 text; a text as it is."""
-    return date.isoformat() if isinstance(date, dt.date) else date
-
-
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
     """Name, machine_id and date [ISO 8601] of a campaign folder or campaign.toml, those that are there; of a tidy CSV none."""
     file = Path(path) / TOML_NAME if os.path.isdir(path) else Path(path)
-    try:
+    content: dict[str, Any] = {}
+    with suppress(InputError):
         content = read_toml(file) if file.suffix.lower() == ".toml" else {}
-    except InputError:
-        return {}
-    found = {label: iso(content.get(label)) for label in ("name", "machine_id", "date")}
-    texts = {label: value for label, value in found.items() if isinstance(value, str)}
-    return {label: value for label, value in texts.items() if value.isprintable() and 0 < len(value) <= _LONGEST_LABEL}
+    found = {label: content[label] for label in ("name", "machine_id", "date") if label in content}
+    found |= {label: own.isoformat() for label, own in found.items() if isinstance(own, date)}
+    texts = {label: own for label, own in found.items() if isinstance(own, str)}
+    return {label: text for label, text in texts.items() if text.isprintable() and 0 < len(text) <= _LONGEST_LABEL}
 
 
 def embedded_campaign(name: str = "recovered_experiment") -> Path:
-    """Folder of an embedded campaign, from the installed wheel or from the checkout.
-
-    Raises
-    ------
-    InputError
-        When the installation came without its data.
-    """
+    """Return the folder of an embedded campaign, from the installed wheel or from the checkout."""
     package = Path(str(files("ldbb_bayes")))
     for folder in (package / "_data" / name, package.parent / "data" / name):
         if (folder / TOML_NAME).is_file():
             return folder
-    raise InputError(
-        f"embedded campaign must be one of those installed, got {name!r}, which is missing. Install the package again."
-    )
+    got = f"got {name!r}, which is missing"
+    raise InputError(f"embedded campaign must be one of those installed, {got}. Install the package again.")

@@ -14,18 +14,7 @@ from ldbb_bayes.campaign.layout import ROLES, UNITS, Layout, Notes, plain, unit_
 from ldbb_bayes.campaign.spreadsheet import Sheet, could_be_thousands, is_missing, looks_like_number, number
 from ldbb_bayes.errors import InputError, nearest, require
 
-__all__ = [
-    "Heading",
-    "Said",
-    "direction_not_understood",
-    "directions_said",
-    "find_headings",
-    "load_in_name",
-    "loads_not_understood",
-    "note_heading",
-    "said_above",
-    "unit_of",
-]
+__all__ = ["Heading", "Said", "directions_said", "find_headings", "load_in_name", "note_heading", "said_above", "unit_of"]
 
 # Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make one.
 _LONGEST, _LONGEST_NAME, _LARGEST_ABOVE, _BLOCK = 300, 200, 1000, 9
@@ -46,10 +35,27 @@ _SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
     "feed_mm_per_min": (r"(?:feed|feedrate|feed rate|vorschub)", "mm/min", _MM_PER_MIN),
     "start_deg": (r"(?:start(?:ing)? angle|start|startwinkel)(?: at)?", "deg", UNITS["angle"]),
     "overshoot_deg": (r"(?:angular overshoot|overshoot|run-in|überlauf)(?: angle)?", "deg", UNITS["angle"]),
+    "resolution_um": (r"(?:resolution|auflösung)", "", UNITS["reading"]),  # never without its unit
+}
+_CELL, _IS = r"(?:^|[;,|\t])\s*", r"\s*(?:[:=]\s*[;,|\t]?|[;,|\t](?=[^;,|\t]*\d))\s*"
+_PLANE = r"([XYZ][-/]?[XYZ])(?![\w/+-]|\s*(?:[,&]|and|or|und|oder)\s*[XYZ]{2}\b)"
+_DATE = r"(\d{4}-\d\d-\d\d|\d\d?\.\d\d?\.\d{4})(?!\d)"
+# What is said in words.
+_IN_WORDS = {
+    "plane": rf"\b(?:plane|\w*ebene)\b(?:\s*[\[(][^\])]*[\])])?{_BETWEEN}{{0,4}}{_PLANE}|(?<![\w/+-]){_PLANE}[ -](?:plane|ebene)",
+    "machine_id": rf"{_CELL}(?:machine|maschine)(?: (?:id|no\.?|number|name))?{_IS}(\w(?:[^;,|\t]|,\s)*)",
+    "date": rf"{_CELL}(?:(?:measurement|test|mess|prüf)[ -]?)?(?:date|datum){_BETWEEN}{{0,4}}{_DATE}",
+}
+# Whether readings are free of the mount's deflection: of such words alone, lest it be another compensation.
+_READINGS = re.compile(r"\b(?:readings?|messwerte?|values|deviations?|mount(?:ing)?|deflection)\b", re.IGNORECASE)
+_FILLING = re.compile(rf"{_READINGS.pattern}|\b(?:are|is|the|for|of|its|already|yet)\b|\W+", re.IGNORECASE)
+_MOUNT = {
+    "raw": r"raw(?: yes)?|(?:raw )?(?:un|not )compensated|compensat(?:ed|ion) (?:no|none|off)|(?:no|without) compensation",
+    "compensated": r"compensated(?: yes)?|compensation (?:yes|on)",
 }
 _ANOTHER = re.compile(
     r"\b(?:max|maximum|min|minimum|limit|ambient|supply|preload|range|rated|case|no|nr|number|clamping|spring|gravity|cutting|air"
-    r"|atmospheric|barometric|system|hydraulic|oil|ball|tool|corner|nose)\b",
+    r"|atmospheric|barometric|system|hydraulic|oil|ball|tool|corner|nose|encoder|scale|axis)\b",
     re.IGNORECASE,
 )
 _IN_NAME = re.compile(rf"(?<![\d.,A-Za-z])({_NUMBER})[ _]?(kN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])", re.IGNORECASE)
@@ -75,7 +81,7 @@ Lines = Sequence[tuple[int, str]]
 class Said:
     """One value of a line above the table, in the unit of its field's name; NaN where it is not clear which: 1,000."""
 
-    value: float
+    value: Any
     unit: str
     line: int
 
@@ -92,10 +98,27 @@ def said_above(above: Lines) -> dict[str, list[Said]]:
                 after = "" if match["cell"] and _unit(match["after"], units) is None else match["after"]
                 named = match["inside"] or match["brackets"] or after
                 unit = _unit(named, units) if named else usual
-                if unit is not None:
+                if unit:
                     value = math.nan if _may_be_thousands(key, match["number"]) else _value(match["number"]) * units[unit]
                     found.setdefault(key, []).append(Said(value, named, line))
+        for key, text_said in _said_in_words(text[:_LONGEST]):
+            found.setdefault(key, []).append(Said(text_said, "", line))
     return found
+
+
+def _said_in_words(text: str) -> Iterator[tuple[str, str]]:
+    """Plane, machine, date [ISO 8601], and whether readings are raw or compensated."""
+    for key, pattern in _IN_WORDS.items():
+        for match in re.finditer(pattern, text, re.IGNORECASE):
+            value = next(filter(None, match.groups())).strip()
+            value = re.sub("[-/]", "", value.upper()) if key == "plane" else value
+            value = "-".join(part.zfill(2) for part in reversed(value.split("."))) if key == "date" else value
+            if not is_missing(value):
+                yield key, value
+    for part in (text, *re.split(r"[;|\t]|,(?!\s)", text)):
+        rest = " ".join(_FILLING.sub(" ", part.casefold()).split())
+        if _READINGS.search(part) or (part == text and "ompens" in rest):
+            yield from (("mount", name) for name, pattern in _MOUNT.items() if re.fullmatch(pattern, rest))
 
 
 @cache
@@ -125,40 +148,24 @@ def _may_be_thousands(key: str, text: str) -> bool:
 def directions_said(above: Lines, names: Sequence[str]) -> set[str]:
     """CW and CCW as the lines above say them after a word for direction, and as the first name holds them that holds any."""
     found = next((senses for name in names if (senses := _senses(name[:_LONGEST]))), set())
-    for _, text in _of_direction(above):
+    for text in (match[1] for _, line in above if (match := _DIRECTION.search(line[:_LONGEST]))):
         both = len(_senses(text)) > 1
         # Of a line that lists both before it says one, what stands behind the last mark: (CW/CCW): CCW.
         found = found | _senses(re.split(r"[:=;|\t]", text)[-1] if both else text)
     return found
 
 
-def direction_not_understood(above: Lines) -> int | None:
-    """The first line that speaks of a direction and says none we know; None where there is none."""
-    return next((line for line, text in _of_direction(above) if text.strip(" :;=,|\t") and not _senses(text)), None)
-
-
-def _of_direction(above: Lines) -> list[tuple[int, str]]:
-    return [(line, match[1]) for line, text in above if (match := _DIRECTION.search(text[:_LONGEST]))]
-
-
 def _senses(text: str) -> set[str]:
     return {"CCW" if match[1].casefold().startswith(_COUNTER) else "CW" for match in _SENSE.finditer(text)}
-
-
-def loads_not_understood(above: Lines) -> str:
-    """Of lines that name a value in newtons or bar, the first; for the message when no load is found."""
-    first = next(((line, text) for line, text in above if _IN_NAME.search(text[:_LONGEST])), None)
-    return f" Line {first[0]} reads {first[1][:60]!r}; it was not taken for either." if first else ""
 
 
 def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str] | None:
     """Field (of one kind if asked), value and the name that says it alone: ``238N``, ``2.5 bar``, ``f238``."""
     for name in names:
-        said = []
-        for text, word in _IN_NAME.findall(name[:_LONGEST]):
-            key, role = ("force_N", "force") if unit_named(word) in UNITS["force"] else ("pressure_bar", "pressure")
-            if kind in ("", key):
-                said.append((key, text, UNITS[role][unit_named(word)]))
+        found = [(text, unit_named(word)) for text, word in _IN_NAME.findall(name[:_LONGEST])]
+        said = [("force_N", text, UNITS["force"][unit]) for text, unit in found if unit in UNITS["force"]]
+        said += [("pressure_bar", text, UNITS["pressure"][unit]) for text, unit in found if unit in UNITS["pressure"]]
+        said = [own for own in said if kind in ("", own[0])]
         short = _AS_F.findall(name[:_LONGEST])
         if not said and len(short) == 1:
             return "force_N", float(short[0]), name
@@ -175,11 +182,10 @@ _BRACKET = re.compile(r"[\[({<]")
 _INSIDE = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
 # 0-360°
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
-# A factor, or half of one, before a unit: 10-3, x 10, 0.1. One or two digits alone number the column, but for ten.
-_FACTOR = re.compile(r"[x×*]|[x×*]?\d[\d.,^⁻⁰¹²³⁴⁵⁶⁷⁸⁹−–+eE\-]*")
-_COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
+# What scales the unit behind it, as in 10-3 mm, x 10 µm, 0.1 µm; one or two digits alone number the column, but for ten.
+_FACTOR, _COLUMN_NUMBER = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*"), re.compile(r"(?!10)\d{1,2}")
 _AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
-_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)((?:\d[\d.,/]*\s*)?[^\s/_,\d]+)\s*")
+_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 _RULE = re.compile(r"[-=+_|: ]*")
 
 
@@ -206,12 +212,9 @@ def unit_of(header: str) -> tuple[str, str]:
     if not match or not unit:
         return header, ""
     name = match[1].strip(" _")
-    # After a stroke a number is a factor of the unit; elsewhere it numbers the column: reading 2 µm.
-    if "/" not in unit and not header[: match.start(2)].rstrip().endswith("/"):
-        factor, _, unit = unit.rpartition(" ")
-        last = factor or re.split(r"[\s_,]+", match[1])[-1]
-        if _FACTOR.fullmatch(last) and not _COLUMN_NUMBER.fullmatch(last):
-            return name, f"({last}) {unit}"
+    last = re.split(r"[\s_]+", name)[-1]
+    if _FACTOR.fullmatch(last) and not _COLUMN_NUMBER.fullmatch(last):
+        return name, f"({last}) {unit}"
     return (name, unit) if name else (header, "")
 
 
@@ -288,33 +291,20 @@ class _NoTableError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Heading:
-    """The columns of one sheet.
+    """The columns of one sheet."""
 
-    Attributes
-    ----------
-    line : int
-        Of the header in the file; 0 where there is none.
-    first : int
-        Index into the sheet's rows of the first row of numbers.
-    headers, units : list of str
-        As the file has them; the unit each names, or empty.
-    roles : dict of role to column, from 0
-    above : list of (line, text)
-        Lines above the header.
-    readings : list of column
-        Where each column of readings is a test of its own, all of them; else the one, or none.
-    label : str
-        Of one of several such tests.
-    """
+    line: int  # of the header in the file; 0 where there is none
+    first: int  # index into the sheet's rows of the first row of numbers
+    headers: list[str]  # as the file has them
+    units: list[str]  # that each header names, or empty
+    roles: dict[str, int]  # column of each role, from 0
+    above: list[tuple[int, str]]  # lines above the header, with their numbers
+    readings: list[int]  # where each column of readings is a test of its own, all of them; else the one, or none
+    label: str = ""  # of one of several such tests
 
-    line: int
-    first: int
-    headers: list[str]
-    units: list[str]
-    roles: dict[str, int]
-    above: list[tuple[int, str]]
-    readings: list[int]
-    label: str = ""
+    def column(self, role: str, c: int) -> str:
+        """What stands in a column, and the column's name or number, for messages."""
+        return f"{role} (column {(self.headers[c][:_LONGEST_NAME] or c + 1)!r})"
 
     def each(self) -> Iterator[Heading]:
         """One heading for each column of readings, with its name as label where there are several."""
@@ -459,29 +449,18 @@ def find_headings(sheets: Sequence[Sheet], layout: Layout, notes: Notes) -> list
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -> None:
-    """Note encoding, separator, header line and columns, as they were found out."""
+    """Note encoding, separator, header line, which column was taken for what, and what was not used."""
     if sheet.hidden:
-        notes.add(sheet.place, "hidden", f"{sheet.hidden}, read like the others", "the spreadsheet hides it", "--sheets")
-    if sheet.encoding and layout.encoding is None:
-        notes.keep(encoding=sheet.encoding)
-        if sheet.encoding != "utf-8":
-            notes.add(sheet.place, "encoding", sheet.encoding, "its bytes", "--encoding")
-    if sheet.separator and layout.separator is None:
-        notes.keep(separator=sheet.separator)
-        if sheet.separator != ",":
-            notes.add(sheet.place, "separator", repr(sheet.separator), "most lines split alike", "--separator")
-    words = next((line for line, text in reversed(heading.above) if len(re.findall(r"[^\W\d_]{2,}", text)) > 1), None)
-    if layout.header_line == 0 and words is not None:
-        notes.add(sheet.place, "header", "none, as given", f"line {words} holds words", "--header-line")
-    if layout.header_line is None:
-        notes.keep(header_line=heading.line)
-        if heading.line > 1:
-            notes.add(sheet.place, "header", f"line {heading.line}", "numbers begin below it", "--header-line")
-    _note_columns(sheet, heading, layout, notes)
-
-
-def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -> None:
-    """Which column was taken for what, and what was not used."""
+        notes.add(sheet.place, "hidden", "the sheet, read like the others", "the spreadsheet hides it", "--sheets")
+    for key, value, usual, shown, because in (
+        ("encoding", sheet.encoding, ("", "utf-8"), sheet.encoding, "its bytes"),
+        ("separator", sheet.separator, ("", ","), repr(sheet.separator), "most lines split alike"),
+        ("header_line", heading.line, (0, 1), f"line {heading.line}", "numbers begin below it"),
+    ):
+        if value != "" and getattr(layout, key) is None:
+            notes.keep(**{key: value})
+            if value not in usual:
+                notes.add(sheet.place, key.partition("_")[0], shown, because, "--" + key.replace("_", "-"))
     found: dict[str, Any] = {role: heading.headers[c] or c + 1 for role, c in heading.roles.items() if role not in layout.columns}
     if len(heading.readings) > 1 and "reading" not in layout.columns:
         found["reading"] = [heading.headers[c] for c in heading.readings]
@@ -490,12 +469,6 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) 
         shown = ", ".join(f"{role} = {column!r}" for role, column in found.items())[:_LONGEST_NAME]
         because = "their names" if heading.line else "no header: the first two"
         notes.add(sheet.place, "columns", shown, because, ", ".join(f"--{role}-column" for role in found))
-    unused = [role for role in UNITS if getattr(layout, f"{role}_unit") and role not in heading.roles]
-    if unused:
-        options = ", ".join("--unit" if role == "reading" else f"--{role}-unit" for role in unused)
-        notes.add(sheet.place, "not used", options, "there is no such column", "--…-column")
-    if layout.separator and not sheet.separator:
-        notes.add(sheet.place, "not used", "--separator", "a workbook has none", "")
     used = {*heading.roles.values(), *heading.readings}
     others = [header for c, header in enumerate(heading.headers) if header and c not in used and header not in PER_TEST]
     if others:

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainSerializer
 
-from ldbb_bayes.campaign import headers, spreadsheet
-from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, ForceLaw
-from ldbb_bayes.campaign.headers import Heading, Said, find_headings, load_in_name, note_heading, said_above
-from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes, in_ours
+from ldbb_bayes.campaign import spreadsheet
+from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, MountCompensation
+from ldbb_bayes.campaign.headers import Heading, Said, directions_said, find_headings, load_in_name, note_heading, said_above
+from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes
 from ldbb_bayes.campaign.preparation import angles_from_time, average_laps, direction_run, on_the_circle
-from ldbb_bayes.campaign.spreadsheet import Sheet, Unusable, numbers_of, read_sheets
+from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
 from ldbb_bayes.errors import InputError, nearest, placed, require
+from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.result import Result
 
 __all__ = ["Imported", "import_campaign"]
@@ -28,17 +29,21 @@ __all__ = ["Imported", "import_campaign"]
 Array = NDArray[np.float64]
 _TURN = 360.0
 LARGEST_TESTS, _LONGEST_LIST, _LONGEST_NAME = 1000, 200, 100
-# A wider span of angles is in degrees; a span of a turn in gon is that of 400.
-_LARGEST_SPAN_RAD, _TURN_GON = 7.0, 400.0
+# A wider span of angles is in degrees.
+_LARGEST_SPAN_RAD = 7.0
 # Readings whose median is the radius within this are distances of the balls: a bar measures no more; within this share, in mm.
 _LARGEST_DEVIATION_MM, _NEAR_RADIUS, _SMALLEST_RADIUS_MM, _LARGEST_IN_MM = 1.5, 0.05, 20.0, 0.5
 # A recording of more turns holds laps, or run-in and run-out.
 _MORE_THAN_A_TURN = 1.02
-# Shares by which force and pressure may miss the force law, and by which a value may be rounded: in a line, in a name.
-_OFF_THE_LAW, _IN_LINE, _IN_NAME = 0.05, 1e-3, 0.02
+# Shares by which a value may be rounded: in a line, in a name.
+_IN_LINE, _IN_NAME = 1e-3, 0.02
 _UNIT = {"force_N": "N", "pressure_bar": "bar", "radius_mm": "mm", "feed_mm_per_min": "mm/min"}
 _LOADS = {"force_N": ("force", "forces_N"), "pressure_bar": ("pressure", "pressures_bar")}
-_SENSES = {"CW": ("CLOCKWISE", "-", "G2", "G02"), "CCW": ("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03")}
+# What lines above a table say of the campaign, and what says otherwise.
+_OF_CAMPAIGN = {"plane": "--plane", "resolution_um": "--resolution-um", "mount": "--raw, or --mount-um-per-bar"}
+_OF_CAMPAIGN |= {"machine_id": "machine_id in Python", "date": "date in Python"}
+_SENSES = dict.fromkeys(("CLOCKWISE", "-", "G2", "G02"), "CW")
+_SENSES |= dict.fromkeys(("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03"), "CCW")
 
 
 def _option(key: str) -> str:
@@ -47,8 +52,7 @@ def _option(key: str) -> str:
 
 def _sense(word: str) -> str:
     """CW or CCW, or the word itself."""
-    word = word.upper()
-    return next((sense for sense, words in _SENSES.items() if re.sub(r"(?<=\w)[-_ ]", "", word) in words), word)
+    return _SENSES.get(re.sub(r"(?<=\w)[-_ ]", "", word.upper()), word.upper())
 
 
 @dataclass
@@ -74,6 +78,11 @@ class _Table:
         return f"{self.sheet.place}, test {self.label!r}" if self.label else self.sheet.place
 
     @property
+    def own_name(self) -> str:
+        """What the file calls it."""
+        return self.label or self.sheet.own_name or self.sheet.path.stem
+
+    @property
     def radius_mm(self) -> float:
         return float(self.fields.get("radius_mm") or self.campaign.get("radius_mm") or 150.0)
 
@@ -90,36 +99,22 @@ class _Table:
         sources = (self.stated.get(key), getattr(self.layout, key, None), self.campaign.get(key))
         return next((value for value in sources if value is not None), None)
 
-    def circle(self, loads: Mapping[str, float]) -> CircularTest:
+    def circle(self, loads: dict[str, float]) -> CircularTest:
         """The circular test: load, direction, angles, readings, laps."""
         if loads:
-            self.stated = {key: value for key, value in self.stated.items() if key not in _LOADS} | dict(loads)
-        self._note_against_columns()
+            self.stated = {key: value for key, value in self.stated.items() if key not in _LOADS} | loads
         self.fields |= {key: value for key, value in self.stated.items() if key not in ("file", "start_deg")}
         if "name" not in self.fields:
-            self.fields["name"] = self.name_of_file(self.label or self.sheet.own_name or self.sheet.path.stem)
+            self.fields["name"] = self.name_of_file(self.own_name)
         self.fields["direction"] = self._direction()
         self.fields |= self._load()
-        if self.fields.get("radius_mm") is None:
-            self.fields["radius_mm"] = self.quantity("radius_mm")
+        self.fields["radius_mm"] = self.quantity("radius_mm", self.fields.get("radius_mm"))
         angle, reading = self._angle(), self._reading()
         with placed(self.place):
             angle, reading = self._laps(angle, reading)
+        with placed(self.sheet.place):
             fields = {key: value for key, value in self.fields.items() if value is not None}
             return CircularTest(angle_deg=angle, reading_um=reading, **fields)
-
-    def _note_against_columns(self) -> None:
-        """Where a [[test]] of the layout, or an option, and a column of the file differ."""
-        for key, value in self.fields.items():
-            if value is not None and self.stated.get(key, value) != value:
-                self.note(key, f"{self.stated[key]}, as given", f"its column says {value}", "a [[test]] in --layout")
-        for key, option in (("radius_mm", "--radius-mm"), ("plane", "--plane")):
-            own, given = self.stated.get(key, self.fields.get(key)), self.campaign.get(key)
-            if own and given and own != given:
-                self.note(key, str(own), f"said of this test; {given} is for the others", option)
-            above = next((said for said in self.above.get(key, ()) if own and not np.isclose(said.value, float(own))), None)
-            if above is not None:
-                self.note(key, f"{own}, as given", f"line {above.line} says {above.value:g}", option)
 
     def name_of_file(self, stem: str) -> str:
         """A test's name is a file's: signs that cannot stand in one are replaced."""
@@ -129,120 +124,87 @@ class _Table:
         return name
 
     def quantity(self, key: str, column: float | None = None) -> float | None:
-        """A quantity of the test: as given, by its column, the lines above the table, the name; None where none says it."""
+        """A quantity of the test: by its column, as given, by the lines above the table, the name; None where none says it."""
         unit, option = _UNIT.get(key, "°"), _option(key)
-        given, above = self.given(key), self.above.get(key, ())
-        said = [(own.value, f"line {own.line}", _IN_LINE) for own in above]
         named = load_in_name(self.names(), key) if key in _LOADS else None
-        if named is not None and named[0] == key:
-            said.append((named[1], f"the name {named[2]!r}", _IN_NAME))
-        if given is not None and column is not None:
-            said.insert(0, (column, "its column", _IN_LINE))
-        first = given if given is not None else column
-        if first is not None:
-            how = "as given" if given is not None else "its column"
-            for value, where, within in said:
-                if not (math.isnan(value) or np.isclose(value, first, rtol=within)):
-                    self.note(key, f"{first:g} {unit}, {how}", f"{where} says {value:g} {unit}", option)
-            return float(first)
-        unclear = next((where for value, where, _ in said if math.isnan(value)), None)
-        if unclear is not None:
-            got = f"a mark in {unclear} that may stand between thousands"
-            raise InputError(f"{self.place}: {key} must be one number, got {got}. Give {option}.")
-        for other, there, within in said[1:]:
-            if not np.isclose(other, said[0][0], rtol=within):
-                got = f"{said[0][0]:g} {unit} in {said[0][1]} and {other:g} {unit} in {there}"
-                raise InputError(f"{self.place}: {key} must be said once, got {got}. Give {option}.")
-        if not said:
+        first = [(column, "its column", _IN_LINE), (self.given(key), "as given", _IN_LINE)]
+        first = first if key == "radius_mm" else first[::-1]
+        sure = [(float(value), where, within) for value, where, within in first if value is not None]
+        said = [(own.value, f"line {own.line}", _IN_LINE) for own in self.above.get(key, ())]
+        said += [(named[1], f"the name {named[2]!r}", _IN_NAME)] if named and named[0] == key else []
+        if not (sure or said):
             return None
-        value, where, _ = said[0]
-        self.note(key, f"{value:g} {unit}", where + (", no unit there" if above and not above[0].unit else ""), option)
+        (value, where, _), *others = sure + said
+        if math.isnan(value):
+            got = f"a mark in {where} that may stand between thousands"
+            raise InputError(f"{self.place}: {key} must be one number, got {got}. Give {option}.")
+        for other, there, within in others:
+            if not (math.isnan(other) or np.isclose(other, value, rtol=within)):
+                if not sure:
+                    got = f"{value:g} {unit} in {where} and {other:g} {unit} in {there}"
+                    raise InputError(f"{self.place}: {key} must be said once, got {got}. Give {option}.")
+                self.note(key, f"{value:g} {unit}, {where}", f"{there} says {other:g} {unit}", option)
+        if not sure:
+            above = self.above.get(key)
+            self.note(key, f"{value:g} {unit}", where + (", no unit there" if above and not above[0].unit else ""), option)
         return value
 
     def _direction(self) -> str | None:
         """CW or CCW: as given, by the words of its column, the lines above and names; None where none says it."""
         given: str | None = self.given("direction")
-        lines = {_sense(word): line for word, line in sorted(self.words.items(), key=lambda own: -own[1]) if word}
-        senses, beside = set(lines), headers.directions_said(self.heading.above, self.names())
-        said = senses or beside
+        lines = {_sense(word): line for word, line in self.words.items() if word}
+        said = set(lines) or directions_said(self.heading.above, self.names())
         if given is not None:
             if said - {given}:
                 self.note("direction", f"{given}, as given", "the file says the other", "--direction")
             return given
-        if len(senses) > 1 or senses - {"CW", "CCW"}:
-            got = f"direction must be CW or CCW in all rows of a test, got {', '.join(sorted(senses))[:60]!r}"
+        if len(lines) > 1 or set(lines) - {"CW", "CCW"}:
+            got = f"direction must be CW or CCW in all rows of a test, got {', '.join(sorted(lines))[:60]!r}"
             raise InputError(f"{self.place}, line {max(lines.values())}: {got}. Correct it, or give --direction.")
-        if len(said) > 1:
-            got = "CW and CCW above the table or in names"
-            raise InputError(f"{self.place}: direction must be said once, got {got}. Give --direction.")
+        got = "CW and CCW above the table or in names"
+        require(len(said) <= 1, f"{self.place}: direction must be said once, got {got}. Give --direction.")
         direction = next(iter(said), None)
-        line = headers.direction_not_understood(self.heading.above)
-        if direction is None and line is not None:
-            self.note("direction", "none", f"line {line} is not understood", "--direction")
-        elif direction and not senses:
+        if direction and not lines:
             self.note("direction", direction, "a line above the table, or the name", "--direction")
-        elif beside - senses:
-            self.note("direction", f"{direction}, its column", "a line above or a name says the other", "--direction")
         return direction
 
     def _load(self) -> dict[str, float]:
         """Force, pressure, or both."""
         given = any(self.given(key) is not None for key in _LOADS)
-        found = {key: self.quantity(key, self._one_value(key, may_change=given)) for key in _LOADS}
+        found = {key: self.quantity(key, None if given else self._one_value(key)) for key in _LOADS}
         loads = {key: value for key, value in found.items() if value is not None}
-        if not loads:
-            raise InputError(
-                f"{self.place}: force or pressure must be known, got neither from a column, the lines above the table "
-                f"or the name.{headers.loads_not_understood(self.heading.above)} "
-                "Give --forces-N or --pressures-bar, one for each test in the order of files and sheets, or a "
-                "[[test]] in --layout."
-            )
-        if len(loads) == 2:
-            law = (self.campaign.get("force_law") or ForceLaw()).force_N(loads["pressure_bar"])
-            if abs(law - loads["force_N"]) > _OFF_THE_LAW * max(law, loads["force_N"]):
-                both = f"{loads['force_N']:g} N and {loads['pressure_bar']:g} bar"
-                self.note("force and pressure", both, f"the force law gives {law:.0f} N", "--forces-N, --force-slope")
+        got = "got neither from a column, the lines above the table or the name"
+        cure = "Give --forces-N or --pressures-bar, one for each test in the order of files and sheets, or a [[test]] in --layout"
+        require(loads, f"{self.place}: force or pressure must be known, {got}. {cure}.")
         return loads
 
-    def _one_value(self, key: str, *, may_change: bool) -> float | None:
-        """The one value of a column of loads; one that changes is left out, and told, where a load is given."""
+    def _one_value(self, key: str) -> float | None:
+        """The one value of a column of loads."""
         role, unit = _LOADS[key][0], _UNIT[key]
         if role not in self.numbers:
             return None
-        try:
-            values = self.numbers[role] * self._unit(role, unit)
-        except InputError as error:
-            if not may_change:
-                raise
-            self.note(f"column of the {role}", "not used", str(error).removeprefix(f"{self.place}: "), f"--{role}-column")
-            return None
-        if np.ptp(values) <= 1e-9 * max(float(np.abs(values).max()), 1.0):
-            return float(values[0])
-        span = f"{values.min():g} to {values.max():g} {unit}"
-        if may_change:
-            self.note(f"column of the {role}", "not used", f"it changes, {span}", f"--{role}-column")
-            return None
-        line = self.lines[int(np.flatnonzero(values != values[0])[0])]
-        cure = f"Name the test of each row in a column (--test-column), or give the nominal value ({_option(key)})"
-        raise InputError(f"{self.place}, line {line}: {role} must be the same in all rows of a test, got {span}. {cure}.")
+        values = self.numbers[role] * self._unit(role, unit)
+        changed = np.flatnonzero(np.abs(values - values[0]) > 1e-9 * max(float(np.abs(values).max()), 1.0))
+        if changed.size:
+            got = f"{role} must be the same in all rows of a test, got {values.min():g} to {values.max():g} {unit}"
+            cure = f"Name the test of each row in a column (--test-column), or give the nominal value ({_option(key)})"
+            raise InputError(f"{self.place}, line {self.lines[changed[0]]}: {got}. {cure}.")
+        return float(values[0])
 
     def _unit(self, role: str, default: str, because: str = "no unit in the header") -> float:
         """Of one unit in ours: the unit that was given, else the one the header names, else the default, told."""
         header: str = self.heading.units[self.heading.roles[role]]
         given: str | None = getattr(self.layout, f"{role}_unit")
         named, option = given or header, "--unit" if role == "reading" else f"--{role}-unit"
-        one = in_ours(role, named or default)
-        if one is None:
+        if (named or default) not in UNITS[role]:
             got = f"the {role} must be in {', '.join(UNITS[role])}, got {named[:40]!r} in line {self.heading.line}"
             raise InputError(f"{self.place}: {got}. Correct the header, or give {option}.")
         if not named:
             self.note(f"unit of the {role}", default, because, option)
-        elif not given and " " in header:
-            self.note(f"unit of the {role}", header, f"line {self.heading.line}", option)
-        elif header and in_ours(role, header) != one:
+        elif header not in ("", named):
             self.note(f"unit of the {role}", f"{named}, as given", f"line {self.heading.line} says {header}", option)
         self.notes.keep(**{f"{role}_unit": None if header else named or default})
-        return one
+        return UNITS[role][named or default]
 
     def _column(self, role: str, what: str) -> Array:
         if role not in self.numbers:
@@ -258,18 +220,11 @@ class _Table:
         unused = [key for key in ("feed_mm_per_min", "start_deg", "overshoot_deg") if self.given(key)]
         if unused:
             self.note("not used", ", ".join(map(_option, unused)), "a column holds the angle", "--time-column")
-        for key in ("feed_mm_per_min", "overshoot_deg"):
-            if key in self.above and key not in unused:
-                self.note("not used", key, f"line {self.above[key][0].line}; a column holds the angle", "--time-column")
         span = float(np.ptp(raw))
-        as_gon = span > _TURN + 1.0 and abs(span + np.median(np.abs(np.diff(raw))) - _TURN_GON) < 1.0
-        because = f"it spans {span:.4g}" + (": gon are as likely" if as_gon else "")
-        unit = self._unit("angle", "deg" if span > _LARGEST_SPAN_RAD else "rad", because)
+        unit = self._unit("angle", "deg" if span > _LARGEST_SPAN_RAD else "rad", f"it spans {span:.4g}")
         return np.unwrap(self.layout.angle_sign * (raw * unit - self.layout.angle_offset_deg), period=_TURN)
 
     def _from_time(self) -> Array:
-        if self.layout.angle_sign != 1 or self.layout.angle_offset_deg:
-            self.note("not used", "--angle-sign, --angle-offset-deg", "angles come from time", "--start-deg, --direction")
         feed = self.quantity("feed_mm_per_min")
         if feed is None or not feed > 0.0:
             raise InputError(f"{self.place}: a log over time must come with its feed, got none. Give --feed-mm-per-min.")
@@ -333,11 +288,13 @@ class _Table:
             self.note("direction", f"{stated}, as stated", f"the angles run {travel}: taken as sorted", "--direction")
         # A full circle whose last reading stands one step before the first is one.
         laps = float(abs(angle[-1] - angle[0]) + np.median(np.abs(np.diff(angle)))) / _TURN
-        if laps >= _MORE_THAN_A_TURN and self.layout.laps is None:
-            self.note("laps", f"all {laps:.2f} kept in one test", "longer than a turn", "--laps")
-            self.notes.keep(laps="keep")
-        average = laps >= _MORE_THAN_A_TURN and self.layout.laps == "average"
-        return average_laps(angle, reading) if average else (angle, reading)
+        if laps < _MORE_THAN_A_TURN or self.layout.laps == "keep":
+            return angle, reading
+        if self.layout.laps == "average":
+            return average_laps(angle, reading)
+        self.note("laps", f"all {laps:.2f} kept in one test", "longer than a turn", "--laps")
+        self.notes.keep(laps="keep")
+        return angle, reading
 
 
 def _tests_in(sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[str, Any], notes: Notes) -> Iterator[_Table]:
@@ -350,24 +307,25 @@ def _tests_in(sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[
     numeric = {role: c for role, c in heading.roles.items() if role not in ("test", "direction", "reading")}
     clock = numeric.pop("time") if "time" in numeric and spreadsheet.is_clock(columns[numeric["time"]][0]) else None
     decimal = _decimal(sheet, lines, [columns[c] for c in (*numeric.values(), *heading.readings)], layout, notes)
-    numbers = {role: numbers_of(sheet.place, role, lines, columns[c], decimal) for role, c in numeric.items()}
+    numbers = {role: numbers_of(sheet.place, heading.column(role, c), lines, columns[c], decimal) for role, c in numeric.items()}
     if clock is not None:
         if layout.time_unit not in (None, "s"):
             raise InputError(f"{sheet.place}: times of day have no unit, got {layout.time_unit!r}. Leave --time-unit out.")
         numbers["time"] = spreadsheet.seconds_of(sheet.place, lines, columns[clock])
         heading.units[clock] = "s"
     labels = columns[heading.roles["test"]] if "test" in heading.roles else [""] * len(lines)
-    groups = _groups(sheet, heading, lines, labels)
+    if "test" in heading.roles and "" in labels:
+        got = f"line {lines[labels.index('')]}: rows must name their test, got none"
+        raise InputError(f"{sheet.place}, {got}. Complete or remove the line.")
+    groups: dict[str, list[int]] = {}
+    for k, label in enumerate(labels):
+        groups.setdefault(label, []).append(k)
     per_test, above = _per_test(sheet, heading, columns, labels, notes), said_above(heading.above)
     for own in heading.each():
         for c in own.readings:
-            numbers["reading"] = numbers_of(sheet.place, "reading", lines, columns[c], decimal)
+            numbers["reading"] = numbers_of(sheet.place, heading.column("reading", c), lines, columns[c], decimal)
         for label, mine in groups.items():
             at, name = [lines[k] for k in mine], label or own.label
-            blocks = 1 + int(np.count_nonzero(np.diff(mine) > 1))
-            if blocks > 1:
-                place = f"{sheet.place}, test {label!r}"
-                notes.add(place, "rows", f"{blocks} blocks joined", "others stand between", "--test-column")
             words = {columns[own.roles["direction"]][k]: lines[k] for k in reversed(mine)} if "direction" in own.roles else {}
             several = len(mine) < len(lines) or len(heading.readings) > 1 or bool(sheet.own_name)
             stated = _stated(sheet, name, layout, several)
@@ -377,18 +335,6 @@ def _tests_in(sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[
             }
             part = {role: values[mine] for role, values in numbers.items()}
             yield _Table(sheet, own, name, at, part, words, above, layout, stated, campaign, notes, fields)
-
-
-def _groups(sheet: Sheet, heading: Heading, lines: Sequence[int], labels: Sequence[str]) -> dict[str, list[int]]:
-    """Rows of each test, by its label, in the order of their first rows."""
-    groups: dict[str, list[int]] = {}
-    for k, label in enumerate(labels):
-        if isinstance(label, Unusable):
-            raise InputError(label.why)
-        if not label and "test" in heading.roles:
-            raise InputError(f"{sheet.place}, line {lines[k]}: rows must name their test, got none. Complete or remove the line.")
-        groups.setdefault(label, []).append(k)
-    return groups
 
 
 def _names(sheet: Sheet, label: str) -> list[str]:
@@ -403,10 +349,8 @@ def _stated(sheet: Sheet, label: str, layout: Layout, several: bool) -> dict[str
     if several and any(entry.force_N or entry.pressure_bar for entry in of_file):
         cure = "Give --forces-N with one for each, a [[test]] for each in --layout, or a column"
         raise InputError(f"{sheet.place}: a force or pressure given for the file must be of one test, got several in it. {cure}.")
-    stated: dict[str, Any] = {}
-    for entry in sorted((own for own in layout.test if own.file in names), key=lambda own: -names.index(own.file)):
-        stated |= entry.model_dump(exclude_none=True)
-    return stated
+    entries = sorted((own for own in layout.test if own.file in names), key=lambda own: -names.index(own.file))
+    return {key: value for entry in entries for key, value in entry.stated().items()}
 
 
 def _per_test(
@@ -423,22 +367,19 @@ def _per_test(
 
 def _decimal(sheet: Sheet, lines: Sequence[int], columns: Sequence[Sequence[str]], layout: Layout, notes: Notes) -> str | None:
     """The decimal mark, as given or found out; told where it may be another."""
-    cells = [(line, column[k]) for k, line in enumerate(lines) for column in columns if not isinstance(column[k], Unusable)]
+    cells = [(line, column[k]) for k, line in enumerate(lines) for column in columns]
     decimal = layout.decimal or spreadsheet.decimal_mark(sheet.place, cells)
-    marked = [cell for _, cell in cells if decimal and decimal in cell]
-    value, because = str(decimal), ""
+    marked, other = [cell for _, cell in cells if decimal and decimal in cell], "," if decimal == "." else "."
     if layout.decimal is not None:
-        other = "," if decimal == "." else "."
         if not marked and any(other in cell for _, cell in cells):
-            value, because = f"{decimal}, as given", f"cells have {other!r} alone: thousands"
-    elif marked and all(spreadsheet.could_be_thousands(cell) for cell in marked):
-        because = "thousands are as likely: three digits behind each"
-    elif decimal == ",":
-        because = "no cell has a point"
-    if because:
-        notes.add(sheet.place, "decimal mark", value, because, "--decimal")
-    if decimal and layout.decimal is None:
+            why = f"cells have {other!r} alone: thousands"
+            notes.add(sheet.place, "decimal mark", f"{decimal}, as given", why, "--decimal")
+    elif decimal:
         notes.keep(decimal=decimal)
+        doubtful = all(spreadsheet.could_be_thousands(cell) for cell in marked)
+        if doubtful or decimal == ",":
+            why = "thousands are as likely: three digits behind each" if doubtful else "no cell has a point"
+            notes.add(sheet.place, "decimal mark", decimal, why, "--decimal")
     return decimal
 
 
@@ -475,7 +416,7 @@ def import_campaign(
     Parameters
     ----------
     files : path or sequence of paths
-        CSV or text of any encoding and separator, XLSX.
+        CSV or text of any encoding and separator, XLSX, XLS, ODS.
     layout : Layout, optional
         What is known of the tables; the rest is found out and told.
     **campaign
@@ -497,7 +438,12 @@ def import_campaign(
             tables += list(_tests_in(sheet, heading, layout, campaign, notes))
         if len(tables) > LARGEST_TESTS:
             raise InputError(f"{path}: a campaign must have at most {LARGEST_TESTS} tests, got more. Import fewer at once.")
-    loads = _loads_in_order(layout, tables)
+    loads = {key: values for key, (_, name) in _LOADS.items() if (values := getattr(layout, name))}
+    for key, values in loads.items():
+        listed = ", ".join(table.own_name for table in tables)[:_LONGEST_LIST]
+        got = f"{_option(key)} must hold one number for each test, got {len(values)} for {len(tables)} tests ({listed})"
+        require(len(values) == len(tables), f"{got}. Give all, in the order of files and sheets.")
+    _take_said(campaign, tables)
     for k, table in enumerate(tables):
         test = table.circle({key: values[k] for key, values in loads.items()})
         if table.label and test.name in [own.name for own in tests]:
@@ -520,14 +466,35 @@ def import_campaign(
     return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told())
 
 
-def _loads_in_order(layout: Layout, tables: Sequence[_Table]) -> dict[str, list[float]]:
-    """Loads that were given for all tests in their order."""
-    given = {key: values for key, (_, name) in _LOADS.items() if (values := getattr(layout, name))}
-    for key, values in given.items():
-        names = ", ".join(table.label or table.sheet.own_name or table.sheet.path.stem for table in tables)[:_LONGEST_LIST]
-        got = f"{_option(key)} must hold one number for each test, got {len(values)} for {len(tables)} tests ({names})"
-        require(len(values) == len(tables), f"{got}. Give all, in the order of files and sheets.")
-    return given
+def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
+    """Fill what nothing gives from the lines above the tables: the plane of each test, the rest of all; of dates the first."""
+    for key, option in _OF_CAMPAIGN.items():
+        found: dict[Any, str] = {}
+        for table in tables:
+            lines = table.above.get(key, ())
+            said = {own.value if isinstance(own.value, str) else round(own.value, 9): own.line for own in lines}
+            own = {value: f"line {line} of {table.sheet.place}" for value, line in said.items()}
+            sure = table.stated.get(key) or table.fields.get(key) or campaign.get(key)
+            if sure is not None:
+                sure = ("raw", "compensated")[sure.compensated] if isinstance(sure, MountCompensation) else sure
+                own.pop(sure, None)
+                got = f"{sure} as given and raw in {own.get('raw')}"
+                require("raw" not in own, f"{table.place}: {key} must be said once, got {got}. Correct the line, or give --raw.")
+                for value in own:
+                    table.note(key, f"{sure}, as given", f"line {said[value]} says {value}", option)
+                continue
+            found |= own
+            all_said = own if key in ("plane", "date") else found
+            if len(all_said) > 1 or (key == "plane" and own.keys() - PLANES.keys()):
+                must = "said once" if len(all_said) > 1 else f"one of {', '.join(PLANES)}"
+                got = " and ".join(f"{value} in {where}" for value, where in all_said.items())
+                raise InputError(f"{table.place}: {key} must be {must}, got {got}. Correct the lines, or give {option}.")
+            for value in own:
+                table.note(key, f"{value:g} µm" if key == "resolution_um" else value, f"line {said[value]}", option)
+                table.fields |= {key: value} if key == "plane" else {}
+        if found and (key != "plane" or ({table.fields.get(key) for table in tables} == set(found) and len(found) == 1)):
+            value = min(found)
+            campaign[key] = MountCompensation(compensated=value == "compensated") if key == "mount" else value
 
 
 def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], notes: Notes) -> None:
@@ -539,7 +506,7 @@ def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], no
         ("resolution_um", "0.24 µm", "--resolution-um"),
         ("mount", "readings compensated for its deflection", "--raw"),
     ):
-        if key not in campaign and not (key == "radius_mm" and all(test.radius_mm for test in tests)):
+        if key not in campaign and not (key in ("radius_mm", "plane") and all(getattr(test, key) for test in tests)):
             notes.add("", key, value, "nothing says otherwise", option)
     if any(test.force_N is None for test in tests) and "force_law" not in campaign:
         law = "126.04 N/bar × pressure − 14.2 N"

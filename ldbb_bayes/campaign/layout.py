@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import re
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic.dataclasses import dataclass
 
-from ldbb_bayes.campaign.folder import TestFields
+from ldbb_bayes.campaign.campaign import Number, TestFields
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.files import read_toml, validated
 
@@ -23,7 +23,6 @@ __all__ = [
     "Layout",
     "Notes",
     "TestLayout",
-    "in_ours",
     "layout_to_toml",
     "plain",
     "read_layout",
@@ -61,7 +60,6 @@ ROLES: Mapping[str, tuple[str, ...]] = {
         "direction": "direction dir richtung sense",
     }.items()
 }
-_FACTOR = re.compile(r"(\d{1,6}(?:[.,]\d{1,6})?)(?:\s*/\s*(\d{1,6}))?\s*(\D.*)")
 
 
 def plain(text: str) -> str:
@@ -73,37 +71,41 @@ _BY_WORD = {plain(word): unit for entries in _ENTRIES.values() for unit, _, *wor
 
 
 def unit_named(text: str) -> str:
-    """Our name of a unit, with the factor that stands before it (``1/1000 mm``); empty where the text is none."""
-    if len(text) > 40:
-        return ""
-    unit = _BY_WORD.get(plain(text), "")
-    match = _FACTOR.fullmatch(text.strip())
-    if unit or not match or re.fullmatch(r"[1-9]\d{0,2}[.,]\d{3}", match[1]):
-        return unit
-    unit = _BY_WORD.get(plain(match[3]), "")
-    return f"{match[1].replace(',', '.')}{'/' + match[2] if match[2] else ''} {unit}" if unit else ""
+    """Return our name of a unit; empty where the text is none."""
+    return _BY_WORD.get(plain(text), "") if len(text) <= 40 else ""
 
 
-def in_ours(role: str, unit: str) -> float | None:
-    """One of a unit (as `unit_named` gives it) in ours; None where it is not one for that role."""
-    factor, _, name = unit.rpartition(" ")
-    one = UNITS[role].get(name)
-    if one is None or not re.fullmatch(r"(?:\d+(?:\.\d+)?(?:/[1-9]\d*)?)?", factor):
-        return None
-    above, _, below = factor.partition("/")
-    return one * float(above or 1) / float(below or 1)
-
-
-class TestLayout(TestFields, allow_inf_nan=False):
+@dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
+class TestLayout(TestFields):
     """What one file (or sheet, or name in the test column) is, where the table does not say."""
 
     file: str
+    start_deg: Number | None = None
+
+    def stated(self) -> dict[str, Any]:
+        """What it says, the file's name included."""
+        return {key: value for key, value in vars(self).items() if value is not None}
+
+
+def _known_encoding(name: str) -> str:
+    try:
+        "".encode(name)
+    except (LookupError, ValueError):
+        raise ValueError("it should be one that Python knows, for example utf-8, utf-16-le, utf-16-be, cp1252") from None
+    return name
+
+
+def _sign(separator: str) -> str:
+    named = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
+    if separator not in (*named, *named.values()):
+        raise ValueError(f"it should be one of {', '.join(named)}, or the sign itself")
+    return named.get(separator, separator)
 
 
 _Column = str | int | list[str | int]
 
 
-class Layout(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
+class Layout(BaseModel, extra="forbid", allow_inf_nan=False):
     """How tables are read. None: found out from each file, and said.
 
     Attributes
@@ -128,14 +130,14 @@ class Layout(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     """
 
     schema_: Literal[1] = Field(default=1, alias="schema")
-    encoding: str | None = None
-    separator: str | None = None
+    encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
+    separator: Annotated[str, AfterValidator(_sign)] | None = None
     decimal: Literal[".", ","] | None = None
     header_line: int | None = Field(default=None, ge=0)
     sheets: list[str] = Field(default_factory=list)
     columns: dict[str, _Column] = Field(default_factory=dict)
-    forces_N: list[float] = Field(default_factory=list)
-    pressures_bar: list[float] = Field(default_factory=list)
+    forces_N: list[Number] = Field(default_factory=list)
+    pressures_bar: list[Number] = Field(default_factory=list)
     reading_unit: str | None = None
     angle_unit: str | None = None
     time_unit: str | None = None
@@ -157,7 +159,7 @@ class Layout(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     def _known_unit(cls, value: str | None, info: ValidationInfo) -> str | None:
         role = str(info.field_name).removesuffix("_unit")
         named = unit_named(value or "")
-        if value is not None and in_ours(role, named) is None:
+        if value is not None and named not in UNITS[role]:
             raise ValueError(f"it should be one of {', '.join(UNITS[role])}")
         return named or None
 
@@ -165,28 +167,26 @@ class Layout(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     @classmethod
     def _each_once(cls, tests: list[TestLayout]) -> list[TestLayout]:
         files = [entry.file for entry in tests]
-        twice = next((file for k, file in enumerate(files) if file in files[:k]), None)
-        if twice is not None:
-            raise ValueError(f"[[test]] must be one for each file, sheet or label, got two for {twice!r}")
+        for file in (file for k, file in enumerate(files) if file in files[:k]):
+            raise ValueError(f"[[test]] must be one for each file, sheet or label, got two for {file!r}")
         return tests
 
     @field_validator("columns")
     @classmethod
     def _one_column(cls, columns: dict[str, _Column]) -> dict[str, _Column]:
-        many = next((role for role, column in columns.items() if role != "reading" and isinstance(column, list)), None)
-        if many is not None:
-            raise ValueError(f"the {many} must be one column")
+        for role in (role for role, column in columns.items() if role != "reading" and isinstance(column, list)):
+            raise ValueError(f"the {role} must be one column")
         return columns
 
     def with_given(self, given: dict[str, Any]) -> Layout:
         """The layout with what options say over it; options left at None do not speak."""
         spoken = {key: value for key, value in given.items() if value is not None}
-        of_tests = spoken.keys() & TestLayout.model_fields.keys()
+        of_tests = spoken.keys() & TestLayout.__dataclass_fields__.keys()
         if {"forces_N", "pressures_bar"} & spoken.keys():
             of_tests |= {"force_N", "pressure_bar"}
             spoken = {"forces_N": [], "pressures_bar": []} | spoken
         if of_tests and "test" not in given:
-            spoken["test"] = [entry.model_dump(exclude=set(of_tests), exclude_none=True) for entry in self.test]
+            spoken["test"] = [{key: value for key, value in entry.stated().items() if key not in of_tests} for entry in self.test]
         try:
             return Layout.model_validate({**self.model_dump(by_alias=True), **spoken})
         except ValidationError as error:

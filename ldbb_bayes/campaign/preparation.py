@@ -116,10 +116,7 @@ def angles_from_time(
     The axes run at constant feed along the circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0 the first
     reading's time and sense 1 counter-clockwise, −1 clockwise. Acceleration at the ends is inside the overshoot, or neglected.
 
-    Raises
-    ------
-    InputError
-        When the log ends before it has covered the overshoot and half a turn.
+    Raises InputError when the log ends before it has covered the overshoot and half a turn.
     """
     travelled = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm) * (time_s - time_s[0])
     got = f"{travelled[-1]:.1f}° at {feed_mm_per_min:g} mm/min on {radius_mm:g} mm. Check feed, radius and the unit of time"
@@ -143,10 +140,7 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     """The mean of the whole laps at the angles of the first, later ones interpolated; readings beyond the last are left out.
 
-    Raises
-    ------
-    InputError
-        When the angles change direction, or there is no whole second lap.
+    Raises InputError when the angles change direction, or there is no whole second lap.
     """
     once = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg, reading_um = angle_deg[once], reading_um[once]

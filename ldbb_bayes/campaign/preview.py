@@ -18,7 +18,7 @@ __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", 
 
 Array = NDArray[np.float64]
 _ORDER = 12
-_FULL_DEG, _LEAST_FORCE_N, _RADII_MM = 359.0, 5.0, (10.0, 2000.0)
+_FULL_DEG, _FORCES_N, _RADII_MM = 359.0, (5.0, 10_000.0), (10.0, 2000.0)
 # Numbers of readings that a path is fitted to; scatters off it that make a spike; rounds of reweighting.
 _FITTED, _SPIKE, _ROUNDS = range(2 * _ORDER + 11, 200_001), 8.0, 20
 # Steps that few readings repeat: not below this size, nor in fewer values.
@@ -32,22 +32,15 @@ class RemarkKind(StrEnum):
     ARC = "arc"
     GAP = "gap"
     OPEN = "open trace"
-    EQUAL = "equal readings"
-    SMALL = "small readings"
-    LARGE = "large readings"
+    UNIT = "unit"
     FORCE_LAW = "force law"
     SPIKES = "spikes"
     STEP = "step"
     ONE_LEVEL = "one force level"
     TWO_LEVELS = "two force levels"
-    SMALL_FORCE = "small force"
-    RADIUS = "radius"
     COPY = "copy"
     ONE_WAY = "one way"
-    SORTED = "sorted"
-    NO_DIRECTION = "no direction"
-    CENTRES = "centres of one set-up"
-    PLANES = "planes of one set-up"
+    PLACES = "places of one set-up"
     MACHINE = "machine"
     FRAMES = "frames"
     SETUPS = "set-ups"
@@ -82,8 +75,6 @@ class TestPreview:
     ----------
     arc_deg, largest_gap_deg : float
         Covered arc; widest distance between neighbouring angles.
-    gaps : int
-        Distances of neighbouring angles above ten times the usual one.
     direction, travel : str or None
         As stated; as the order of the angles shows it.
     resolution_um : float or None
@@ -106,7 +97,6 @@ class TestPreview:
     readings: int
     arc_deg: float
     largest_gap_deg: float
-    gaps: int
     direction: str | None
     travel: str | None
     plane: str
@@ -160,7 +150,7 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
     between, step = np.diff(np.append(around, around[0] + 360.0)), float(np.median(np.abs(steps)))
     gap, usual = float(between.max()), max(float(np.median(between)), step)
     travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
-    against = test.direction and travel and test.direction != travel and not campaign.is_plan and not _sorted(campaign)
+    against = test.direction and travel and test.direction != travel and not (campaign.is_plan or _sorted(campaign))
     remarks.add(kinds.TRAVEL, against, stated=test.direction, travel=travel)
     remarks.add(kinds.ARC, test.arc_deg < _FULL_DEG, arc_deg=test.arc_deg)
     remarks.add(kinds.GAP, test.arc_deg >= _FULL_DEG and gap > 10.0 * usual, gap_deg=gap)
@@ -176,15 +166,12 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
         seen |= {"start_end_um": float(reading[-1] - reading[0]) if closes else None}
         if len(reading) in _FITTED:
             seen["noise_um"], seen["spikes"] = _path(test, stated, closes, remarks)
-        remarks.add(kinds.EQUAL, span == 0.0)
-        remarks.add(kinds.SMALL, 0.0 < span < 3.0 * stated)
-        remarks.add(kinds.LARGE, span > 1000.0)
+        remarks.add(kinds.UNIT, not 3.0 * stated <= span <= 1000.0, what="peak to peak", value=span, unit="µm")
         remarks.add(kinds.STEP, digit and not 0.5 * stated < digit < 1.5 * stated, step_um=digit, stated_um=stated)
     return TestPreview(
         **{key: getattr(test, key) for key in _SHOWN},
         readings=len(angle),
         largest_gap_deg=gap,
-        gaps=int(np.count_nonzero(between > 10.0 * usual)),
         travel=travel,
         radius_mm=test.circle.radius_mm,
         centre_mm=test.circle.centre_mm,
@@ -289,22 +276,16 @@ def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
     force = float(campaign.forces_N.max())
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)
     remarks.add(kinds.TWO_LEVELS, campaign.force_levels == 2)
-    remarks.add(kinds.SMALL_FORCE, force < _LEAST_FORCE_N, force_N=force)
+    remarks.add(kinds.UNIT, not _FORCES_N[0] <= force <= _FORCES_N[1], what="the largest force", value=force, unit="N")
     for radius in sorted({test.circle.radius_mm for test in tests}):
-        remarks.add(kinds.RADIUS, not _RADII_MM[0] <= radius <= _RADII_MM[1], radius_mm=radius)
+        remarks.add(kinds.UNIT, not _RADII_MM[0] <= radius <= _RADII_MM[1], what="a radius", value=radius, unit="mm")
     for first, second in combinations(tests if not campaign.is_plan else (), 2):
         remarks.add(kinds.COPY, np.array_equal(first.reading_um, second.reading_um), first=first.name, second=second.name)
     for plane in planes:
         one, other = sorted(plane)
         named = plane if len(planes) > 1 else ""
         remarks.add(kinds.ONE_WAY, not _both_ways(campaign, plane), compliance=f"C_{one}{other}{one}", plane=named)
-    remarks.add(kinds.SORTED, not campaign.is_plan and _sorted(campaign))
-    for plane in planes:
-        silent = [test.name for test in tests if test.plane == plane and test.direction is None and _both_ways(campaign, plane)]
-        remarks.add(kinds.NO_DIRECTION, silent, test=(silent or [""])[0])
     places = {(test.setup, test.plane, test.circle.centre_mm) for test in tests}
     for setup in sorted({test.setup or 1 for test in tests}):
-        here = [plane for number, plane, _ in places if number == setup]
-        remarks.add(kinds.CENTRES, len(here) > len(set(here)), setup=setup)
-    remarks.add(kinds.PLANES, len({test.setup for test in tests}) == 1 and len(planes) > 1)
+        remarks.add(kinds.PLACES, sum(own == setup for own, *_ in places) > 1, setup=setup)
     return tuple(remarks)

@@ -5,14 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-import warnings
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
-from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +19,6 @@ from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
 
 __all__ = [
     "Sheet",
-    "Unusable",
     "columns_of",
     "constant",
     "could_be_thousands",
@@ -39,8 +35,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Rows = list[tuple[int, list[str]]]
-# Cells of a text, and of a workbook, which takes three times as much memory for each; signs of a line, of a cell shown.
-_LARGEST_TEXT, _LARGEST_WORKBOOK, _LARGEST_LINE, _SHOWN = 4_000_000, 1_200_000, 100_000, 60
+# Cells of a table; signs of a line, of a cell shown.
+_LARGEST_TABLE, _LARGEST_LINE, _SHOWN = 4_000_000, 100_000, 60
 _GAP = r"[ '\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
 _NUMBER = re.compile(rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})")
@@ -53,29 +49,15 @@ _MISSING = ("-", "--", "---", "nan", "n/a", "na", "#n/a", "#div/0!", "#value!", 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Text cells of one file, or of one sheet of a workbook.
-
-    Attributes
-    ----------
-    name : str
-        Of the sheet; empty for a text file.
-    rows : list of (line, cells)
-        Line as the file counts it, from 1; empty lines are left out.
-    only : bool
-        Whether it is the one table of its file, and so bears the file's name.
-    encoding, separator : str
-        How a text file was read; empty for a workbook.
-    hidden : str
-        What the spreadsheet does not show of it; empty for none.
-    """
+    """Text cells of one file, or of one sheet of a workbook."""
 
     path: Path
-    name: str
-    rows: Rows
-    only: bool = False
-    encoding: str = ""
+    name: str  # of the sheet; empty for a text file
+    rows: Rows  # (line as the file counts it, cells) without empty lines
+    encoding: str = ""  # of a text file, as its separator
     separator: str = ""
-    hidden: str = ""
+    hidden: bool = False  # by the spreadsheet
+    only: bool = False  # the one table of its file, which bears the file's name
 
     @property
     def own_name(self) -> str:
@@ -88,12 +70,6 @@ class Sheet:
         return f"{self.path}, sheet {self.name!r}" if self.name else str(self.path)
 
 
-class Unusable(str):
-    """A cell that holds no value of its own (a formula, an error, a date), and what to say if it is used."""
-
-    why: str
-
-
 def looks_like_number(cell: str) -> bool:
     """Whether a cell is a number, whatever its decimal mark, or a time of day."""
     return _NUMBER.fullmatch(cell) is not None or is_clock(cell)
@@ -101,7 +77,7 @@ def looks_like_number(cell: str) -> bool:
 
 def is_missing(cell: str) -> bool:
     """Whether a cell stands for a number that is not there: such rows belong to the table, and are refused by name."""
-    return cell.casefold() in _MISSING or isinstance(cell, Unusable)
+    return cell.casefold() in _MISSING
 
 
 def is_clock(cell: str) -> bool:
@@ -145,10 +121,11 @@ def numbers_of(
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         cell = cells[bad[0]]
-        if isinstance(cell, Unusable):
-            raise InputError(cell.why)
+        got = repr(cell[:_SHOWN]) if cell else "nothing"
         cure = "Give --decimal" if not strict and re.fullmatch(r"[+\-−–]?\d+[.,]\d+", cell) else "Correct or remove the line"
-        raise InputError(f"{place}, line {lines[bad[0]]}: {what} must be a finite number, got {cell[:_SHOWN]!r}. {cure}.")
+        if re.match(r"\d{4}-\d\d-\d\d", cell):
+            cure = "A spreadsheet took a number for a date: format the column as number"
+        raise InputError(f"{place}, line {lines[bad[0]]}: {what} must be a finite number, got {got}. {cure}.")
     return values
 
 
@@ -211,39 +188,34 @@ def constant(
     return float(numbers_of(place, name, lines[:1], cells[:1], decimal)[0])
 
 
-_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
-_MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe\x00\x00", "utf-32-le"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
-_ZIP, _OLD_WORKBOOK, _WORKBOOKS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0", (".xlsx", ".xlsm")
+_MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
+# How a zip (XLSX, ODS) and a compound file (XLS, or a workbook with a password) begin.
+_ARCHIVE, _BINARY, _WORKBOOKS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0", (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 
 
 def read_sheets(
     path: Path, *, encoding: str | None = None, separator: str | None = None, sheets: Sequence[str] = ()
 ) -> list[Sheet]:
-    """The tables in a file.
+    """Return the tables in a file.
 
     Parameters
     ----------
     encoding : str, optional
         Of a text file. Default: by its byte-order mark; UTF-16 where every other byte is zero; UTF-8; else Windows-1252.
     separator : str, optional
-        One of comma, semicolon, tab, bar, space, by name or by sign. Default: the one that splits most lines alike.
+        The sign. Default: of comma, semicolon, tab, bar and space the one that splits most lines alike.
     sheets : sequence of str
-        Of a workbook. Default: all that hold anything.
+        Of a workbook (XLSX, XLS, ODS). Default: all that hold anything.
     """
     raw = _bytes_of(path)
-    got = "the old binary XLS, or one with a password. Save it as .xlsx without one, or as 'CSV UTF-8'"
-    require(not raw.startswith(_OLD_WORKBOOK), f"{path} must be a text table or an XLSX workbook, got {got}.")
-    if raw.startswith(_ZIP) or path.suffix.lower() in _WORKBOOKS:
+    if raw.startswith((_ARCHIVE, _BINARY)) or path.suffix.lower() in _WORKBOOKS:
         return _sheets_of_workbook(path, raw, sheets)
     if sheets:
         got = f"a text file with sheet {sheets[0]!r} asked for"
         raise InputError(f"{path} must be a workbook to have sheets, got {got}. Leave it out.")
-    if separator is not None and separator not in _SEPARATORS.values():
-        check_known("separator", [separator], _SEPARATORS)
-        separator = _SEPARATORS[separator]
     text, encoding = _decoded(path, raw, encoding)
     sign = separator or _separator_of(text.split("\n"))
-    return [Sheet(path, "", _rows_of_text(path, text, sign), True, encoding, sign)]
+    return [Sheet(path, "", _rows_of_text(path, text, sign), encoding, sign)]
 
 
 def read_strict_table(path: Path) -> tuple[Rows, str]:
@@ -261,13 +233,12 @@ def _bytes_of(path: Path) -> bytes:
 
 def _decoded(path: Path, raw: bytes, encoding: str | None) -> tuple[str, str]:
     """The text of a file and its encoding."""
+    workbook = f"{path} must be a text file, got a workbook. Import it: ldbb-bayes import {path} --out FOLDER."
+    require(not raw.startswith((_ARCHIVE, _BINARY)), workbook)
     mark, marked = next(((sign, name) for sign, name in _MARKS if raw.startswith(sign)), (b"", ""))
     encoding, cure = encoding or marked or _encoding_of(raw), "Save it as 'CSV UTF-8', or import it with --encoding"
     try:
         text = raw[len(mark) :].rstrip(b"\x1a").decode(encoding)
-    except LookupError:
-        known = "utf-8, utf-16-le, utf-16-be, cp1252"
-        raise InputError(f"{path}: encoding must be one Python knows, got {encoding!r}. For example {known}.") from None
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise InputError(f"{path}, line {line}: text must be {encoding}, got other bytes. {cure}.") from None
@@ -300,8 +271,8 @@ def _encoding_of(raw: bytes) -> str:
 
 
 def _rows_of_text(path: Path, text: str, sign: str) -> Rows:
-    if text.count("\n") + text.count(sign) > _LARGEST_TEXT:
-        raise InputError(f"{path} must hold at most {_LARGEST_TEXT} cells, got more. Split it.")
+    if text.count("\n") + text.count(sign) > _LARGEST_TABLE:
+        raise InputError(f"{path} must hold at most {_LARGEST_TABLE} cells, got more. Split it.")
     rows = []
     for k, line in enumerate(text.split("\n"), start=1):
         if len(line) > _LARGEST_LINE:
@@ -341,129 +312,68 @@ def _separator_of(lines: Sequence[str]) -> str:
     return best
 
 
-_MOST_EMPTY_ROWS, _MOST_SHEETS, _MOST_PARTS = 50_000, 200, 2000
-# Of a workbook: what its parts may unpack to, and how much more than it takes on disk.
-_LARGEST_UNPACKED, _LARGEST_RATIO, _LARGEST_STRINGS = 256 * 2**20, 200.0, 16 * 2**20
-# Bytes read at once, of a tag, and between two ends of tags: a cell's text has at most 32 767 signs.
-_CHUNK, _LONGEST_TAG, _LONGEST_PART = 2**20, 400, 300_000
-_HIDDEN_ROW = re.compile(rb'<row\b[^>]{0,300}\shidden="(?:1|true)"[^>]{0,300}>')
-
-
-def _damaged(place: str, what: str, error: Exception) -> InputError:
-    got = f"a damaged one ({type(error).__name__})"
-    return InputError(f"{place} must hold {what} that can be read, got {got}. Open and save it again.")
+# Of a workbook: what its parts may unpack to, how much more than it takes on disk, and cells too far out to make a table up to.
+_LARGEST_UNPACKED, _LARGEST_RATIO, _SMALL = 256 * 2**20, 200.0, 2**20
+_FAR = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
 
 
 def _sheets_of_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
-    """The sheets that hold anything, or those wanted."""
-    hidden_rows = _check_archive(path, raw)
+    """The sheets that hold anything, or those wanted. A formula counts by the value that was saved with it."""
+    import python_calamine  # loads a compiled library that few commands need
+
+    if raw.startswith(_ARCHIVE):
+        _check_archive(path, raw)
+    missing = -len(raw) % 512 if raw.startswith(_BINARY) else 0  # of a sector; the library breaks down over half a one
     try:
-        import openpyxl
-    except ImportError:
-        cure = "Save it as 'CSV UTF-8', or pip install 'ldbb-bayes[excel]'"
-        raise InputError(f"{path} must be read with openpyxl, which is not installed. {cure}.") from None
-    try:
-        with warnings.catch_warnings(action="ignore"):
-            book = openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=False, keep_links=False)
-    except Exception as error:  # noqa: BLE001  # whatever a damaged workbook makes of the library
-        raise _damaged(str(path), "a workbook", error) from None
-    names = [sheet.title for sheet in book.worksheets]
-    check_known(f"{path}: sheet", wanted, names)
-    found, cells = [], 0
-    for name in wanted or names[:_MOST_SHEETS]:
-        rows = []
-        for k, texts in _rows_of(path, name, book[name]):
-            cells += len(texts) + 1
-            if cells > _LARGEST_WORKBOOK:
-                got = f"a workbook must hold at most {_LARGEST_WORKBOOK} cells, got more"
-                raise InputError(f"{path}, sheet {name!r}: {got}. Split it.")
-            if any(texts):
-                rows.append((k, texts))
-        if rows:
-            width = max(len(texts) for _, texts in rows)
-            hidden = ["the sheet"] if book[name].sheet_state != "visible" else []
-            hidden += [f"{hidden_rows} rows of the workbook"] if hidden_rows else []
-            whole = [(k, [*texts, *[""] * (width - len(texts))]) for k, texts in rows]
-            found.append(Sheet(path, name, whole, hidden=" and ".join(hidden)))
+        try:
+            opened = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(raw + b"\xff" * missing))
+        except python_calamine.CalamineError:
+            if missing or not raw.startswith(_BINARY):
+                raise
+            opened = python_calamine.CalamineWorkbook.from_path(path)  # this tells whether it has a password
+        with opened as book:
+            hidden = {own.name for own in book.sheets_metadata if own.visible is not python_calamine.SheetVisibleEnum.Visible}
+            check_known(f"{path}: sheet", wanted, book.sheet_names)
+            found = []
+            for name in wanted or book.sheet_names:
+                cells = enumerate(book.get_sheet_by_name(name).to_python(skip_empty_area=False), start=1)
+                rows = [(k, texts) for k, row in cells if any(texts := [_text_of(value) for value in row])]
+                found += [Sheet(path, name, rows, hidden=name in hidden)] if rows else []
+    except python_calamine.PasswordError:
+        raise InputError(f"{path} must be a workbook without a password, got one with. Save it without.") from None
+    except BaseException as error:
+        panicked = type(error).__name__ == "PanicException"  # the library's assertions are no Exception
+        if not (panicked or isinstance(error, python_calamine.CalamineError | OSError)):
+            raise
+        got = f"a damaged one ({error})".replace("\n", " ")
+        raise InputError(f"{path} must hold a workbook that can be read, got {got}. Open and save it again.") from None
     require(found, f"{path} must hold a table, got empty sheets. Leave it out or export it again.")
+    size = sum(len(sheet.rows) * len(sheet.rows[0][1]) for sheet in found)
+    require(size <= _LARGEST_TABLE, f"{path} must hold at most {_LARGEST_TABLE} cells, got {size}. Split it.")
     return found
 
 
-def _rows_of(path: Path, name: str, sheet: Any) -> Iterator[tuple[int, list[str]]]:
-    """Rows as they stand in the sheet, whatever size it claims to have."""
-    k = empty = 0
-    try:
-        sheet.reset_dimensions()
-        for k, row in enumerate(sheet.iter_rows(), start=1):
-            empty = 0 if row else empty + 1
-            if empty > _MOST_EMPTY_ROWS:
-                got = f"rows must follow each other, got {empty} empty ones above row {k}"
-                raise InputError(f"{path}, sheet {name!r}: {got}. Delete them.")
-            yield k, [_text_of(f"{path}, sheet {name!r}", cell) for cell in row]
-    except InputError:
-        raise
-    except Exception as error:  # noqa: BLE001  # whatever a damaged sheet makes of the library
-        raise _damaged(f"{path}, sheet {name!r}, below row {k}", "rows", error) from None
+def _text_of(value: object) -> str:
+    """A cell as text; a whole number without a point."""
+    return f"{value:.0f}" if isinstance(value, float) and value.is_integer() and abs(value) < 1e15 else str(value).strip()
 
 
-def _text_of(place: str, cell: Any) -> str:
-    """A cell as text; what holds no value of its own says so if it is used."""
-    value = cell.value
-    if value is None or cell.data_type not in "fed":
-        return "" if value is None else repr(value) if isinstance(value, float) else str(value).strip()
-    date = value.isoformat(" ") if isinstance(value, datetime) else str(value)
-    text, why = {
-        "f": ("formula", f"values, got the formula {str(value)[:40]!r}. Paste the values in its place."),
-        "e": ("error", f"values, got the error {value}. Correct it."),
-        "d": (
-            date,
-            f"numbers or text, got the date {date}. The spreadsheet took a number for a date: format the column as number.",
-        ),
-    }[cell.data_type]
-    found = Unusable(text)
-    found.why = f"{place}, cell {cell.coordinate}: cells must hold {why}"
-    return found
-
-
-def _check_archive(path: Path, raw: bytes) -> int:
-    """How many rows a workbook hides. Nothing is unpacked whose directory promises too much; no part may define entities."""
-    hidden, beware = 0, "Do not open it unless you know where it comes from."
+def _check_archive(path: Path, raw: bytes) -> None:
+    """Refuse what unpacks to too much, and a cell so far out that the table up to it has no room in memory."""
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             parts = archive.infolist()
             size, packed = (sum(getattr(part, own) for part in parts) for own in ("file_size", "compress_size"))
-            strings = sum(part.file_size for part in parts if part.filename.endswith("sharedStrings.xml"))
-            largest = min(_LARGEST_UNPACKED, _LARGEST_RATIO * max(packed, 1) + _CHUNK)
-            if size > largest or strings > _LARGEST_STRINGS or len(parts) > _MOST_PARTS:
-                raise InputError(
-                    f"{path} must unpack to at most {_LARGEST_UNPACKED / 2**20:.0f} MB and {_LARGEST_RATIO:.0f} times its "
-                    f"size, got {len(parts)} parts and {size / 2**20:.0f} MB from {packed / 2**20:.2f} MB. {beware}"
-                )
+            got = f"{size / 2**20:.0f} MB from {packed / 2**20:.2f} MB. Do not open it unless you know where it comes from"
+            most = f"{_LARGEST_UNPACKED / 2**20:.0f} MB and {_LARGEST_RATIO:.0f} times its size"
+            fits = size <= min(_LARGEST_UNPACKED, _LARGEST_RATIO * packed + _SMALL)
+            require(fits, f"{path} must unpack to at most {most}, got {got}.")
             for part in parts:
-                if part.filename.startswith(("/", "\\")) or ".." in re.split(r"[/\\]", part.filename):
-                    raise InputError(f"{path} must hold parts inside itself, got {part.filename[:60]!r}. {beware}")
-                if part.filename.endswith((".xml", ".rels")):
-                    with archive.open(part) as stream:
-                        rows = _hidden_rows(stream)
-                    if rows is None:
-                        raise InputError(f"{path}: {part.filename[:60]!r} must define no entities, got some. {beware}")
-                    hidden += rows
+                if part.filename.startswith("xl/worksheets/") and (far := _FAR.search(archive.read(part))):
+                    got = f"cell {far[1][:20].decode()}. Delete it, or save the sheet as 'CSV UTF-8'"
+                    raise InputError(f"{path} must hold its cells within column ZZ and row 99999, got {got}.")
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001  # whatever a damaged archive makes of the library
-        raise _damaged(str(path), "an XLSX workbook without a password", error) from None
-    return hidden
-
-
-def _hidden_rows(stream: IO[bytes]) -> int | None:
-    """How many rows an XML part hides; None where a document type stands anywhere in it, in any width of characters."""
-    tail, hidden = b"", 0
-    while chunk := stream.read(_CHUNK):
-        text = tail + chunk.replace(b"\0", b"")
-        if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-            return None
-        if max(map(len, text.split(b">"))) > _LONGEST_PART:
-            raise ValueError("a tag without end")
-        hidden += len(_HIDDEN_ROW.findall(text))
-        tail = text[text.rfind(b">") + 1 :][-_LONGEST_TAG:]
-    return hidden
+        got = f"a damaged one ({type(error).__name__})"
+        raise InputError(f"{path} must hold a workbook that can be read, got {got}. Open and save it again.") from None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -38,26 +37,26 @@ __all__ = ["compare", "demo", "design", "figure_names", "fit", "identify", "repo
 _DEGREES = ("constant", "linear", "quadratic")
 
 
+_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
+
+
 @command
 def identify(campaign: options.GivenCampaign, model: options.ChosenModel, output: options.OutputOptions) -> None:
     """What the data can tell apart: verdict and confounding of every parameter, degeneracies and their cures.
 
     A plan (a campaign without readings) will do: ask before the experiment.
     """
-    from ldbb_bayes.report.text import parameters_frame, parts_of
+    import pandas as pd
 
-    drawn = {
-        "correlation": "correlation_map",
-        "prior_and_posterior": "prior_and_posterior",
-        "alias": "alias_map",
-        "nuisance_costs": "nuisance_costs",
-    }
-    output.check("identify.json", "parameters.csv", "alias.csv", "correlation.csv", *ATLAS_FILES, figures=drawn)
+    from ldbb_bayes.report.text import parts_of
+
+    output.check("identify.json", "parameters.csv", "alias.csv", "correlation.csv", *ATLAS_FILES, figures=["prior_and_posterior"])
     result = lb.identify(model, campaign)
     record = {"schema": 1, "campaign": campaign.name, "degree": model.degree, **lb.with_words(result)}
+    table = pd.DataFrame.from_dict(record["parameters"], orient="index")
     contents = {
         "identify.json": record,
-        "parameters.csv": parameters_frame(result),
+        "parameters.csv": table[_COLUMNS].rename_axis("parameter").reset_index(),
         "alias.csv": result.alias.rename_axis("parameter").reset_index(),
         "correlation.csv": result.correlation.rename_axis("coefficient").reset_index(),
     }
@@ -65,9 +64,8 @@ def identify(campaign: options.GivenCampaign, model: options.ChosenModel, output
         record,
         (f"Compliance {_DEGREES[model.degree]} in force.", *parts_of(result)),
         contents,
-        {name: options.drawing(draw, result) for name, draw in drawn.items()},
+        {"prior_and_posterior": options.drawing("prior_and_posterior", result)},
         also=partial(write_atlases, campaign.machine(), [test.circle for test in campaign.tests]),
-        written=f"{output.out}/identify.json, tables (CSV) and figures (PNG and SVG)",
     )
 
 
@@ -77,8 +75,6 @@ def _models(entries: list[str], flag: str) -> dict[str, Path]:
 
 _COMPARE = group(
     also=option(Kind(list[str], _models, "NAME=FILE"), "Another model to compare, as NAME=FILE.toml; can be repeated."),
-    quadratic=option(bool, "Choose constant, linear or quadratic for every compliance apart (minutes).", False),
-    leave_out=option(str, "What leave-one-out leaves out: test. Readings are refused.", "test"),
     tolerance=option(float, "Error asked of every log evidence (nat).", 1e-2),
     ci=CI,
     seed=SEED,
@@ -96,8 +92,6 @@ def compare(
 
     Compares constant with linear compliance; with --degree 2 also quadratic. Exit code 1: an evidence is less exact than asked.
     """
-    from ldbb_bayes.report.text import left_out_frame, sensitivity_frame, subsets_frame
-
     if model.degree == 0:
         raise InputError(
             "compare must have a degree of at least 1, got 0: there is nothing to compare with. Use --degree 1 or 2."
@@ -107,17 +101,14 @@ def compare(
         if name in models:
             raise InputError(f"--also must give a new name, got {name!r} again. Choose another.")
         models[name] = lb.read_model(file, degree=model.degree)
-    tables = ("sensitivity.csv", "slope_subsets.csv", "tests.csv", "local_fits.csv")
-    names = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits", "predictive_p_values")
-    output.check("comparison.json", *tables, figures=names)
+    names = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
+    output.check("comparison.json", "local_fits.csv", figures=names)
     with counting_progress(output.quiet, "models weighed") as progress:
         result = lb.compare(models, campaign, **asked, progress=progress)
     record = {"schema": 1, "seed": asked["seed"], **lb.with_words(result)}
-    frames = (sensitivity_frame(result), subsets_frame(result), left_out_frame(result), result.local_fits)
-    contents = {"comparison.json": record, **dict(zip(tables, frames, strict=True))}
-    written = f"{output.out}/comparison.json, tables (CSV) and figures (PNG and SVG)"
+    contents = {"comparison.json": record, "local_fits.csv": result.local_fits}
     draws = {name: options.drawing(name, result) for name in names}
-    output.deliver(record, result, contents, draws, written=written)
+    output.deliver(record, result, contents, draws)
     if not result.within_tolerance:
         raise typer.Exit(options.EXIT_MISSED)
 
@@ -149,25 +140,13 @@ def _clockings(text: str, option: str) -> tuple[tuple[float, float], ...]:
     return tuple((finite_number(work, option), finite_number(tool, option)) for work, tool in pairs)
 
 
-def _targets(entries: list[str], flag: str) -> dict[str, float]:
-    return {name: finite_number(value, flag) for name, value in pairs_in(entries, flag, "NAME=SD").items()}
-
-
 def _designs(entries: list[str], flag: str) -> dict[str, Any]:
     return {name: lb.read_campaign(Path(path)) for name, path in pairs_in(entries, flag, "NAME=PATH").items()}
 
 
-_FEWEST = "Instead of --tests: the fewest circles"
 _LEVELS = "LO:HI:STEP or LIST"
 _DESIGN = group(
     tests=option(int, "Number of circles. Default: as many as the pilot has."),
-    budget=option(float, "Instead of --tests: what they may cost."),
-    target=option(
-        Kind(list[str], _targets, "NAME=SD"),
-        f"{_FEWEST} for this expected sd, as NAME=SD in mm, N, rad; can be repeated.",
-        to="targets",
-    ),
-    power=option(float, f"{_FEWEST} that find slopes with this probability."),
     forces=option(Kind(str, _range, _LEVELS), "Levels to choose from (N). Default: the pilot's range, 1 N.", to="forces_N"),
     clockings=option(
         Kind(str, _clockings, _LEVELS),
@@ -176,11 +155,8 @@ _DESIGN = group(
         "clockings_deg",
     ),
     radii=option(Kind(str, _range, "LIST"), "Radii to choose from (mm). Default: the pilot's.", to="radii_mm"),
-    planes=option(NAMES, "Planes to choose from. Default: the pilot's."),
     directions=option(NAMES, "Directions of travel to choose from: CW,CCW. Default: the pilot's."),
-    centre=option(options.POINTS, "Centre to choose from (mm); can be repeated. Default: the pilot's.", to="centres_mm"),
-    readings=option(int, "Readings per full circle. Default: as in the pilot.", min=25),
-    criterion=option(str, "eig (default), d (default for flat priors), a, c, i, e or discriminate."),
+    criterion=option(str, "eig (default), d (default for flat priors), a, c, i or discriminate."),
     parameters=option(NAMES, "Parameters of interest, comma-separated. Default: all.", metavar=None),
     augment=option(bool, "The pilot's tests count as run; the new ones are added.", False),
     cost_circle=option(float, "Cost of a circle.", 1.0),
@@ -190,8 +166,6 @@ _DESIGN = group(
         Kind(list[str], _designs, "NAME=PATH"), "Another design to judge: a plan or campaign, as NAME=PATH; can be repeated."
     ),
     slope_size=option(float, "Slopes that are to be found, in prior sd.", 1.0),
-    threshold=option(float, "|ln B| called decisive (nat).", 5.0),
-    robust=option(bool, "A design good over several assumptions.", False),
     seed=SEED,
 )
 
@@ -206,17 +180,16 @@ def design(
     """The best tests to run next, how good they are, and what they will tell. A plan will do as pilot.
 
     --out DIR becomes a plan (campaign.toml) that identify and simulate read, in the order in which to run it, with the model for
-    its analysis. Exit code 1: a target or power that is not reached, or the certificate that nothing is better does not hold.
+    its analysis. Exit code 1: the certificate that nothing is better does not hold.
     """
     from ldbb_bayes.campaign.folder import write_campaign_into
     from ldbb_bayes.model.specification import model_to_toml
     from ldbb_bayes.report.text import parts_of
 
-    names = ("information", "efficiency", "trade_off", "expected_widths")
-    tables = ("expected.csv", "sensitivity.csv", "trade_off.csv", "robustness.csv")
-    output.check("campaign.toml", "model.toml", "design.json", *tables, figures=names)
+    tables = ("expected.csv", "sensitivity.csv")
+    output.check("campaign.toml", "model.toml", "design.json", *tables, figures=["expected_widths"])
     costs = lb.Costs(*(asked.pop(f"cost_{what}") for what in ("circle", "work_ball", "tool_ball")))
-    result = lb.design(model, campaign, **asked, costs=costs, curve=output.out is not None)
+    result = lb.design(model, campaign, **asked, costs=costs)
     record = {"schema": 1, "seed": asked["seed"], **lb.with_words(result)}
     plan = result.plan(seed=asked["seed"])
     contents = {
@@ -224,21 +197,17 @@ def design(
         "design.json": record,
         "expected.csv": result.expected_table(),
         "sensitivity.csv": result.sensitivity,
-        "trade_off.csv": result.trade_off,
     }
-    if not result.robustness.empty:
-        contents["robustness.csv"] = result.robustness.rename_axis("design").reset_index()
     order = f"Run in this order: {', '.join(test.name for test in plan.tests)}"
-    written = "the plan (campaign.toml), model.toml (for its analysis: fit --model), design.json, tables (CSV) and figures"
     output.deliver(
         record,
         (*parts_of(result), order),
         contents,
-        {name: options.drawing(name, result) for name in names},
+        {"expected_widths": options.drawing("expected_widths", result)},
         also=partial(write_campaign_into, plan),
-        written=f"{output.out}, {written}",
+        more=", a plan; model.toml is for its analysis (fit --model)",
     )
-    if not (result.certificate.holds and result.reached):
+    if not result.certificate.holds:
         raise typer.Exit(options.EXIT_MISSED)
 
 
@@ -299,7 +268,7 @@ def fit(
     model: options.ChosenModel,
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _FIT],
-    prior_from: options.PriorFromOption = None,
+    prior_from: Annotated[Path | None, options.PRIOR_FROM],
 ) -> None:
     """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the sampler missed its target."""
     from ldbb_bayes.inference.posterior import check_probability
@@ -312,8 +281,7 @@ def fit(
     with sampling_progress(output.quiet, "sampling") as progress:
         posterior = lb.sample(chosen, campaign, sampler=asked["sampler"], seed=asked["seed"], rule=rule, progress=progress)
     result = full_result(posterior, asked["ci_prob"]) | population
-    written = f"{output.out}/posterior.nc, summary.json, model.toml"
-    output.deliver(result, _parts_of_fit(result), also=partial(write_result, posterior, result), written=written)
+    output.deliver(result, _parts_of_fit(result), also=partial(write_result, posterior, result))
     if not result["sampler"]["converged"]:
         raise typer.Exit(options.EXIT_MISSED)
 
@@ -324,6 +292,7 @@ def _with_population(model: lb.HybridModel, path: Path | None, campaign: lb.Camp
         return model, {}
     prior = lb.prior_from(path)
     doubts = prior.doubts(campaign)
+    options.clear_line()
     for doubt in doubts:
         typer.echo(f"--prior-from: {doubt}", err=True)
     said = {"path": str(path), "machines": prior.machines, "campaigns": prior.campaigns}
@@ -333,8 +302,8 @@ def _with_population(model: lb.HybridModel, path: Path | None, campaign: lb.Camp
 @command
 def summarize(
     result: Annotated[Path, typer.Argument(help="The --out folder of a fit, or its posterior.nc.", metavar="RESULT")],
-    as_json: options.JsonOption = False,
-    ci: options.CiOption = 0.95,
+    as_json: Annotated[bool, options.JSON],
+    ci: Annotated[float, CI],
 ) -> None:
     """Table or JSON of a stored posterior, with intervals of any probability."""
     from ldbb_bayes.report.findings import full_result
@@ -361,6 +330,13 @@ def _parts_of_fit(result: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 _FORMATS = ("svg", "png", "pdf")
+_REPORT = group(
+    comparison=option(Path, "The --out folder of an earlier compare of the same readings.", metavar="DIR"),
+    design=option(Path, "The --out folder of an earlier design after the same readings.", metavar="DIR"),
+    tests=option(int, "Circles to recommend. Default: as many as were run.", min=1, max=300),
+    same_instrument=option(bool, "Campaigns beside one another share bar, balls, mount and force device.", False),
+    figures=option(Path, "Folder for the figures of the page, as SVG, PNG and PDF.", metavar="DIR"),
+)
 
 
 @command
@@ -368,25 +344,12 @@ def report(
     result: Annotated[
         list[Path], typer.Argument(help="The --out folder of a fit; more of them are set beside the first.", metavar="RESULT...")
     ],
-    out: Annotated[Path | None, typer.Option(help="Folder to write to. Default: RESULT.", metavar="DIR")] = None,
-    force: options.ForceOption = False,
-    comparison: Annotated[
-        Path | None, typer.Option(help="The --out folder of an earlier compare of the same readings.", metavar="DIR")
-    ] = None,
-    design: Annotated[
-        Path | None, typer.Option(help="The --out folder of an earlier design after the same readings.", metavar="DIR")
-    ] = None,
-    tests: Annotated[int | None, typer.Option(help="Circles to recommend. Default: as many as were run.", min=1, max=300)] = None,
-    same_instrument: Annotated[
-        bool, typer.Option("--same-instrument", help="Campaigns beside one another share bar, balls, mount and force device.")
-    ] = False,
-    figures: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the figures of the page and the analyses' others, as SVG, PNG and PDF.", metavar="DIR"),
-    ] = None,
-    as_json: options.JsonOption = False,
-    ci: options.CiOption = 0.95,
-    quiet: options.QuietOption = False,
+    out: Annotated[Path | None, option(Path, "Folder to write to. Default: RESULT.", metavar="DIR")],
+    asked: Annotated[dict[str, Any], _REPORT],
+    force: Annotated[bool, options.FORCE],
+    as_json: Annotated[bool, options.JSON],
+    ci: Annotated[float, CI],
+    quiet: Annotated[bool, options.QUIET],
 ) -> None:
     """One self-contained page: results, what the data cannot tell, budgets, circular-test quantities, next tests.
 
@@ -395,35 +358,30 @@ def report(
     """
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.inference.posterior import check_probability, record_of
-    from ldbb_bayes.jobs import process_executor
-    from ldbb_bayes.report.findings import compare_for_report, sizes_of
-    from ldbb_bayes.report.page import REPORT_FILES
-    from ldbb_bayes.units import units_for
+    from ldbb_bayes.report.page import REPORT_FILES, check_folder
 
     check_probability(ci)
     folder = out or (result[0] if result[0].is_dir() else result[0].parent)
     there = next((name for name in REPORT_FILES if (folder / name).exists()), None)
     if there is not None and not force:
         raise InputError(f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force.")
+    check_folder(folder)
+    figures, comparison, design = (asked.pop(name, None) for name in ("figures", "comparison", "design"))
     if figures is not None:
         check_target(figures, force=force, ours=figure_names())
-    if design is not None and tests is not None:
+    if design is not None and "tests" in asked:
         raise InputError("--tests must not go with --design, got both. The design says how many.")
-    if same_instrument and len(result) == 1:
+    if asked["same_instrument"] and len(result) == 1:
         raise InputError("--same-instrument must go with a second RESULT, got one alone. Name the campaign to set beside it.")
-    # The comparison is the longest part and waits for nothing.
-    beside = process_executor(1) if comparison is None else nullcontext()
-    with beside as executor, counting_progress(quiet, "sections") as progress:
-        running = None if executor is None else executor.submit(compare_for_report, result[0])
+    with counting_progress(quiet, "sections") as progress:
         first, *others = (lb.load(path) for path in result)
         document = lb.write_report(
             first,
             folder,
+            **asked,
             beside_it=_named(first, others, result[1:]),
-            same_instrument=same_instrument,
             ci_prob=ci,
-            tests=tests,
-            comparison=running if comparison is None else lb.read_comparison(comparison),
+            comparison=None if comparison is None else lb.read_comparison(comparison),
             recommended=None if design is None else lb.read_design(design),
             progress=progress,
         )
@@ -431,9 +389,7 @@ def report(
         with staged_folder(figures, force=force, ours=figure_names()) as staging:
             for picture in document.pictures:
                 lb.figures.save_figure(picture.figure, staging, picture.key, formats=_FORMATS)
-            with units_for(sizes_of(first)):
-                for name, draw in document.further.items():
-                    lb.figures.save_figure(draw(), staging, name, formats=_FORMATS)
+    options.clear_line()
     if as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
     else:
@@ -447,9 +403,9 @@ def report(
 
 def figure_names() -> tuple[str, ...]:
     """Figures that may be replaced: those of an earlier report."""
-    others = "budget differences evidence compliance_with_local_fits geometry_with_local_fits predictive_p_values expected_widths"
-    others += " information efficiency nuisance_costs prior_and_posterior alias correlation"
-    return options.figure_files(sorted({*lb.figures.FIGURES, *others.split()}), _FORMATS)
+    from ldbb_bayes.report.sections import PICTURES
+
+    return options.figure_files(PICTURES, _FORMATS)
 
 
 def _named(first: xr.DataTree, posteriors: list[xr.DataTree], paths: list[Path]) -> dict[str, xr.DataTree]:
@@ -468,11 +424,11 @@ DEMO_FILES = ("campaign", "constant", "linear", "figures")
 
 @command
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder to write results and figures to.", metavar="DIR")] = Path("ldbb_demo"),
-    force: options.ForceOption = False,
-    seed: options.SeedOption = 1,
-    as_json: options.JsonOption = False,
-    quiet: options.QuietOption = False,
+    out: Annotated[Path, option(Path, "Folder to write results and figures to.", Path("ldbb_demo"), metavar="DIR")],
+    force: Annotated[bool, options.FORCE],
+    seed: Annotated[int, SEED],
+    as_json: Annotated[bool, options.JSON],
+    quiet: Annotated[bool, options.QUIET],
 ) -> None:
     """Fit constant and linear compliance to the published experiment, and say what it means.
 
@@ -481,10 +437,8 @@ def demo(
     import shutil
 
     from ldbb_bayes.files import check_target, staged_folder
-    from ldbb_bayes.jobs import process_executor
-    from ldbb_bayes.report.findings import compare_for_report, full_result
+    from ldbb_bayes.report.findings import full_result
     from ldbb_bayes.report.text import results_table
-    from ldbb_bayes.report.wording import two_fits_sentences
 
     check_target(out, force=force, ours=DEMO_FILES)
     source = lb.embedded_campaign()
@@ -494,17 +448,16 @@ def demo(
         with sampling_progress(quiet, name) as progress:
             fits[name] = lb.sample(lb.HybridModel.default(degree), campaign, seed=seed, progress=progress)
     results = {name: full_result(posterior, 0.95) for name, posterior in fits.items()}
-    with process_executor(1) as executor, staged_folder(out, force=force, ours=DEMO_FILES) as staging:
+    with staged_folder(out, force=force, ours=DEMO_FILES) as staging:
         shutil.copytree(source, staging / "campaign")
         for name, posterior in fits.items():
             write_result(posterior, results[name], staging / name)
-        running = executor.submit(compare_for_report, staging / "linear")
         lb.save_figures(fits["linear"], staging / "figures")
-        lb.write_report(fits["linear"], staging / "linear", comparison=running)
+        document = lb.write_report(fits["linear"], staging / "linear")
     parts: list[Any] = []
     for name, posterior in fits.items():
         parts += [f"{name.capitalize()} compliance", results_table(results[name], lb.verdicts(posterior))]
-    parts += [*two_fits_sentences(results["constant"], results["linear"]), "", f"Report: {out}/linear/report.html"]
+    parts += [*document.sections[0].parts, "", f"Report: {out}/linear/report.html"]
     parts.append(f"Files: {out}/campaign, {out}/constant, {out}/linear, {out}/figures (PNG and SVG)")
     Output(as_json=as_json).deliver({"schema": 1, "out": str(out), **results}, tuple(parts))
     if not all(result["sampler"]["converged"] for result in results.values()):

@@ -17,6 +17,7 @@ from ldbb_bayes.cli.options import (
     EXIT_MISSED,
     NAMES,
     NEGATED,
+    REQUIRED,
     SEED,
     Kind,
     Output,
@@ -105,14 +106,14 @@ _LAYOUT = group(
 def import_(
     files: Annotated[
         list[Path],
-        typer.Argument(help="Tables: CSV, text or XLSX; one test each, or a column that names the test.", metavar="FILE..."),
+        typer.Argument(help="CSV, text, XLSX, XLS or ODS; one test each, or a column that names the test.", metavar="FILE..."),
     ],
-    out: Annotated[Path, typer.Option(help="Campaign folder to write.", metavar="CAMPAIGN")],
+    out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="CAMPAIGN")],
     layout: Annotated[Any, _LAYOUT],
     name: Annotated[dict[str, Any], group(options.campaign_fields, name=option(str, "Name of the campaign."))],
     table: options.TableFields,
-    force: options.ForceOption = False,
-    as_json: options.JsonOption = False,
+    force: Annotated[bool, options.FORCE],
+    as_json: Annotated[bool, options.JSON],
 ) -> None:
     """Read tables as instruments and spreadsheets write them, and write the campaign; says what it assumed.
 
@@ -132,12 +133,12 @@ def _deliver(output: Output, campaign: lb.Campaign, record: Any, result: Any, co
     """Write a campaign and what stands beside it."""
     from ldbb_bayes.campaign.folder import write_campaign_into
 
-    written = f"{output.out} ({len(campaign.tests)} tests, {campaign.readings} readings){more}"
-    output.deliver(record, result, contents, also=partial(write_campaign_into, campaign), written=written)
+    size = f" ({len(campaign.tests)} tests, {campaign.readings} readings)"
+    output.deliver(record, result, contents, also=partial(write_campaign_into, campaign), more=f"{size}{more}")
 
 
 @command
-def check(campaign: options.GivenCampaign, as_json: options.JsonOption = False) -> None:
+def check(campaign: options.GivenCampaign, as_json: Annotated[bool, options.JSON]) -> None:
     """Preview a campaign: per test what is there and what looks odd, and what a fit will assume. Fits nothing."""
     seen = lb.preview(campaign)
     Output(as_json=as_json).deliver(lb.with_words(seen), seen)
@@ -146,12 +147,12 @@ def check(campaign: options.GivenCampaign, as_json: options.JsonOption = False) 
 @command
 def simulate(
     source: Annotated[Path, typer.Argument(help="A TOML of truths (forces_N, parameters, hyper_um), or a plan or campaign.")],
-    out: Annotated[Path, typer.Option(help="Campaign folder to write.", metavar="DIR")],
+    out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="DIR")],
     model: options.ChosenModel,
-    truth: Annotated[Path | None, typer.Option(help="Truths for a plan, as TOML.", metavar="FILE.toml")] = None,
-    force: options.ForceOption = False,
-    seed: options.SeedOption = 1,
-    as_json: options.JsonOption = False,
+    truth: Annotated[Path | None, option(Path, "Truths for a plan, as TOML.", metavar="FILE.toml")],
+    force: Annotated[bool, options.FORCE],
+    seed: Annotated[int, SEED],
+    as_json: Annotated[bool, options.JSON],
 ) -> None:
     """Write a campaign with simulated readings, and truth.json beside it.
 
@@ -225,23 +226,16 @@ def machine(
     seen = lb.describe(own, circles)
     record = {"schema": 1, **seen.as_dict()}
     output.check("machine.json", *ATLAS_FILES)
-    output.deliver(
-        record,
-        seen,
-        {"machine.json": record},
-        also=partial(write_atlases, own, circles),
-        written=f"{output.out}/machine.json and atlases (PNG and SVG)",
-    )
+    output.deliver(record, seen, {"machine.json": record}, also=partial(write_atlases, own, circles))
 
 
 _SHOWN = 10
 _BATCH = group(
     sampler=options.SAMPLER,
     ess=options.ESS,
-    posteriors=option(bool, "Keep the posterior of every campaign as well (1 MB each).", False),
     no_compare=option(NEGATED, "Do not weigh linear compliance against constant.", False, "compare"),
     resume=option(bool, "Go on with a batch that stopped.", False),
-    retry=option(bool, "With --resume: also do again what failed, and campaigns whose files have changed since.", False),
+    retry=option(bool, "With --resume: also do again what failed.", False),
     force=options.FORCE,
     seed=SEED,
     ci=CI,
@@ -259,14 +253,13 @@ def batch(
             show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the journal and the table.", metavar="DIR", show_default=False)],
+    out: Annotated[Path, option(Path, "Folder for the journal and the table.", REQUIRED, metavar="DIR")],
     model: options.ChosenModel,
     table: options.TableFields,
     asked: Annotated[dict[str, Any], _BATCH],
     pool: options.PoolOptions,
-    prior_from: options.PriorFromOption = None,
-    as_json: options.JsonOption = False,
-    quiet: options.QuietOption = False,
+    as_json: Annotated[bool, options.JSON],
+    quiet: Annotated[bool, options.QUIET],
 ) -> None:
     """Fit many campaigns, each by itself: one table with a row per campaign (Parquet), which lb.read_batch reads.
 
@@ -278,8 +271,8 @@ def batch(
     from ldbb_bayes.jobs import executor_named
 
     if asked["resume"] and not (out / JOURNAL).exists():
+        options.clear_line()
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
-    asked["prior_from"] = None if prior_from is None else lb.prior_from(prior_from)
     try:
         with counting_progress(quiet, "campaigns") as progress:
             executor = partial(executor_named, **pool)
@@ -288,10 +281,6 @@ def batch(
         if not (out / JOURNAL).exists():
             raise
         options.fail(f"interrupted; {out} keeps what is done. The same command with --resume goes on with it.", EXIT_INTERRUPTED)
-    for path in done.repeated[:_SHOWN]:
-        typer.echo(f"{path} was given more than once: kept once.", err=True)
-    if len(done.repeated) > _SHOWN:
-        typer.echo(f"… and {len(done.repeated) - _SHOWN} more.", err=True)
     options.Output(as_json=as_json).deliver({"schema": 1, **lb.with_words(done)}, _batch_parts(done))
     if done.not_converged:
         raise typer.Exit(EXIT_MISSED)
@@ -308,22 +297,20 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
         ("failed", done.failed),
         ("in all", done.campaigns),
     )
-    doubts = done.not_converged + done.doubtful
-    parts = [*_listed("Failed", [(one.campaign, one.reason) for one in done.failures], done.failed)]
-    parts += _listed("To look at", [(one.campaign, one.verdict) for one in done.doubts], doubts)
+    parts = []
+    named = (
+        ("Failed", [(one.campaign, one.reason) for one in done.failures], done.failed),
+        ("To look at", [(one.campaign, one.verdict) for one in done.doubts], done.not_converged + done.doubtful),
+    )
+    for head, entries, number in named:
+        said = [f"  {text if text.startswith(campaign) else f'{campaign}: {text}'}" for campaign, text in entries[:_SHOWN]]
+        parts += [f"{head}:", *said] if said else []
+        parts += [f"  … and {number - _SHOWN} more."] if said and number > _SHOWN else []
     if parts:
         parts.append("Each is a row too. What has been mended is done again with --resume --retry.")
     rate = f"{done.fitted} campaigns in {done.seconds:.1f} s: {done.fitted / max(done.seconds, 1e-9):.3g} a second."
     ended = (rate if done.fitted else "Nothing was left to do.", f"Written: {done.dataset}")
     return (Table.of("", ("campaigns", "number"), numbers), *parts, *ended)
-
-
-def _listed(head: str, entries: Sequence[tuple[str, str]], number: int) -> list[str]:
-    """The first campaigns, one a paragraph; what is said of each names it or follows its name."""
-    if not entries:
-        return []
-    lines = [f"  {said if said.startswith(campaign) else f'{campaign}: {said}'}" for campaign, said in entries[:_SHOWN]]
-    return [f"{head}:", *lines, *([f"  … and {number - _SHOWN} more."] if number > _SHOWN else [])]
 
 
 BatchesArgument = Annotated[list[Path], typer.Argument(help="Folders that ldbb-bayes batch wrote.", metavar="BATCH...")]
@@ -339,7 +326,7 @@ _ROWS = {
     "since": option(str, "Leave out campaigns before this date (ISO 8601).", metavar="DATE"),
     "include_misfits": option(bool, "Keep campaigns whose readings the model does not expect; else they are left out.", False),
     "reference_force": option(
-        float, "Force at which compliances are meant (N). Default: the campaigns' median.", to="reference_force_N", metavar="F"
+        float, "Force (N) of the compliances. Default: the campaigns' median.", to="reference_force_N", min=0.0, metavar="F"
     ),
     "own_instruments": option(NEGATED, "Every campaign had a bar, a mount and a regulator of its own.", False, "one_instrument"),
 }
@@ -352,25 +339,21 @@ _TREND = group(
     ),
     probability=option(float, "Of a change, before the readings.", 0.5),
     threshold=option(float, "Probability above which a change counts as found.", 0.95),
-    detect=option(float, "Relative change whose detection is predicted: 0.2 is +20 %.", 0.2),
     ci=CI,
-    seed=SEED,
 )
 
 
 @command
 def trend(batches: BatchesArgument, output: options.OutputOptions, asked: Annotated[dict[str, Any], _TREND]) -> None:
-    """One machine over time: control chart, probability that a parameter has changed and when, how soon a change is found.
+    """One machine over time: control chart, probability that a parameter has changed, which, when and by how much.
 
     One lasting step of one parameter is looked for. Exit code 0 whatever is found.
     """
-    from ldbb_bayes.fleet.dataset import read_batch
-    from ldbb_bayes.fleet.statistics import FLEET_COLUMNS
+    from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, read_batch
 
     output.check("trend.json", "trend.csv", figures=["control_chart"])
     rows = read_batch(batches, FLEET_COLUMNS)
-    with counting_progress(output.quiet, "further campaigns simulated") as progress:
-        result = lb.trend(rows, **asked, progress=progress)
+    result = lb.trend(rows, **asked)
     record = {"schema": 1, **lb.with_words(result)}
     contents = {"trend.json": record, "trend.csv": result.estimates}
     output.deliver(record, result, contents, {"control_chart": partial(lb.control_chart, result)})
@@ -386,8 +369,7 @@ def population(batches: BatchesArgument, output: options.OutputOptions, asked: A
 
     Campaigns of one machine (machine_id in campaign.toml) are taken together; each machine is told what the others say.
     """
-    from ldbb_bayes.fleet.dataset import read_batch
-    from ldbb_bayes.fleet.statistics import FLEET_COLUMNS
+    from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, read_batch
 
     output.check("population.json", "machines.csv", figures=["machines"])
     rows = read_batch(batches, FLEET_COLUMNS)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.hybrid import HybridModel
 
 EXIT_MISSED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+REQUIRED = inspect.Parameter.empty
 
 
 # ---- groups of options
@@ -41,20 +42,17 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True)
 class Option:
-    """One option of a group: None is not handed on, so that the function's own default holds.
+    """One option, handed on as the keyword ``to``; None is not, so that the function's own default holds.
 
-    Attributes
-    ----------
-    to : str
-        Keyword under which it is handed on; default: its own name.
-    more
-        Of `typer.Option`, and the option's ``name`` where it is another.
+    Numbers, within their reach, are read here, so that a message names what was typed. ``more`` is of `typer.Option`, with the
+    option's ``name`` where it is another.
     """
 
     kind: Any
     help: str
     default: Any
     to: str
+    reach: tuple[float, float]
     more: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
@@ -64,12 +62,35 @@ class Option:
     def parameter(self, name: str) -> inspect.Parameter:
         """What typer reads."""
         more = {key: value for key, value in self.more.items() if key != "name"}
-        typed = self.kind.typed if isinstance(self.kind, Kind) else self.kind
-        if isinstance(self.kind, Kind):
-            more.setdefault("metavar", self.kind.metavar)
-        typed = typed | None if self.default is None else typed
+        typed, default = self.kind, self.default
+        if isinstance(typed, Kind):
+            more.setdefault("metavar", typed.metavar)
+            typed = typed.typed
+        elif typed in (int, float):
+            more.setdefault("metavar", "N" if typed is int else "X")
+            typed, default = str, default if default in (None, REQUIRED) else f"{default:g}"
+        typed = typed | None if default is None else typed
         annotation = Annotated[typed, typer.Option(self.flag(name), help=self.help, **more)]  # type: ignore[valid-type]
-        return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=self.default, annotation=annotation)
+        return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+    def read(self, typed: Any, name: str) -> Any:
+        """What was typed means."""
+        if typed is None:
+            return None
+        if isinstance(self.kind, Kind):
+            return self.kind.read(typed, self.flag(name))
+        if self.kind not in (int, float):
+            return typed
+        try:
+            value = self.kind(typed)
+        except ValueError:
+            value = math.nan
+        low, high = self.reach
+        if not (math.isfinite(value) and low <= value <= high):
+            kind = "a whole number" if self.kind is int else "a finite number"
+            ends = f" ≥ {low:g}" * math.isfinite(low) + f" ≤ {high:g}" * math.isfinite(high)
+            raise InputError(f"{self.flag(name)} must be {kind}{ends.replace(' ≤', ' and ≤')}, got {typed!r}. Correct it.")
+        return value
 
 
 @dataclass(frozen=True)
@@ -88,18 +109,15 @@ class Group:
     def made(self, typed: dict[str, Any]) -> Any:
         """The argument; its options are taken out of what was typed."""
         first = () if self.first is None else (typed.pop(self.first.name),)
-        given = {}
-        for name, option in self.options.items():
-            value = typed.pop(name)
-            if value is not None:
-                read = isinstance(option.kind, Kind)
-                given[option.to or name] = option.kind.read(value, option.flag(name)) if read else value
-        return self.make(*first, **given)
+        read = {option.to or name: option.read(typed.pop(name), name) for name, option in self.options.items()}
+        return self.make(*first, **{name: value for name, value in read.items() if value is not None})
 
 
-def option(kind: Any, help: str, default: Any = None, to: str = "", **more: Any) -> Option:
-    """One option of a `group`."""
-    return Option(kind, help, default, to, more)
+def option(
+    kind: Any, help: str, default: Any = None, to: str = "", *, min: float = -math.inf, max: float = math.inf, **more: Any
+) -> Option:
+    """One option of a command or of a `group`."""
+    return Option(kind, help, default, to, (min, max), more)
 
 
 def group(make: Callable[..., Any] = dict, first: inspect.Parameter | None = None, /, **options: Option) -> Group:
@@ -115,19 +133,27 @@ def in_panel(panel: str, **options: Option) -> dict[str, Option]:
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """A function as a command: groups of options spelled out, bad input answered with one message, never a traceback."""
     groups: dict[str, Group] = {}
+    singles: dict[str, Option] = {}
     parameters: list[inspect.Parameter] = []
     kinds = inspect.get_annotations(function, eval_str=True)
     for name, own in inspect.signature(function).parameters.items():
-        found = next((part for part in getattr(kinds[name], "__metadata__", ()) if isinstance(part, Group)), None)
-        if found is None:
-            parameters.append(own.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kinds[name]))
+        stated = getattr(kinds[name], "__metadata__", (None,))[0]
+        if isinstance(stated, Group):
+            groups[name] = stated
+            parameters += stated.parameters()
+        elif isinstance(stated, Option):
+            singles[name] = stated
+            parameters.append(stated.parameter(name))
         else:
-            groups[name] = found
-            parameters += found.parameters()
+            parameters.append(own.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kinds[name]))
 
     @functools.wraps(function)
     def run(**typed: Any) -> None:
+        if typed.get("quiet") is False and sys.stderr.isatty():
+            sys.stderr.write(f"\rldbb-bayes {function.__name__}: at work …")
+            sys.stderr.flush()
         try:
+            typed |= {name: single.read(typed[name], name) for name, single in singles.items()}
             function(**{name: group.made(typed) for name, group in groups.items()}, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
@@ -145,8 +171,16 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
+def clear_line() -> None:
+    """Take back what a terminal shows of the work, before anything else is said."""
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\x1b[K")
+        sys.stderr.flush()
+
+
 def fail(message: str, code: int) -> NoReturn:
     """Say one thing on stderr and leave."""
+    clear_line()
     print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201
     raise typer.Exit(code)
 
@@ -219,12 +253,9 @@ def campaign_fields(*, raw: bool = False, **given: Any) -> dict[str, Any]:
     """What the options say of a campaign that no table says: those given, as fields of `Campaign`."""
     if given.get("name") == "":
         raise InputError("--name must not be empty. Leave it out, or give one.")
-    for name in ("radius_mm", "resolution_um", "force_slope", "mount_um_per_bar", "force_offset"):
-        positive = name in ("radius_mm", "resolution_um", "force_slope")
-        number = given.get(name, 1.0)
-        if not math.isfinite(number) or (positive and number <= 0.0):
-            kind = "above zero" if positive else "a finite number"
-            raise InputError(f"--{name.replace('_', '-')} must be {kind}, got {number:g}. Correct it.")
+    for name in ("radius_mm", "resolution_um", "force_slope"):
+        if given.get(name, 1.0) <= 0.0:
+            raise InputError(f"--{name.replace('_', '-')} must be above zero, got {given[name]:g}. Correct it.")
     deflection, slope, offset = (given.pop(name, None) for name in ("mount_um_per_bar", "force_slope", "force_offset"))
     if raw or deflection is not None:
         given["mount"] = lb.MountCompensation(2.33 if deflection is None else deflection, compensated=not raw)
@@ -288,20 +319,13 @@ SEED = option(int, "Seed of all random numbers.", 1, min=0, max=2**63 - 1)
 SAMPLER = option(str, "independent or joint.", "independent")
 ESS = option(float, "Bulk and tail effective sample size every parameter must reach.", 1000.0, min=100.0)
 FORCE = option(bool, "Replace existing results.", False)
-ForceOption = Annotated[bool, typer.Option("--force", help=FORCE.help)]
-SeedOption = Annotated[int, typer.Option(help=SEED.help, min=0, max=2**63 - 1)]
-CiOption = Annotated[float, typer.Option(help=CI.help)]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress.")]
-PriorFromOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--prior-from",
-        help="Result of a population of such machines (folder or population.json), the prior of the compliances. This campaign "
-        "must not be one of the population's.",
-        metavar="POPULATION",
-    ),
-]
+JSON = option(bool, "Print the result as JSON on stdout, and nothing else there.", False, name="--json")
+QUIET = option(bool, "No progress.", False)
+PRIOR_FROM = option(
+    Path,
+    "Result of a population of other machines of the kind (folder or population.json), the prior of the compliances.",
+    metavar="POPULATION",
+)
 PoolOptions = Annotated[
     dict[str, Any],
     group(
@@ -335,6 +359,8 @@ def show(*parts: Any) -> None:
     for part in parts:
         if isinstance(part, str):
             console.print(part, markup=False, soft_wrap=len(part) < console.width)
+        elif isinstance(part, tuple):
+            show(*(f"- {item}" for item in part))
         else:
             console.print(part.rich() if isinstance(part, Table) else part)
             console.print()
@@ -387,12 +413,10 @@ class Output:
         figures: Mapping[str, Callable[[], Figure]] | None = None,
         *,
         also: Callable[[Path], object] | None = None,
-        written: str = "",
+        more: str = "",
     ) -> None:
-        """Write into the folder, then print the record or the result (or these parts of it), and what was written.
-
-        ``also`` writes what is neither JSON nor table nor figure; default of ``written``: the files.
-        """
+        """Write into the folder, then print the record or the result (or these parts of it), and where it was written, with
+        ``more`` of it. ``also`` writes what is neither JSON nor table nor figure."""
         from ldbb_bayes.files import staged_folder
         from ldbb_bayes.report.text import parts_of
         from ldbb_bayes.result import json_text
@@ -402,12 +426,13 @@ class Output:
                 write_files(staging, contents or {}, figures or {})
                 if also is not None:
                     also(staging)
+        clear_line()
         if self.as_json:
             sys.stdout.write(json_text(record))
             return
         show(*(result if isinstance(result, tuple) else parts_of(result)))
         if self.out is not None and not self.quiet:
-            typer.echo(f"Written: {written or ', '.join(f'{self.out}/{name}' for name in self.files)}")
+            typer.echo(f"Written: {self.out}{more}")
 
 
 OutputOptions = Annotated[
@@ -416,8 +441,8 @@ OutputOptions = Annotated[
         Output,
         out=option(Path, "Folder to write results to. Without it nothing is written.", metavar="DIR"),
         force=FORCE,
-        as_json=option(bool, "Print the result as JSON on stdout, and nothing else there.", False, name="--json"),
-        quiet=option(bool, "No progress.", False),
+        as_json=JSON,
+        quiet=QUIET,
     ),
 ]
 
@@ -435,6 +460,7 @@ def _progress(words: Callable[..., tuple[float, str]], quiet: bool, what: str) -
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (TextColumn(what), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), TimeRemainingColumn())
+    clear_line()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
 

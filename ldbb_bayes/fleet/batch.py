@@ -5,63 +5,58 @@ from __future__ import annotations
 import json
 import operator
 import os
-import re
 import shutil
 import sqlite3
 import time
+import traceback
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass, is_dataclass
-from functools import partial
+from dataclasses import asdict, dataclass, field, is_dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from ldbb_bayes.campaign.folder import TOML_NAME
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.folder import TOML_NAME, labels_of, read_campaign
+from ldbb_bayes.errors import InputError, plain_reason
 from ldbb_bayes.files import bytes_of, write_whole
-from ldbb_bayes.fleet import dataset
-from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART, Job, Settings, fit_row, read_batch, write_dataset
-from ldbb_bayes.fleet.population_prior import PopulationPrior
-from ldbb_bayes.inference.posterior import State, check_probability
-from ldbb_bayes.inference.sample import check_sampler, versions
-from ldbb_bayes.jobs import Lost, done
+from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART, check_pyarrow, read_batch, write_dataset
+from ldbb_bayes.fleet.statistics import stands_for, sufficient_statistics
+from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
+from ldbb_bayes.inference.mcmc import StoppingRule
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.posterior import State, check_probability, numbers_of, record_of
+from ldbb_bayes.inference.sample import check_sampler, sample_from, versions
+from ldbb_bayes.jobs import Lost, done, one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
+from ldbb_bayes.report.findings import fit_in_words
 from ldbb_bayes.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Batch", "Doubt", "Failure", "batch", "gather"]
+__all__ = ["Batch", "Doubt", "Failure", "Job", "Settings", "batch", "fit_row", "gather"]
 
-LIST, POSTERIORS = "campaigns.txt", "posteriors"
-_OURS = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm", f"{JOURNAL}-journal", LIST, DATASET, POSTERIORS, PART)
-_POSTERIOR = re.compile(r"\d{7,}-[0-9a-f]{12}\.nc|\..*\.part")
+LIST = "campaigns.txt"
+_OURS = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm", f"{JOURNAL}-journal", LIST, DATASET, PART)
 
 # ---- which campaigns
 
 _LARGEST_LIST = 2**30
-_COMMENT = re.compile(r"(^|\s)#.*")
-_QUOTED = re.compile(r'"(.+)"')
 
 
-class Gathered(NamedTuple):
-    """Paths of campaigns in the order given, and those that were given again."""
-
-    paths: tuple[str, ...]
-    repeated: tuple[str, ...]
-
-
-def gather(given: Iterable[str | os.PathLike[str]]) -> Gathered:
-    """Return the campaigns that folders of campaigns and lists stand for, and those that were given again.
+def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
+    """Return the campaigns that folders of campaigns and lists stand for, each once.
 
     A campaign folder, a campaign.toml or a tidy CSV stands for itself; any other folder for its direct subfolders with a
-    campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a line, ' #' beginning a comment but for paths in
-    double quotes, which are taken as they are. What does not exist stays: the batch says so in its row.
+    campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a line but for comments (#). What does not exist
+    stays: the batch says so in its row.
 
     Raises
     ------
@@ -69,32 +64,34 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> Gathered:
         For no campaign, none that exists, or a path that cannot stand on a line.
     """
     seen: dict[str, str] = {}
-    repeated = []
     for path in _opened([given] if isinstance(given, str | os.PathLike) else given):
-        if not (path.isprintable() and path == path.strip() and path):
+        if not (path.isprintable() and path == path.strip() and path and path[0] != "#"):
             raise InputError(f"paths of campaigns must be printable and stand on one line, got {path!r}. Rename it.")
-        key = os.path.abspath(path)
-        key = os.path.dirname(key) if os.path.basename(key) == TOML_NAME else key
-        if seen.setdefault(key, path) is not path:
-            repeated.append(path)
+        whole = os.path.abspath(path)
+        seen.setdefault(os.path.dirname(whole) if os.path.basename(whole) == TOML_NAME else whole, path)
     paths = tuple(seen.values())
-    if not paths:
-        raise InputError("a batch must have at least one campaign, got none. Name campaigns, folders of them, or a list (@FILE).")
     if not any(os.path.isfile(os.path.join(path, TOML_NAME)) or os.path.isfile(path) for path in paths):
         raise InputError(
-            f"a batch must have campaigns that exist, got none among {len(paths)} ({paths[0]}). "
+            f"a batch must have campaigns that exist, got none among {len(paths)}{f' ({paths[0]})' if paths else ''}. "
             f"Name folders with {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE)."
         )
-    return Gathered(paths, tuple(repeated))
+    return paths
 
 
 def _opened(given: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
+    """Every path by itself: lists read, folders of campaigns opened."""
     for entry in (os.fspath(each) for each in given):
-        if entry.startswith("@") or (entry.lower().endswith(".txt") and os.path.isfile(entry)):
-            for line in _lines(Path(entry.removeprefix("@"))):
-                yield from _inside(line)
-        else:
+        if not (entry.startswith("@") or (entry.lower().endswith(".txt") and os.path.isfile(entry))):
             yield from _inside(entry)
+            continue
+        file = Path(entry.removeprefix("@"))
+        try:
+            text = bytes_of(file, _LARGEST_LIST, what="a list of campaigns, one path a line").decode("utf-8-sig")
+        except UnicodeDecodeError:
+            raise InputError(f"{file} must be UTF-8 text, got another encoding. Save it as UTF-8.") from None
+        for line in map(str.strip, text.splitlines()):
+            if line and not line.startswith("#"):
+                yield from _inside(line)
 
 
 def _inside(path: str) -> list[str]:
@@ -109,37 +106,136 @@ def _inside(path: str) -> list[str]:
     return [os.path.join(path, name) for name in names] or [path]
 
 
-def _lines(file: Path) -> Iterator[str]:
+# ---- one campaign, one row
+
+_EVIDENCE_TOLERANCE = 1e-2
+_LONGEST_REASON = 1200
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How every campaign of a batch is fitted.
+
+    ``table`` are fields of `Campaign` that tidy CSVs do not say.
+    """
+
+    model_toml: str
+    sampler: str = "independent"
+    seed: int = 1
+    ess: float = 1000.0
+    ci_prob: float = 0.95
+    compare: bool = True
+    table: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def model(self) -> HybridModel:
+        """The model in the TOML."""
+        return _model(self.model_toml)
+
+
+_model = lru_cache(maxsize=4)(model_from_toml)
+
+
+class Job(NamedTuple):
+    """A campaign's number in the batch, its path as given, and where that is, wherever a worker stands."""
+
+    number: int
+    path: str
+    place: str
+
+
+@one_blas_thread
+def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
+    """Return the row of a campaign; ``parameters`` holds unit and numbers of each by name."""
+    row = _given(settings, job)
     try:
-        text = bytes_of(file, _LARGEST_LIST, what="a list of campaigns, one path a line").decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{file} must be UTF-8 text, got another encoding. Save it as UTF-8.") from None
-    for line in map(str.strip, text.splitlines()):
-        quoted = _QUOTED.fullmatch(line) or _QUOTED.fullmatch(_COMMENT.sub("", line).strip())
-        path = quoted[1] if quoted else _COMMENT.sub("", line).strip()
-        if path:
-            yield path
+        with warnings.catch_warnings(action="ignore"):
+            is_table = not os.path.isdir(job.place) and not job.place.lower().endswith(".toml")
+            campaign = read_campaign(job.place, **(settings.table if is_table else {}))
+            row |= _origin(campaign)
+            return row | _fitted(settings, campaign)
+    except Exception as error:  # noqa: BLE001  # one campaign must not end the others
+        reason = plain_reason(error)
+        if reason is None:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            place = "/".join(Path(last.filename).parts[-2:])
+            reason = f"unexpected {type(error).__name__}: {error} ({place}, line {last.lineno}). Please report it."
+        reason = " ".join(reason.split())[:_LONGEST_REASON].replace(job.place, job.path)
+        return labels_of(job.place) | row | {"status": "failed", "reason": reason}
 
 
-def listed(paths: Iterable[str]) -> bytes:
-    """Return a list that is read as these paths: quoted where a part would be a comment."""
-    return "".join(f'"{path}"\n' if _COMMENT.search(path) or _QUOTED.fullmatch(path) else f"{path}\n" for path in paths).encode()
+def _given(settings: Settings, job: Job) -> dict[str, Any]:
+    return {
+        "campaign": job.path,
+        "degree": settings.model.degree,
+        "model_sha256": model_sha256(settings.model),
+        "sampler": settings.sampler,
+        "seed": settings.seed,
+        "versions": json.dumps(versions()),
+    }
+
+
+def _origin(campaign: Campaign) -> dict[str, Any]:
+    return {
+        **{name: getattr(campaign, name) for name in ("name", "sha256", "machine_id", "date", "topology", "readings")},
+        "planes": ",".join(campaign.machine().planes),
+        "compliances": json.dumps(stands_for(campaign)),
+        "tests": len(campaign.tests),
+        "force_min_N": float(campaign.forces_N.min()),
+        "force_max_N": float(campaign.forces_N.max()),
+    }
+
+
+def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
+    """Columns of the fit, the Bayes factor and the statistics; where one of these two breaks down, a warning says so."""
+    inside = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
+    posterior = sample_from(inside, settings.sampler, seed=settings.seed, rule=StoppingRule(ess=settings.ess))
+    record, words = record_of(posterior), fit_in_words(posterior)
+    model, breakdowns = settings.model, []
+    beside: dict[str, Any] = {}
+    parts: dict[str, Callable[[], dict[str, Any]]] = {}
+    if settings.compare and model.degree and campaign.force_levels > 1:
+        parts["Bayes factor"] = lambda: _bayes_factor(model, campaign, inside if model.prior.truncated else inside.plain)
+    parts["sufficient statistics"] = lambda: sufficient_statistics(inside.plain).columns()
+    for name, part in ({} if model.prior.flat else parts).items():
+        try:
+            beside |= part()
+        except (InputError, ArithmeticError, np.linalg.LinAlgError) as error:
+            breakdowns.append(f"No {name}: {plain_reason(error)}")
+    return {
+        **beside,
+        "status": "done",
+        "reference_force_N": record["model"]["reference_force_N"],
+        "terms": record["model"]["terms"],
+        "converged": bool(record["sampler"]["converged"]),
+        **words,
+        "warnings": [*words["warnings"], *breakdowns],
+        "log_prob_truncation": record["fit"]["log_prob_truncation"],
+        "rmse_um": record["fit"]["rmse_um"],
+        "parameters": {
+            str(name): {"unit": variable.attrs.get("unit", ""), **numbers_of(variable.to_numpy(), settings.ci_prob)}
+            for name, variable in posterior["posterior"].data_vars.items()
+        },
+    }
+
+
+def _bayes_factor(model: HybridModel, campaign: Campaign, density: HyperPosterior) -> dict[str, float]:
+    if model.degree == 1 and density.truncated == density.bound.truncation.active:
+        linear = density.nodes(_EVIDENCE_TOLERANCE).evidence
+    else:
+        linear = log_evidence(model.with_degree(1), campaign, tolerance=_EVIDENCE_TOLERANCE)
+    constant = log_evidence(model.with_degree(0), campaign, tolerance=_EVIDENCE_TOLERANCE)
+    value, error = log_bayes_factor(linear, constant)
+    return {"log_bayes_factor": float(value), "log_bayes_factor_error": float(error)}
 
 
 # ---- the journal
 
 _TABLES = """
 CREATE TABLE IF NOT EXISTS batch (record TEXT);
-CREATE TABLE IF NOT EXISTS campaigns (number INTEGER PRIMARY KEY, path TEXT, status TEXT, state TEXT, row TEXT);
+CREATE TABLE IF NOT EXISTS campaigns (number INTEGER PRIMARY KEY, path TEXT, place TEXT, status TEXT, state TEXT, row TEXT);
 """
 _MOST_NAMED = 10_000
-_WORDS = {
-    "ci_prob": "probability of the intervals",
-    "compare": "comparison",
-    "ess": "effective sample size",
-    "prior_from": "population",
-    "here": "folder that relative paths start from",
-}
 
 
 @contextmanager
@@ -165,7 +261,10 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
             yield connection
             begun = True
         except sqlite3.Error as error:
-            raise _unusable(out, error) from None
+            raise InputError(
+                f"{out / JOURNAL} must be a sound journal that can be written and that no other run is using, got: {error}. What "
+                "is in it is kept: wait for the other run or free some space, then go on with --resume; remove a damaged one."
+            ) from None
         finally:
             with suppress(sqlite3.Error):
                 begun = begun or connection.execute("SELECT count(*) FROM batch").fetchone()[0] > 0
@@ -173,18 +272,7 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
                 shutil.rmtree(out, ignore_errors=True)
 
 
-def _unusable(out: Path, error: sqlite3.Error) -> InputError:
-    if error.sqlite_errorcode in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-        return InputError(f"{out} must not be in use, got another run at work there. Wait for it, or choose another --out.")
-    if error.sqlite_errorcode in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
-        return InputError(f"{out / JOURNAL} must be the journal of a batch, got a damaged file. Remove {out}, and begin anew.")
-    return InputError(
-        f"{out / JOURNAL} must be writable, got: {error}. What is in it is kept: free some space or mend the place, then go on "
-        "with --resume."
-    )
-
-
-def _record(paths: Sequence[str], settings: Settings) -> dict[str, Any]:
+def _record(settings: Settings) -> dict[str, Any]:
     """What makes a batch what it is."""
     table = {
         f"table option {name}": asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
@@ -193,20 +281,17 @@ def _record(paths: Sequence[str], settings: Settings) -> dict[str, Any]:
     return {
         "model": model_sha256(settings.model)[:12],
         **{name: getattr(settings, name) for name in ("sampler", "seed", "ess", "ci_prob", "compare")},
-        "posteriors": settings.posteriors is not None,
-        "prior_from": None if settings.population is None else settings.population.sha256,
-        "here": None if all(map(os.path.isabs, paths)) else settings.here,
         **table,
         **{f"version of {name}": value for name, value in versions().items()},
     }
 
 
 def _begin(
-    journal: sqlite3.Connection, out: Path, paths: Sequence[str], record: Mapping[str, Any], *, resume: bool, force: bool
+    journal: sqlite3.Connection, out: Path, jobs: Sequence[Job], record: Mapping[str, Any], resume: bool, force: bool
 ) -> bool:
     """Write down what the batch is, or compare it with what is there; whether there was one."""
     before = journal.execute("SELECT record FROM batch").fetchone()
-    if before is None and not force and any((out / name).exists() for name in (DATASET, POSTERIORS)):
+    if before is None and not force and (out / DATASET).exists():
         raise InputError(f"{out} must hold the journal of its batch, got none. Begin anew (--force), or choose another name.")
     if before is not None and not resume and not force:
         state = "a finished" if (out / DATASET).exists() else "an unfinished"
@@ -215,92 +300,64 @@ def _begin(
             "begin anew (--force), or choose another name."
         )
     if before is not None and resume:
-        _check_same(journal, out, paths, json.loads(before[0]), json.loads(json.dumps(record)))
+        _check_same(journal, out, jobs, json.loads(before[0]), json.loads(json.dumps(record)))
         return True
     (out / DATASET).unlink(missing_ok=True)
-    for path in (out / POSTERIORS).glob("*"):
-        if _POSTERIOR.fullmatch(path.name):
-            path.unlink()
-    write_whole(out / LIST, listed(paths))
+    write_whole(out / LIST, "".join(f"{job.place}\n" for job in jobs).encode())
     with journal:
         journal.execute("BEGIN")
         journal.execute("DELETE FROM batch")
         journal.execute("DELETE FROM campaigns")
-        journal.executemany("INSERT INTO campaigns (number, path) VALUES (?, ?)", enumerate(paths))
+        journal.executemany("INSERT INTO campaigns (number, path, place) VALUES (?, ?, ?)", jobs)
         journal.execute("INSERT INTO batch VALUES (?)", [json.dumps(record)])
     return False
 
 
 def _check_same(
-    journal: sqlite3.Connection, out: Path, paths: Sequence[str], before: Mapping[str, Any], now: Mapping[str, Any]
+    journal: sqlite3.Connection, out: Path, jobs: Sequence[Job], before: Mapping[str, Any], now: Mapping[str, Any]
 ) -> None:
-    def refuse(names: Iterable[str]) -> None:
-        for name in names:
-            if before.get(name) != now.get(name):
-                got, has = ("nothing" if own.get(name) is None else own[name] for own in (before, now))
-                raise InputError(
-                    f"{out} must be of this batch, got {_WORDS.get(name, name)} {got} where this run has {has}. Resume with what "
-                    "the batch was begun with, or begin anew (--force)."
-                )
-
-    refuse(sorted({*before, *now} - {"here"}))
-    there = [path for (path,) in journal.execute("SELECT path FROM campaigns ORDER BY number")]
-    if there != list(paths):
-        pairs = enumerate(zip(there, paths, strict=False), start=1)
-        other = next((f"number {k} is {old} where this run has {new}" for k, (old, new) in pairs if old != new), None)
-        more = " Campaigns that are new make a batch of their own." if len(paths) > len(there) else ""
+    for name in sorted({*before, *now}):
+        if before.get(name) != now.get(name):
+            got, has = ("nothing" if own.get(name) is None else own[name] for own in (before, now))
+            raise InputError(
+                f"{out} must be of this batch, got {name} {got} where this run has {has}. Resume with what the batch was begun "
+                "with, or begin anew (--force)."
+            )
+    there = [place for (place,) in journal.execute("SELECT place FROM campaigns ORDER BY number")]
+    if there != [job.place for job in jobs]:
         raise InputError(
-            f"{out} must be of this batch, got other campaigns ({other or f'{len(there)} where this run has {len(paths)}'}). "
-            f"Go on with its own list: @{out / LIST} --resume.{more}"
+            f"{out} must be of this batch, got other campaigns ({len(there)} where this run has {len(jobs)}, or in another "
+            f"order). Go on with its own list: @{out / LIST} --resume. New campaigns make a batch of their own."
         )
-    refuse(["here"])
-
-
-def _wanted(journal: sqlite3.Connection, settings: Settings, retry: bool) -> dict[int, str | None]:
-    """Numbers of the campaigns to be fitted; of those fitted from files that have changed since, their digest then."""
-    where = "" if retry else " WHERE status IS NULL"
-    found: dict[int, str | None] = {}
-    for number, path, status, row in journal.execute(f"SELECT number, path, status, row FROM campaigns{where} ORDER BY number"):
-        if status != "done":
-            found[number] = None
-        else:
-            before, now = json.loads(row), dataset.stamp_of(os.path.join(settings.here, path))
-            if None not in (before["stamp"], now) and now != before["stamp"]:
-                found[number] = before["sha256"]
-    return found
 
 
 def _fit(
     journal: sqlite3.Connection,
-    paths: Sequence[str],
     settings: Settings,
     executor: Executor | None,
     retry: bool,
     progress: Callable[[int, int, int], None] | None,
 ) -> int:
-    """Fit what has no row, each row a transaction; the number of campaigns fitted."""
-    wanted = _wanted(journal, settings, retry)
-    order = list(wanted)
+    """Fit what has no row, and with ``retry`` what failed, each row a transaction; the number of campaigns fitted."""
+    wanted = "status IS NULL OR status = 'failed'" if retry else "status IS NULL"
+    jobs = [Job(*own) for own in journal.execute(f"SELECT number, path, place FROM campaigns WHERE {wanted} ORDER BY number")]
+    (every,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
     failed = {number for (number,) in journal.execute("SELECT number FROM campaigns WHERE status = 'failed'")}
-    if progress is not None and wanted:
-        progress(len(paths) - len(wanted), len(paths), len(failed))
-    jobs = (Job(number, paths[number]) for number in order)
+    if progress is not None and jobs:
+        progress(every - len(jobs), every, len(failed))
     with closing(done(partial(fit_row, settings), jobs, executor)) as results:  # type: ignore[type-var]
         for count, (place, result) in enumerate(results, start=1):
-            number = order[place]
+            job = jobs[place]
             if isinstance(result, Lost):
-                result = dataset.failed_row(settings, Job(number, paths[number]), result.reason)
+                result = labels_of(job.place) | _given(settings, job) | {"status": "failed", "reason": result.reason}
             journal.execute(
                 "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",
-                (result["status"], result.get("state"), json.dumps(_plain(result)), number),
+                (result["status"], result.get("state"), json.dumps(_plain(result)), job.number),
             )
-            before = wanted[number]
-            if settings.posteriors is not None and before is not None and before != result.get("sha256"):
-                (Path(settings.posteriors) / dataset.posterior_name(number, before)).unlink(missing_ok=True)
-            (failed.add if result["status"] == "failed" else failed.discard)(number)
+            (failed.add if result["status"] == "failed" else failed.discard)(job.number)
             if progress is not None:
-                progress(len(paths) - len(wanted) + count, len(paths), len(failed))
-    return len(wanted)
+                progress(every - len(jobs) + count, every, len(failed))
+    return len(jobs)
 
 
 def _plain(value: Any) -> Any:
@@ -356,8 +413,6 @@ class Batch(Result):
         Campaigns fitted by this run, and the time that took; the others were there.
     resumed : bool
         Whether an earlier run was gone on with.
-    repeated : tuple of str
-        Campaigns given more than once, kept once.
     """
 
     out: Path
@@ -372,7 +427,6 @@ class Batch(Result):
     fitted: int
     seconds: float
     resumed: bool
-    repeated: tuple[str, ...]
 
     def rows(self) -> pd.DataFrame:
         """Return every row; see `read_batch`."""
@@ -384,13 +438,11 @@ def batch(
     out: str | os.PathLike[str],
     *,
     model: HybridModel | None = None,
-    prior_from: PopulationPrior | None = None,
     sampler: str = "independent",
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None = None,
     seed: int = 1,
     ess: float = 1000.0,
     ci_prob: float = 0.95,
-    posteriors: bool = False,
     compare: bool = True,
     table: Mapping[str, Any] | None = None,
     resume: bool = False,
@@ -406,28 +458,22 @@ def batch(
     Parameters
     ----------
     campaigns : iterable of path
-        Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns (every direct subfolder with a campaign.toml,
-        sorted), and lists: ``@FILE`` or a .txt file, one path a line. A campaign given twice is kept once.
+        See `gather`: campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, and lists of them (``@FILE``).
     out : path
         Folder for the rows and the table.
     model : HybridModel, optional
         Default: linear in force.
-    prior_from : PopulationPrior, optional
-        From `prior_from`: prior of the compliances. A campaign that the population was made from fails.
     sampler, seed, ess, ci_prob
         As for `sample` and `summarize`: the numbers are theirs.
     executor : concurrent.futures.Executor or callable, optional
         Where campaigns are fitted; default: here, one after the other. See `ldbb_bayes.jobs`. What starts one, such as
         `process_executor` itself, is called once ``out`` is this run's, which it stays until the workers have ended.
-    posteriors : bool
-        Keep every posterior in ``out``/posteriors as well.
     compare : bool
         Weigh linear compliance against constant by their evidences.
     table : mapping, optional
         Fields of `Campaign` for tidy CSVs: what campaign.toml would say.
     resume, retry : bool
-        Go on with what an earlier run left (with nothing there, begin); also do again what failed, and what was fitted from files
-        that have changed since.
+        Go on with what an earlier run left (with nothing there, begin); also do again what failed.
     force : bool
         Replace an earlier batch in ``out``.
     progress : callable, optional
@@ -439,52 +485,34 @@ def batch(
         For no campaigns, a batch in ``out`` that may not be touched or is another one, a place that cannot be written, or
         without pyarrow.
     """
-    dataset.check_pyarrow()
+    check_pyarrow()
     check_sampler(sampler)
     check_probability(ci_prob)
-    if retry and not resume:
-        raise InputError("retry (--retry) must come with resume (--resume), got it alone. Add it.")
-    if force and resume:
-        raise InputError("resume and force must not come together, got both. Go on (--resume), or begin anew (--force).")
+    if (retry and not resume) or (force and resume):
+        raise InputError(
+            "retry must come with resume, and resume without force, got otherwise. Choose --resume [--retry] or --force."
+        )
     seed = operator.index(seed)
     if not 0 <= seed < 2**63:
         raise InputError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed}. For example 1.")
-    if not ess > 0.0:
-        raise InputError(f"ess must be above zero, got {ess}. For example 1000.")
-    folder, found = Path(out), gather(campaigns)
-    chosen = model or HybridModel.default()
-    written = model_to_toml(chosen if prior_from is None else prior_from.model(chosen))
-    settings = Settings(
-        model_to_toml(model_from_toml(written)),  # the same text whatever order its terms were given in
-        sampler,
-        seed,
-        float(ess),
-        float(ci_prob),
-        compare,
-        os.path.abspath(folder / POSTERIORS) if posteriors else None,
-        dict(table or {}),
-        os.getcwd(),
-        prior_from,
-    )
+    if not 0.0 < ess < np.inf:
+        raise InputError(f"ess must be a finite number above zero, got {ess}. For example 1000.")
+    folder, paths = Path(out), gather(campaigns)
+    # The same text whatever order its terms were given in.
+    written = model_to_toml(model_from_toml(model_to_toml(model or HybridModel.default())))
+    settings = Settings(written, sampler, seed, float(ess), float(ci_prob), compare, dict(table or {}))
+    jobs = [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
     with _journal(folder) as journal, executor() if callable(executor) else nullcontext(executor) as pool:
-        record = _record(found.paths, settings)
-        resumed = _begin(journal, folder, found.paths, record, resume=resume, force=force)
-        if posteriors:
-            (folder / POSTERIORS).mkdir(exist_ok=True)
+        record = _record(settings)
+        resumed = _begin(journal, folder, jobs, record, resume=resume, force=force)
         started = time.perf_counter()
-        fitted = _fit(journal, found.paths, settings, pool, retry, progress)
+        fitted = _fit(journal, settings, pool, retry, progress)
         seconds = time.perf_counter() - started
-        about = {
-            "campaigns": len(found.paths),
-            "model_sha256": model_sha256(settings.model),
-            "model": settings.model_toml,
-            "options": {name: value for name, value in record.items() if name not in ("model", "here")},
-        }
-        write_dataset(partial(_rows, journal), folder / DATASET, about)
-        return _finished(journal, folder, found, fitted, seconds, resumed)
+        write_dataset(partial(_rows, journal), folder / DATASET, {"campaigns": len(jobs), "model": settings.model_toml})
+        return _finished(journal, folder, len(jobs), fitted, seconds, resumed)
 
 
-def _finished(journal: sqlite3.Connection, out: Path, found: Gathered, fitted: int, seconds: float, resumed: bool) -> Batch:
+def _finished(journal: sqlite3.Connection, out: Path, campaigns: int, fitted: int, seconds: float, resumed: bool) -> Batch:
     counts = dict(journal.execute("SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1").fetchall())
     failed, unusable, doubtful = (counts.get(kind, 0) for kind in ("failed", State.UNUSABLE, State.DOUBTFUL))
     named = "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
@@ -493,8 +521,8 @@ def _finished(journal: sqlite3.Connection, out: Path, found: Gathered, fitted: i
     return Batch(
         out=out,
         dataset=out / DATASET,
-        campaigns=len(found.paths),
-        done=len(found.paths) - failed,
+        campaigns=campaigns,
+        done=campaigns - failed,
         failed=failed,
         not_converged=unusable,
         doubtful=doubtful,
@@ -503,5 +531,4 @@ def _finished(journal: sqlite3.Connection, out: Path, found: Gathered, fitted: i
         fitted=fitted,
         seconds=seconds,
         resumed=resumed,
-        repeated=found.repeated,
     )

@@ -1,8 +1,7 @@
-"""A control chart of one machine: points, limits, level, and beneath them when a change is likely."""
+"""Figures of many campaigns: a control chart of one machine with the times of a change, and the machines of a population."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.dates as mdates
@@ -15,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ldbb_bayes.fleet.population import PooledMachine, PooledParameter, Population
+from ldbb_bayes.fleet.population import PooledParameter, Population
 from ldbb_bayes.fleet.trend import LIMITS, Trend
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, panels, styled
 from ldbb_bayes.report.wording import probability_words
@@ -24,7 +23,6 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty, unit
 __all__ = ["control_chart", "machine_chart"]
 
 Array = NDArray[Any]
-_CROWDED = 30
 _SHARES = (4.0, 1.0)
 
 
@@ -80,52 +78,25 @@ def _places(trend: Trend) -> tuple[Array, float]:
 def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame, places: Array) -> None:
     factor, label = axis_label(name, str(own["unit"].iloc[0]))
     value = {column: own[column].to_numpy() * factor for column in own.columns if own[column].dtype == float}
-    ci = 100 * trend.assumptions["ci"]
-    small = len(places) > _CROWDED
-    axes.fill_between(
-        places,
-        value["limit_low"],
-        value["limit_high"],
-        step="mid",
-        color="#E8E8E8",
-        linewidth=0.0,
-        label=f"limits from the campaigns before ({100 * LIMITS:g} %)",
-    )
-    axes.fill_between(places, value["level_low"], value["level_high"], color=PALETTE[2], alpha=0.25, linewidth=0.0, step="mid")
-    axes.plot(places, value["level"], color=PALETTE[2], linewidth=1.4, drawstyle="steps-mid", label=f"level, {ci:g} % band")
+    limits, low, high = (value["limit_low"], value["limit_high"]), float(value["ci_low"].min()), float(value["ci_high"].max())
+    said = f"limits from the campaigns before ({100 * LIMITS:g} %)"
+    axes.fill_between(places, *limits, step="mid", color="#E8E8E8", linewidth=0.0, label=said)
     out = own["outside"].to_numpy()
-    for chosen, colour, said in ((~out, ACCENT, f"campaign by itself, {ci:g} %"), (out, PALETTE[1], "outside its limits")):
-        if not chosen.any():
-            continue
-        reach = np.abs(np.array([value["ci_low"], value["ci_high"]]) - value["estimate"])[:, chosen]
-        axes.errorbar(
-            places[chosen],
-            value["estimate"][chosen],
-            yerr=reach,
-            fmt="o",
-            color=colour,
-            markersize=2.6 if small else 4.0,
-            elinewidth=0.8 if small else 1.2,
-            label=said,
-        )
-    axes.set_ylim(*_reach(value))
+    alone = f"campaign by itself, {100 * trend.assumptions['ci']:g} %"
+    for chosen, colour, meant in ((~out, ACCENT, alone), (out, PALETTE[1], "outside its limits")):
+        if chosen.any():
+            ends = np.abs(np.array([value["ci_low"], value["ci_high"]]) - value["estimate"])[:, chosen]
+            axes.errorbar(places[chosen], value["estimate"][chosen], ends, fmt="o", color=colour, markersize=3.0, label=meant)
+    # Limits as far as they are of the points' size.
+    room, margin = 0.5 * (high - low), 0.05 * (high - low)
+    least, most = float(np.nanmin(limits[0])), float(np.nanmax(limits[1]))
+    axes.set_ylim(max(min(least, low), low - room) - margin, min(max(most, high), high + room) + margin)
     axes.set_ylabel(label)
     axes.yaxis.set_major_locator(MaxNLocator(5))
     common = trend.parameters[name].common_sd * factor
     shared = f"; u common to all {round_uncertainty(common)[0]} {display_unit(trend.parameters[name].unit)[1]}" if common else ""
     axes.set_title(f"{display_name(name)}: P(changed) {probability_words(trend.parameters[name].probability)}{shared}")
     axes.tick_params(labelbottom=False)
-
-
-def _reach(value: dict[Any, Array]) -> tuple[float, float]:
-    """All points and their intervals; limits as far as they are of their size."""
-    low, high = float(value["ci_low"].min()), float(value["ci_high"].max())
-    room = 0.5 * (high - low)
-    least, most = np.nanmin(value["limit_low"]), np.nanmax(value["limit_high"])
-    margin = 0.05 * (high - low)
-    return max(float(least), low - room) - margin if least < low else low - margin, (
-        min(float(most), high + room) + margin if most > high else high + margin
-    )
 
 
 def _strip(axes: Axes, own: pd.DataFrame, places: Array, width: float) -> None:
@@ -155,11 +126,10 @@ _ALONE, _ODD, _BAND = "#9DB8CC", PALETTE[1], "#EDEDED"
 def machine_chart(population: Population) -> Figure:
     """Every parameter's machines in order of their estimates, alone and pooled, before the population.
 
-    Of more than 60 machines those that do not belong are drawn, and others evenly along the order.
+    Of more than 60 machines those that stand out most are drawn.
     """
-    columns = min(_COLUMNS, len(population.parameters))
-    shown = min(len(population.machine), _MOST)
-    height = max(2.2, 0.6 + 0.14 * min(shown, _NAMED) if shown <= _NAMED else 0.6 + 0.065 * shown)
+    columns, shown = min(_COLUMNS, len(population.parameters)), min(len(population.machine), _MOST)
+    height = max(2.2, 0.6 + (0.14 if shown <= _NAMED else 0.065) * shown)
     figure, every = panels(len(population.parameters), columns, 3.4 * columns + 0.4, height, 0.9)
     with units_for(population.sizes()):
         for axes, (name, parameter) in zip(every, population.parameters.items(), strict=True):
@@ -173,7 +143,7 @@ def machine_chart(population: Population) -> Figure:
         Patch(color=_BAND, label=f"{percent} of the next machine"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2 * columns))
-    drawn = "" if len(population.machine) <= _MOST else f", {_MOST} shown"
+    drawn = "" if len(population.machine) <= _MOST else f", the {_MOST} that stand out most"
     comma = ",\n" if columns == 1 else ", "
     figure.suptitle(
         f"{len(population.machine)} machines at {population.reference_force_N:g} N{comma}in order of their estimates{drawn}",
@@ -183,7 +153,8 @@ def machine_chart(population: Population) -> Figure:
 
 
 def _machines_panel(axes: Axes, population: Population, name: str, parameter: PooledParameter) -> None:
-    chosen = _chosen(list(population.machine.values()), name)
+    every = sorted(population.machine.values(), key=lambda own: (-max(map(abs, own.z.values()), default=0.0), own.name))[:_MOST]
+    chosen = sorted(every, key=lambda own: (own.estimate[name].mean, own.name))
     factor, label = axis_label(name, parameter.unit)
     axes.axvspan(*(factor * end for end in parameter.next.interval), color=_BAND, zorder=0)
     axes.axvline(factor * parameter.mean.mean, color=GREY, linewidth=1.0, zorder=1)
@@ -195,34 +166,10 @@ def _machines_panel(axes: Axes, population: Population, name: str, parameter: Po
         ):
             axes.plot([factor * end for end in found.interval], [row + shift] * 2, color=colour, linewidth=width, zorder=2)
             axes.plot(factor * found.mean, row + shift, "o", color=colour, markersize=size, zorder=3)
-    named = len(chosen) <= _NAMED
-    axes.set_yticks(*_ticks(chosen, named))
+    named = {row: own.name for row, own in enumerate(chosen) if len(chosen) <= _NAMED or own.flag}
+    axes.set_yticks(list(named), [own if len(own) <= 16 else f"…{own[-15:]}" for own in named.values()])
     axes.tick_params(axis="y", labelsize=6.5, length=0)
     axes.grid(visible=False, axis="y")
     axes.set_ylim(-0.8, len(chosen) - 0.2)
     axes.locator_params(axis="x", nbins=5)
     axes.set_xlabel(label)
-
-
-def _ticks(chosen: Sequence[PooledMachine], named: bool) -> tuple[list[int], list[str]]:
-    """Names of all machines where there is room, else of those that do not belong, two rows apart."""
-    places: list[int] = []
-    for row, own in enumerate(chosen):
-        if named or (own.flag and (not places or row - places[-1] > 1)):
-            places.append(row)
-    return places, [_short(chosen[row].name) for row in places]
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 16 else f"…{name[-15:]}"
-
-
-def _chosen(every: list[PooledMachine], name: str) -> list[PooledMachine]:
-    """In order of the estimate; too many are thinned evenly, those that do not belong kept as far as there is room."""
-    ordered = sorted(every, key=lambda own: (own.estimate[name].mean, own.name))
-    if len(ordered) <= _MOST:
-        return ordered
-    odd = sorted((k for k, own in enumerate(ordered) if own.flag), key=lambda k: ordered[k].p_value or 0.0)[: _MOST // 2]
-    others = [k for k in range(len(ordered)) if k not in set(odd)]
-    kept = {others[int(place)] for place in np.linspace(0, len(others) - 1, _MOST - len(odd)).round()}
-    return [ordered[k] for k in sorted(kept | set(odd))]

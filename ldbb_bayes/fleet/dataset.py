@@ -1,251 +1,52 @@
-"""One campaign, one row: what a fit says of it, or why there is none; and the table of all rows, in Parquet."""
+"""The table of a batch, a row a campaign, in Parquet; which of its rows count, and what is to be minded of them."""
 
 from __future__ import annotations
 
-import errno
-import hashlib
 import json
 import os
-import traceback
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
-from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.folder import labels_of, read_campaign
-from ldbb_bayes.errors import InputError, check_known, plain_reason
-from ldbb_bayes.files import write_whole
-from ldbb_bayes.fleet.population_prior import PopulationPrior, stands_for
-from ldbb_bayes.fleet.statistics import sufficient_statistics
-from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
-from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.posterior import numbers_of, record_of, saved_bytes
-from ldbb_bayes.inference.sample import sample_with_densities, versions
-from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.specification import model_from_toml, model_sha256
-from ldbb_bayes.report.findings import fit_in_words
+from ldbb_bayes.errors import InputError, check_known, nearest
+from ldbb_bayes.inference.posterior import ConcernKind
+from ldbb_bayes.inference.predictive import CheckKind
+from ldbb_bayes.report.wording import caveat_words
+from ldbb_bayes.result import Result
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow as pa
 
-__all__ = ["DATASET", "JOURNAL", "PART", "Job", "Settings", "fit_row", "read_batch", "write_dataset"]
-
-_EVIDENCE_TOLERANCE = 1e-2
-_LONGEST_REASON = 1200
-# What no campaign causes: a full or failing disk, a mount that went, a system that opens no more files.
-_NAMES = ("ENOSPC", "EDQUOT", "EIO", "ESTALE", "ENODEV", "ENOTCONN", "ETIMEDOUT", "EMFILE", "ENFILE")
-_SYSTEM = {getattr(errno, name) for name in _NAMES if hasattr(errno, name)}
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How every campaign of a batch is fitted.
-
-    ``posteriors`` is a folder for a posterior of every campaign, ``table`` fields of `Campaign` that tidy CSVs do not say,
-    ``here`` the folder that relative paths start from, wherever a worker stands, ``population`` that whose prior is in the model:
-    what speaks against it is said of every campaign.
-    """
-
-    model_toml: str
-    sampler: str = "independent"
-    seed: int = 1
-    ess: float = 1000.0
-    ci_prob: float = 0.95
-    compare: bool = True
-    posteriors: str | None = None
-    table: Mapping[str, Any] = field(default_factory=dict)
-    here: str = ""
-    population: PopulationPrior | None = None
-
-    @property
-    def model(self) -> HybridModel:
-        """The model in the TOML."""
-        return _model(self.model_toml)
-
-
-_model = lru_cache(maxsize=4)(model_from_toml)
-
-
-@dataclass(frozen=True)
-class Job:
-    """A campaign's number in the batch, and its path as given."""
-
-    index: int
-    path: str
-
-
-@one_blas_thread
-def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
-    """Return the row of a campaign; ``parameters`` holds unit and numbers of each by name, ``stamp`` what its files looked like.
-
-    Raises InputError when the disk or its mount fails, as it would for every other campaign too.
-    """
-    place = os.path.join(settings.here, job.path)
-    row = _given(settings, job) | {"stamp": stamp_of(place)}
-    try:
-        with warnings.catch_warnings(action="ignore"):
-            is_table = not os.path.isdir(place) and not place.lower().endswith(".toml")
-            campaign = read_campaign(place, **(settings.table if is_table else {}))
-            row |= _origin(campaign)
-            fitted, posterior = _fitted(settings, campaign)
-    except Exception as error:  # noqa: BLE001  # one campaign must not end the others
-        _refuse_a_failing_disk(error, place)
-        return labels_of(place) | row | {"status": "failed", "reason": _reason(error).replace(place, job.path)}
-    if settings.posteriors is not None:
-        write_whole(Path(settings.posteriors) / posterior_name(job.index, campaign.sha256), posterior)
-    return row | fitted
-
-
-def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
-    """Return the row of a campaign that could not even be tried."""
-    place = os.path.join(settings.here, job.path)
-    return labels_of(place) | _given(settings, job) | {"stamp": None, "status": "failed", "reason": reason}
-
-
-def _given(settings: Settings, job: Job) -> dict[str, Any]:
-    return {
-        "campaign": job.path,
-        "degree": settings.model.degree,
-        "model_sha256": model_sha256(settings.model),
-        "sampler": settings.sampler,
-        "seed": settings.seed,
-        "versions": json.dumps(versions()),
-    }
-
-
-def _origin(campaign: Campaign) -> dict[str, Any]:
-    return {
-        **{name: getattr(campaign, name) for name in ("name", "sha256", "machine_id", "date", "topology", "readings")},
-        "planes": ",".join(campaign.machine().planes),
-        "compliances": json.dumps(stands_for(campaign)),
-        "tests": len(campaign.tests),
-        "force_min_N": float(campaign.forces_N.min()),
-        "force_max_N": float(campaign.forces_N.max()),
-    }
-
-
-def _fitted(settings: Settings, campaign: Campaign) -> tuple[dict[str, Any], bytes]:
-    """Columns of the fit, and its posterior as bytes of a file where it is to be kept."""
-    doubts = () if settings.population is None else settings.population.doubts(campaign)
-    posterior, densities = sample_with_densities(
-        settings.model, campaign, sampler=settings.sampler, seed=settings.seed, rule=StoppingRule(ess=settings.ess)
-    )
-    record, words = record_of(posterior), fit_in_words(posterior)
-    beside, breakdowns = _beside(settings, campaign, densities)
-    row = {
-        **beside,
-        "status": "done",
-        "reference_force_N": record["model"]["reference_force_N"],
-        "terms": record["model"]["terms"],
-        "converged": bool(record["sampler"]["converged"]),
-        **words,
-        "warnings": [*words["warnings"], *breakdowns, *doubts],
-        "log_prob_truncation": record["fit"]["log_prob_truncation"],
-        "rmse_um": record["fit"]["rmse_um"],
-        "parameters": {
-            str(name): {"unit": variable.attrs.get("unit", ""), **numbers_of(variable.to_numpy(), settings.ci_prob)}
-            for name, variable in posterior["posterior"].data_vars.items()
-        },
-    }
-    return row, b"" if settings.posteriors is None else saved_bytes(posterior)
-
-
-def _beside(settings: Settings, campaign: Campaign, densities: Mapping[bool, HyperPosterior]) -> tuple[dict[str, Any], list[str]]:
-    """Columns of the Bayes factor and of the sufficient statistics; one that breaks down is a warning, and the fit stands."""
-    model = settings.model
-    if model.prior.flat:
-        return {}, []
-    parts: dict[str, Callable[[], dict[str, Any]]] = {}
-    if settings.compare and model.degree and campaign.force_levels > 1:
-        parts["Bayes factor"] = lambda: _bayes_factor(model, campaign, densities[model.prior.truncated])
-    parts["sufficient statistics"] = lambda: sufficient_statistics(densities[False]).columns()
-    found: dict[str, Any] = {}
-    breakdowns = []
-    for name, part in parts.items():
-        try:
-            found |= part()
-        except (InputError, ArithmeticError, np.linalg.LinAlgError) as error:
-            breakdowns.append(f"No {name}: {plain_reason(error)}")
-    return found, breakdowns
-
-
-def _bayes_factor(model: HybridModel, campaign: Campaign, density: HyperPosterior) -> dict[str, float]:
-    if model.degree == 1 and density.truncated == density.bound.truncation.active:
-        linear = density.nodes(_EVIDENCE_TOLERANCE).evidence
-    else:
-        linear = log_evidence(model.with_degree(1), campaign, tolerance=_EVIDENCE_TOLERANCE)
-    constant = log_evidence(model.with_degree(0), campaign, tolerance=_EVIDENCE_TOLERANCE)
-    value, error = log_bayes_factor(linear, constant)
-    return {"log_bayes_factor": float(value), "log_bayes_factor_error": float(error)}
-
-
-def _reason(error: Exception) -> str:
-    """One line; of an error that no input should cause also its kind and place, so that it can be mended."""
-    reason = plain_reason(error)
-    if isinstance(error, MemoryError):
-        reason = f"the campaign must fit into memory, got: {error or 'not enough'}. Leave out readings, or add memory."
-    elif reason is None:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        place = "/".join(Path(last.filename).parts[-2:])
-        reason = f"unexpected {type(error).__name__}: {error} ({place}, line {last.lineno}). Please report it."
-    return " ".join(reason.split())[:_LONGEST_REASON]
-
-
-def _refuse_a_failing_disk(error: BaseException, place: str) -> None:
-    """End the batch where it is the disk, not the campaign: else every campaign left would count as failed."""
-    chain: list[BaseException] = [error]
-    while (before := chain[-1].__cause__ or chain[-1].__context__) is not None and before not in chain:
-        chain.append(before)
-    try:
-        os.stat(place)  # of a mount that went, exists() and the like only say that nothing is there
-    except (OSError, ValueError) as gone:
-        chain.append(gone)
-    for each in chain:
-        if isinstance(each, OSError) and each.errno in _SYSTEM:
-            raise InputError(
-                f"{each.filename or place} must be usable, got: {each.strerror}. That is the place, not the campaign: mend it "
-                "(or remove this file, if it alone is lost), then go on with --resume. What is done is kept."
-            ) from None
-
-
-def stamp_of(place: str) -> str | None:
-    """Return a digest of the sizes and times of a campaign's files; None where nothing is there."""
-    digest = hashlib.blake2b(digest_size=8)
-    root = Path(place) if os.path.isdir(place) else Path(place).parent
-    whole = os.path.isdir(place) or place.lower().endswith(".toml")
-    try:
-        files = sorted(path for path in root.rglob("*") if path.suffix.lower() in (".toml", ".csv")) if whole else [Path(place)]
-        for path in files:
-            seen = path.stat()
-            digest.update(f"{path.relative_to(root)}\0{seen.st_size}\0{seen.st_mtime_ns}\n".encode(errors="surrogateescape"))
-    except (OSError, ValueError):
-        return None
-    return digest.hexdigest() if files else None
-
-
-def posterior_name(index: int, sha256: str) -> str:
-    """Return the name of a campaign's posterior: its number in the batch, and the beginning of its digest."""
-    return f"{index:07d}-{sha256[:12]}.nc"
-
-
-# ---- the table
+__all__ = [
+    "DATASET",
+    "FLEET_COLUMNS",
+    "JOURNAL",
+    "PART",
+    "Caveat",
+    "CaveatKind",
+    "check_pyarrow",
+    "choose",
+    "labels",
+    "moment",
+    "read_batch",
+    "write_dataset",
+]
 
 JOURNAL, DATASET = "batch.sqlite", "campaigns.parquet"
 PART = f".{DATASET}.part"
-_SCHEMA = 2
+_SCHEMA = 3
 _META = b"ldbb_bayes"
 _NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
 _ROWS_AT_ONCE = 1024
 _TEXT, _TEXTS, _NUMBERS_LIST = "string", "list<string>", "list<double>"
+# Every column and its kind: of the campaign and its fit, then, behind those of the parameters, its statistics.
 _COLUMNS = {
     **dict.fromkeys(("campaign", "name", "sha256", "machine_id", "date", "status", "reason", "topology", "planes"), _TEXT),
     "compliances": _TEXT,
@@ -278,27 +79,19 @@ def check_pyarrow() -> None:
         raise InputError("pyarrow must be installed for batches, got none. Run pip install 'ldbb-bayes[fleet]'.") from None
 
 
-@lru_cache(maxsize=1)
-def _types() -> dict[str, pa.DataType]:
-    """Of the columns that every dataset has."""
-    import pyarrow as pa
-
-    lists = {_TEXTS: pa.list_(pa.string()), _NUMBERS_LIST: pa.list_(pa.float64())}
-    return {name: lists.get(kind) or pa.type_for_alias(kind) for name, kind in (_COLUMNS | _GAUSSIAN).items()}
-
-
 def write_dataset(rows: Callable[[], Iterator[dict[str, Any]]], target: Path, about: Mapping[str, Any]) -> None:
     """Write rows of `fit_row`, given from the first each time they are asked for, as a table: whole or not at all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    lists = {_TEXTS: pa.list_(pa.string()), _NUMBERS_LIST: pa.list_(pa.float64())}
+    types = {name: lists.get(kind) or pa.type_for_alias(kind) for name, kind in (_COLUMNS | _GAUSSIAN).items()}
     units: dict[str, str] = {}
     for row in rows():
         for name, entry in row.get("parameters", {}).items():
             units.setdefault(name, entry["unit"])
-    types = _types()
     columns = [(name, types[name], name.rpartition("_")[2] if name.endswith(("_N", "_um")) else "") for name in _COLUMNS]
-    columns += [(f"{name}.{key}", types["rmse_um"], unit) for name, unit in units.items() for key in _NUMBERS]
+    columns += [(f"{name}.{key}", pa.float64(), unit) for name, unit in units.items() for key in _NUMBERS]
     columns += [(name, types[name], "") for name in _GAUSSIAN]
     schema = pa.schema(
         [pa.field(name, kind, metadata={"unit": unit} if unit else None) for name, kind, unit in columns],
@@ -343,7 +136,7 @@ def read_batch(
         warnings, log_prob_truncation [nat], rmse_um, log_bayes_factor (linear over constant), log_bayes_factor_error [nat]; of
         every parameter and hyper-parameter NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad;
         ``attrs["units"]``); gaussian_… as `SufficientStatistics`, the covariance as its lower triangle, row by row. What a
-        campaign does not have is missing. ``attrs["batches"]``: what each says of itself.
+        campaign does not have is missing.
 
     Raises
     ------
@@ -357,10 +150,7 @@ def read_batch(
     if not given:
         raise InputError("batches must be given, got none. Name the --out folder of a batch.")
     read = [_read(_dataset(Path(entry)), columns) for entry in given]
-    try:
-        whole = pa.concat_tables([table for table, _ in read], promote_options="default")
-    except (pa.ArrowException, TypeError) as error:
-        raise InputError(f"batches must have columns of the same kinds, got {str(error)[:120]}. Write them anew.") from None
+    whole = pa.concat_tables([table for table, _ in read], promote_options="default")
     if columns is not None:
         check_known("column", columns, dict.fromkeys(name for _, schema in read for name in schema.names))
         whole = whole.select(list(dict.fromkeys(columns)))
@@ -370,7 +160,6 @@ def read_batch(
         for field in whole.schema
         if field.name.endswith(".mean") and field.metadata and b"unit" in field.metadata
     }
-    frame.attrs["batches"] = [json.loads(schema.metadata[_META]) for _, schema in read]
     return frame
 
 
@@ -390,34 +179,194 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    cure = "Remove it and run the batch with --resume, which writes it anew."
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            schema = file.schema_arrow
-            _check_schema(schema, path)
-            table = file.read(columns if columns is None else [*columns, "status"])
+            schema, table = file.schema_arrow, file.read(columns)
             table.validate(full=True)
-    except InputError:
-        raise
-    except (pa.ArrowException, OSError, ValueError, TypeError, KeyError, RecursionError, MemoryError) as error:
-        short = " ".join(str(error).split())[:120]
-        raise InputError(f"{path} must be the table of a batch, got a damaged file ({short}). {cure}") from None
-    odd = set(table.column("status").to_pylist()) - {"done", "failed"}
-    if odd:
-        raise InputError(f"{path}: status must be done or failed, got {odd.pop()!r}. {cure}")
+    except (pa.ArrowException, OSError, ValueError) as error:
+        cure = "Remove it and run the batch with --resume, which writes it anew."
+        got, cure = (
+            ("a damaged", cure)
+            if (path.parent / JOURNAL).is_file()
+            else ("another, or a damaged", "Give a batch's --out folder.")
+        )
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path} must be the table of a batch, got {got} file ({reason}). {cure}") from None
+    about = json.loads((schema.metadata or {}).get(_META, "{}"))
+    if about.get("schema") != _SCHEMA:
+        got = f"schema {about['schema']}" if about else "a Parquet file of something else"
+        raise InputError(f"{path} must be a batch's table of schema {_SCHEMA}, got {got}. Give the --out folder of a batch.")
     return table, schema
 
 
-def _check_schema(schema: pa.Schema, path: Path) -> None:
-    cure = "Give the --out folder of a batch."
+# ---- which campaigns count
+
+# The columns of a batch's table that a trend or a population asks for.
+FLEET_COLUMNS = (
+    *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances"),
+    *("force_min_N", "force_max_N", "reference_force_N", "model_sha256", "converged", "kinds"),
+    *("gaussian_names", "gaussian_units", "gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"),
+)
+
+
+class CaveatKind(StrEnum):
+    """What is to be minded of the campaigns that a result rests on, and of the result."""
+
+    EXCLUDED = "excluded"
+    BEFORE = "before"
+    FAILED = "failed"
+    NO_STATISTICS = "no-statistics"
+    GIVEN_AGAIN = "given-again"
+    UNEXPECTED = "unexpected"
+    UNEXPECTED_KEPT = "unexpected-kept"
+    NOT_CONVERGED = "not-converged"
+    NOT_WHITE = "not-white"
+    MODELS_DIFFER = "models-differ"
+    NO_MACHINES = "no-machines"
+    WITHOUT_MACHINE = "without-machine"
+    MACHINES_OF_THEIR_OWN = "machines-of-their-own"
+    EXTRAPOLATED = "extrapolated"
+    NO_DATES = "no-dates"
+    SAME_DATES = "same-dates"
+    TWO_CAMPAIGNS = "two-campaigns"
+    SPREADS_NOT_TRUSTED = "spreads-not-trusted"
+    ONE_INSTRUMENT = "one-instrument"
+    CHANGED_MACHINES = "changed-machines"
+    FEW_MACHINES = "few-machines"
+    UNCERTAIN_P_VALUES = "uncertain-p-values"
+    OUTLIERS_INCLUDED = "outliers-included"
+
+
+_NEEDED = ("campaign", "status", "machine_id", "date", "topology", "reference_force_N", "gaussian_names", "gaussian_mean")
+
+
+@dataclass(frozen=True)
+class Caveat(Result):
+    """One thing to mind: of which campaigns, machines or parameters, and numbers that go with it."""
+
+    kind: CaveatKind
+    names: tuple[str, ...] = ()
+    values: tuple[float, ...] = ()
+    text: str = ""
+
+
+def choose(
+    rows: pd.DataFrame,
+    exclude: Sequence[str] = (),
+    since: str | None = None,
+    include_misfits: bool = False,
+    *,
+    among: pd.DataFrame | None = None,
+) -> tuple[pd.DataFrame, list[Caveat]]:
+    """Return the rows of a batch to rely on, what was left out and why, and what is to be minded of the others.
+
+    Readings a thousand times too large would move the mean of a population, widen its spread, and hide a change of their machine.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Of `read_batch`; of columns that it lacks nothing is said.
+    exclude : sequence of str
+        Campaigns (path as given, last part of it, or name) and machines (machine_id) to leave out.
+    since : str, optional
+        ISO 8601 date or time; campaigns before it, and those without a date, are left out.
+    include_misfits : bool
+        Keep campaigns whose readings the model does not expect: orders of a circle that fail their check, or readings against
+        non-negative compliance.
+    among : DataFrame, optional
+        The whole batch, what ``exclude`` may name; default: the rows.
+
+    Raises
+    ------
+    InputError
+        For unknown names, a date that is none, or nothing left.
+    """
+    missing = [name for name in _NEEDED if name not in rows]
+    if missing:
+        raise InputError(f"rows must be the table of a batch, got one without {missing[0]}. Give what read_batch returns.")
+    nothing = pd.Series(False, index=rows.index)
+    kinds = rows.get("kinds", pd.Series(None, index=rows.index, dtype=object))
+    found = kinds.map(lambda own: set(own) if isinstance(own, list | tuple | np.ndarray) else set())
+    unexpected = found.map(lambda own: not own.isdisjoint((CheckKind.ORDER, ConcernKind.TRUNCATION))).astype(bool)
+    not_white = found.map(lambda own: not own.isdisjoint((CheckKind.NOISE, CheckKind.AUTOCORRELATION))).astype(bool)
+    unconverged = rows.get("converged", ~nothing).map(lambda own: not pd.isna(own) and not own).astype(bool)
+    digests = rows.get("sha256", pd.Series(None, index=rows.index, dtype=object))
+    left_out: dict[CaveatKind, Callable[[pd.DataFrame], pd.Series[bool]]] = {
+        CaveatKind.EXCLUDED: lambda own: _named(own, exclude, rows if among is None else among),
+        CaveatKind.BEFORE: lambda own: _before(own, since),
+        CaveatKind.FAILED: lambda own: own["status"] != "done",
+        CaveatKind.NO_STATISTICS: lambda own: own["gaussian_names"].isna(),
+        CaveatKind.GIVEN_AGAIN: lambda own: digests[own.index].notna() & digests[own.index].duplicated(),
+        CaveatKind.UNEXPECTED: lambda own: (nothing if include_misfits else unexpected)[own.index],
+    }
+    relied, caveats = rows, []
+    for kind, rule in left_out.items():
+        if (which := rule(relied)).any():
+            caveats.append(Caveat(kind, tuple(labels(relied[which])), text=(since or "") * (kind is CaveatKind.BEFORE)))
+            relied = relied[~which]
+    if relied.empty:
+        said = " ".join(map(caveat_words, caveats))
+        raise InputError(f"campaigns must be left to rely on, got none of {len(rows)}. {said} Mend these, or exclude fewer.")
+    minded = {
+        CaveatKind.UNEXPECTED_KEPT: unexpected,
+        CaveatKind.NOT_CONVERGED: unconverged,
+        CaveatKind.NOT_WHITE: not_white & ~unexpected,
+    }
+    for kind, which in minded.items():
+        if (here := which[relied.index]).any():
+            caveats.append(Caveat(kind, tuple(labels(relied[here]))))
+    if "model_sha256" in relied and relied["model_sha256"].nunique(dropna=True) > 1:
+        caveats.append(Caveat(CaveatKind.MODELS_DIFFER))
+    return relied, caveats
+
+
+def labels(rows: pd.DataFrame) -> list[str]:
+    """Return what campaigns are called: by name, those whose name others have too by path."""
+    paths = rows["campaign"].astype(str)
+    if "name" not in rows:
+        return list(paths)
+    names = rows["name"].where(rows["name"].map(lambda own: isinstance(own, str)), paths)
+    return [str(path if same else name) for name, path, same in zip(names, paths, names.duplicated(keep=False), strict=True)]
+
+
+def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> pd.Series[bool]:
+    """Whether campaigns, or their machines, are among the names."""
+    names, known = (
+        pd.DataFrame({"path": paths, "last": paths.map(lambda own: os.path.basename(own.rstrip("/")))}).join(
+            own[[column for column in ("name", "machine_id") if column in own]]
+        )
+        for own in (rows, among)
+        for paths in [own["campaign"].astype(str)]
+    )
+    wanted = [exclude] if isinstance(exclude, str) else list(exclude)
+    for name in wanted:
+        if not known.isin([name]).any(axis=None):
+            every = sorted({own for own in known.drop(columns="path").to_numpy().ravel() if isinstance(own, str)})
+            raise InputError(
+                f"what is left out must be a campaign or machine of the batch, got {name!r}. Did you mean "
+                f"{nearest(str(name), every)!r}?"
+            )
+    return names.isin(wanted).any(axis=1)
+
+
+def _before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
     try:
-        version = json.loads((schema.metadata or {})[_META])["schema"]
-    except (KeyError, ValueError, TypeError):
-        raise InputError(f"{path} must be the table of a batch, got a Parquet file of something else. {cure}") from None
-    if version != _SCHEMA:
-        raise InputError(f"{path} must have schema {_SCHEMA}, got {version}. Upgrade ldbb-bayes, or run the batch again.")
-    for name, kind in _types().items():
-        if name not in schema.names:
-            raise InputError(f"{path} must have a column {name}, got none. {cure}")
-        if schema.field(name).type != kind:
-            raise InputError(f"{path}: column {name} must be of type {kind}, got {schema.field(name).type}. {cure}")
+        least = moment(since or "0001-01-01")
+    except ValueError:
+        raise InputError(f"since must be a date or time in ISO 8601, got {since!r}. For example 2026-03-01.") from None
+
+    def earlier(date: Any) -> bool:
+        if since is None:
+            return False
+        try:
+            return not isinstance(date, str) or moment(date) < least
+        except ValueError:  # of campaigns that failed
+            return True
+
+    return rows["date"].map(earlier).astype(bool)
+
+
+def moment(date: str) -> datetime:
+    """Return a date or time in ISO 8601 as one in UTC, without a time zone taken as such; else a ValueError."""
+    found = datetime.fromisoformat(date)
+    return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)

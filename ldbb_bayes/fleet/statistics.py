@@ -1,4 +1,4 @@
-"""ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const: what many campaigns say, a small matrix each.
+"""ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const: what campaigns say, a small matrix each; its algebra.
 
 c_i are chosen parameters of the machine in campaign i, compliances at one force for all; b are errors of the instrument (mount,
 force gain) that all campaigns share. Everything else (slopes, geometric errors not chosen, form, bar length, hyper-parameters) is
@@ -9,48 +9,52 @@ or the population's mean: ball form and bar length that are the same in all camp
 from __future__ import annotations
 
 import json
-import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from enum import StrEnum
+from datetime import datetime
 from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.special import gammaincinv, ndtri
 
-from ldbb_bayes.errors import InputError, check_known, nearest
-from ldbb_bayes.fleet.population_prior import Meaning, same_meaning
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, moment
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.posterior import ConcernKind
-from ldbb_bayes.inference.predictive import CheckKind
+from ldbb_bayes.inference.posterior import pareto_smooth
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
-from ldbb_bayes.model.gaussian import Gaussian, solve_lower
+from ldbb_bayes.machine.identifiable import kept_compliances
+from ldbb_bayes.model.gaussian import Gaussian, Sobol, eliminate, newton
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Result
 
 __all__ = [
-    "FLEET_COLUMNS",
-    "Caveat",
-    "CaveatKind",
     "FleetStatistics",
+    "Meaning",
+    "SpreadDensity",
+    "Spreads",
     "SufficientStatistics",
     "Summary",
     "alone",
-    "choose",
+    "chunks",
+    "common_of",
     "deviating",
+    "draw_spreads",
+    "estimates_of",
     "fleet_statistics",
     "force_caveats",
     "keyed",
-    "labels",
+    "machines_of",
     "mixture_covariance",
-    "narrow_forces",
     "reference_sd",
+    "same_meaning",
+    "stands_for",
     "sufficient_statistics",
     "whitened",
 ]
@@ -58,6 +62,8 @@ __all__ = [
 Array = NDArray[Any]
 _CHUNK = 256
 _SPARE = 1e-4
+
+# ---- what one campaign says
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +96,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     means, covariances = [], []
     for start in range(0, len(weight), _CHUNK):
         phi = bound.hyper_prior.phi(free[start : start + _CHUNK])
-        _, shared = bound.collapsed.conditional(phi, np.zeros(len(bound.names)))
+        _, shared = bound.collapsed.conditional(phi)
         spread = shared.spread()[:, pick]
         means.append(shared.mean[:, pick])
         covariances.append(spread @ np.swapaxes(spread, 1, 2))
@@ -119,45 +125,54 @@ def mixture_covariance(weight: Array, mean: Array, covariance: Array | float = 0
     return middle, inside + (apart.T * weight) @ apart
 
 
-_COMPLIANCE = re.compile(r"C_([XYZABC])([XYZABC])([XYZ])")
-
-
 def reference_sd(names: Sequence[str], units: Sequence[str], prior_mean: Array, prior_sd: Array) -> Array:
     """Reference sd of every parameter, shape (c,), in inside units.
 
     The default prior's; where fits had a wider one about zero, its median over them: a compliance that stands for those of
     several joints is larger, and a user may know of machines that are. A prior about another mean says how well a parameter
-    is known, not how large it is, and does not count.
-
-    Parameters
-    ----------
-    prior_mean, prior_sd : ndarray, shape (n, c)
-        Of the fits, each at its own reference force.
+    is known, not how large it is, and does not count. ``prior_mean`` and ``prior_sd`` (n, c) are those of the fits.
     """
+    default, kinds = Prior.default(), {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
     found = np.empty(len(names))
     for j, (name, unit) in enumerate(zip(names, units, strict=True)):
-        own, usual = prior_sd[prior_mean[:, j] == 0.0, j], _default_sd(name, unit)
-        wide = float(np.median(own if own.size else prior_sd[:, j])) if own.size or usual is None else 0.0
-        found[j] = max(usual or 0.0, wide)
+        if name.startswith("C_"):
+            (usual,) = default.compliance_sd([ComplianceName(*name[2:])], 0, 1.0)
+        else:
+            (usual,) = default.geometric_sd([GeometricName("X", "X", kinds[unit])])
+        own = prior_sd[prior_mean[:, j] == 0.0, j]
+        found[j] = max(usual, np.median(own)) if own.size else usual
     return found
 
 
-def _default_sd(name: str, unit: str) -> float | None:
-    """Of a compliance by its name, of a geometric error by its unit; none of what is neither."""
-    prior = Prior.default()
-    match = _COMPLIANCE.fullmatch(name)
-    if match is not None:
-        return float(prior.compliance_sd([ComplianceName(*match.groups())], 0, 1.0)[0])
-    kinds = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
-    return float(prior.geometric_sd([GeometricName("X", "X", kinds[unit])])[0]) if unit in kinds else None
+# ---- what a compliance stands for
+
+Meaning = Mapping[str, float]
+_DIGITS = 7
+# Of the default prior's sd: a quarter of the changes that are looked for.
+_NEGLIGIBLE = 0.05
 
 
-# What is asked of the rows of a batch here, and where their campaigns are doubted.
-FLEET_COLUMNS = (
-    *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances"),
-    *("force_min_N", "force_max_N", "reference_force_N", "model_sha256", "converged", "kinds"),
-    *("gaussian_names", "gaussian_units", "gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"),
-)
+def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
+    """Of every kept compliance of a campaign (or plan) the joints' compliances it is the sum of, with their weights."""
+    kept = kept_compliances(campaign.machine(), *dict.fromkeys(test.circle for test in campaign.scope))
+    sums = {}
+    for name, members, weights, absorbed in zip(kept.names, kept.sets, kept.weights, kept.absorbed, strict=True):
+        parts = dict(zip(members, weights, strict=True)) | {other.label: weight for other, weight in absorbed.items()}
+        sums[name.label] = {other: float(f"{weight:.{_DIGITS}g}") for other, weight in parts.items()}
+    return sums
+
+
+def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
+    """Whether two sums of compliances differ by less than 5 % of the default prior sd of the kept compliance ``name``, the
+    joints' being as large as their priors: a work ball that stands a millimetre higher makes no other machine."""
+    labels = sorted(set(one) | set(other))
+    size, *sizes = Prior.default().compliance_sd([ComplianceName(*label[2:]) for label in (name, *labels)], 0, 1.0)
+    apart = [one.get(label, 0.0) - other.get(label, 0.0) for label in labels]
+    return bool(np.linalg.norm(np.array(apart) * sizes) <= _NEGLIGIBLE * size)
+
+
+# ---- what many campaigns say
+
 _SLOPE = re.compile(r"(C_.+)_([12])")
 
 
@@ -249,6 +264,8 @@ def fleet_statistics(
     errors = {name for own in names for name in own if Term.owner(name) is not Term and one_instrument}
     shared = tuple(sorted(errors, key=lambda name: list(Term.kinds.values()).index(Term.owner(name))))
     force = float(np.median(rows["reference_force_N"])) if reference_force_N is None else float(reference_force_N)
+    if not 0.0 <= force < np.inf:
+        raise InputError(f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force in N.")
     parts = [_likelihood(row, (*chosen, *shared), force) for row in rows.to_dict("records")]
     information, weighted, prior_mean, prior_sd = (np.array(part) for part in zip(*parts, strict=True))
     units, c = dict(zip(names[0], rows.iloc[0]["gaussian_units"], strict=True)), len(chosen)
@@ -258,7 +275,7 @@ def fleet_statistics(
     return FleetStatistics(
         campaigns=tuple(map(str, rows["campaign"])),
         machines=tuple(str(own if isinstance(own, str) else name) for own, name in ids),
-        dates=tuple(_moment(own) if isinstance(own, str) else None for own in rows["date"]),
+        dates=tuple(moment(own) if isinstance(own, str) else None for own in rows["date"]),
         parameters=chosen,
         units=own_units,
         instrument=shared,
@@ -319,33 +336,35 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     return {name: meaning for name, (meaning, _) in found.items()}
 
 
-def _moment(date: str) -> datetime:
-    """A date or time in ISO 8601 as one in UTC, without a time zone taken as such; else a ValueError."""
-    found = datetime.fromisoformat(date)
-    return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
-
-
 # ---- algebra that machines and their campaigns share, in units of the prior sd
 
 
-def whitened(likelihood: Gaussian, spread: Array) -> tuple[Array, Array]:
-    """L Lᵀ = K = I + s Λ_cc s and L⁻¹ s (Λ_c, η_c), shapes (k, n, c, c) and (k, n, c, q + 1), for k values of s (k, c).
+def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
+    """(Lᵀ | L⁻¹ s (Λ_c, η_c)), shape (c, c + q + 1, k, n), with L Lᵀ = K = I + s Λ_cc s, for k values of s (k, c); L⁻¹ behind
+    with ``inverse``.
 
     K is the precision of z = w / s, w ~ N(0, diag s²) being what one campaign or machine differs by: g(c + w, b). Λ may be
     singular.
     """
-    c = spread.shape[1]
-    s = spread[:, None, :, None]
-    rows = np.concatenate([likelihood.precision[:, :c], likelihood.shift[:, :c, None]], axis=-1)
-    lower = np.linalg.cholesky(np.eye(c) + s * rows[..., :c] * np.swapaxes(s, -1, -2))
-    return lower, solve_lower(lower, s * rows)
+    c, q = spread.shape[1], likelihood.shift.shape[1]
+    s, rows = spread.T[:, :, None], likelihood.precision[:, :c].transpose(1, 2, 0)[:, :, None]
+    whole = np.zeros((c, c + q + 1 + c * inverse, len(spread), len(likelihood.shift)))
+    np.multiply(s[:, None], rows, out=whole[:, c : c + q])
+    np.multiply(s, likelihood.shift.T[:c, None], out=whole[:, c + q])
+    np.multiply(s, whole[:, c : 2 * c], out=whole[:, :c])
+    whole[range(c), range(c)] += 1.0
+    if inverse:
+        whole[range(c), range(c + q + 1, 2 * c + q + 1)] = 1.0
+    eliminate(whole.reshape(1, *whole.shape[:2], -1))
+    return whole
 
 
 def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
     """∫ g(c + w, b) N(w; 0, diag s²) dw, shape (k, n, q); arguments as for `whitened`."""
-    lower, solved = whitened(likelihood, spread)
-    square, q = np.swapaxes(solved, -1, -2) @ solved, likelihood.shift.shape[-1]
-    constant = 0.5 * square[..., q, q] - np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(axis=-1)
+    c, q = spread.shape[1], likelihood.shift.shape[-1]
+    whole = whitened(likelihood, spread)
+    square = np.einsum("iakn,ibkn->knab", whole[:, c:], whole[:, c:])
+    constant = 0.5 * square[..., q, q] - np.log(whole[range(c), range(c)]).sum(axis=0)
     return Gaussian(likelihood.precision - square[..., :q, :q], likelihood.shift - square[..., :q, q], constant)
 
 
@@ -357,9 +376,6 @@ def alone(likelihood: Gaussian, parameters: int) -> tuple[Array, Array, Array]:
     c = parameters
     own = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])
     return own, own @ likelihood.precision[:, :c], (own @ likelihood.shift[:, :c, None])[..., 0]
-
-
-# ---- which campaigns count
 
 
 @dataclass(frozen=True)
@@ -379,189 +395,155 @@ def keyed(record: Any, ci_prob: float) -> Any:
     return [keyed(value, ci_prob) for value in record] if isinstance(record, list) else record
 
 
-class CaveatKind(StrEnum):
-    """What is to be minded of the campaigns that a result rests on, and of the result."""
-
-    EXCLUDED = "excluded"
-    BEFORE = "before"
-    FAILED = "failed"
-    NO_STATISTICS = "no-statistics"
-    GIVEN_AGAIN = "given-again"
-    UNEXPECTED = "unexpected"
-    UNEXPECTED_KEPT = "unexpected-kept"
-    NOT_CONVERGED = "not-converged"
-    NOT_WHITE = "not-white"
-    MODELS_DIFFER = "models-differ"
-    NO_MACHINES = "no-machines"
-    FAILED_WITHOUT_MACHINE = "failed-without-machine"
-    WITHOUT_MACHINE = "without-machine"
-    MACHINES_OF_THEIR_OWN = "machines-of-their-own"
-    EXTRAPOLATED = "extrapolated"
-    NO_COMMON_FORCE = "no-common-force"
-    NARROW_FORCES = "narrow-forces"
-    NO_DATES = "no-dates"
-    SAME_DATES = "same-dates"
-    TWO_CAMPAIGNS = "two-campaigns"
-    SPREADS_NOT_TRUSTED = "spreads-not-trusted"
-    PRIOR_SPREADS = "prior-spreads"
-    ONE_INSTRUMENT = "one-instrument"
-    CHANGED_MACHINES = "changed-machines"
-    FEW_MACHINES = "few-machines"
-    SILENT_MACHINES = "silent-machines"
-    UNCERTAIN_P_VALUES = "uncertain-p-values"
-    OUTLIERS_INCLUDED = "outliers-included"
-
-
-@dataclass(frozen=True)
-class Caveat(Result):
-    """One thing to mind: of which campaigns, machines or parameters, and numbers that go with it."""
-
-    kind: CaveatKind
-    names: tuple[str, ...] = ()
-    values: tuple[float, ...] = ()
-    text: str = ""
-
-
-def choose(
-    rows: pd.DataFrame,
-    exclude: Sequence[str] = (),
-    since: str | None = None,
-    include_misfits: bool = False,
-    *,
-    among: pd.DataFrame | None = None,
-) -> tuple[pd.DataFrame, list[Caveat]]:
-    """Return the rows of a batch to rely on, what was left out and why, and what is to be minded of the others.
-
-    Readings a thousand times too large would move the mean of a population, widen its spread, and hide a change of their machine.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of `read_batch`; of columns that it lacks nothing is said.
-    exclude : sequence of str
-        Campaigns (path as given, last part of it, or name) and machines (machine_id) to leave out.
-    since : str, optional
-        ISO 8601 date or time; campaigns before it, and those without a date, are left out.
-    include_misfits : bool
-        Keep campaigns whose readings the model does not expect: orders of a circle that fail their check, or readings against
-        non-negative compliance.
-    among : DataFrame, optional
-        The whole batch, what ``exclude`` may name; default: the rows.
-
-    Raises
-    ------
-    InputError
-        For unknown names, a date that is none, or nothing left.
-    """
-    given, caveats = len(rows), []
-    nothing = pd.Series(False, index=rows.index)
-
-    def leave(which: pd.Series[bool], kind: CaveatKind, refusal: str, text: str = "") -> None:
-        nonlocal rows
-        which = which.loc[rows.index]
-        if which.any():
-            caveats.append(Caveat(kind, tuple(labels(rows[which])), text=text))
-        if which.all():
-            raise InputError(refusal.format(given if kind in (CaveatKind.EXCLUDED, CaveatKind.BEFORE) else len(rows)))
-        rows = rows[~which]
-
-    kinds = rows.get("kinds", pd.Series(None, index=rows.index, dtype=object))
-    found = kinds.map(lambda own: set(own) if isinstance(own, list | tuple | np.ndarray) else set())
-    unexpected = found.map(lambda own: not own.isdisjoint((CheckKind.ORDER, ConcernKind.TRUNCATION))).astype(bool)
-    not_white = found.map(lambda own: not own.isdisjoint((CheckKind.NOISE, CheckKind.AUTOCORRELATION))).astype(bool)
-
-    none_left = "campaigns must be left to rely on, got all {} of them left out. Exclude fewer."
-    leave(_named(rows, exclude, rows if among is None else among), CaveatKind.EXCLUDED, none_left)
-    if since is not None:
-        leave(_before(rows, since), CaveatKind.BEFORE, none_left, since)
-    fitted = "a batch must have at least one campaign that was fitted, got none of {}. See its reasons."
-    leave(rows["status"] != "done", CaveatKind.FAILED, fitted)
-    statistics = (
-        "campaigns must have sufficient statistics, got none of {} (flat priors, or a breakdown: see warnings). Run the batch "
-        "with proper priors."
-    )
-    leave(rows["gaussian_names"].isna(), CaveatKind.NO_STATISTICS, statistics)
-    if "sha256" in rows:
-        leave(rows["sha256"].notna() & rows["sha256"].duplicated(), CaveatKind.GIVEN_AGAIN, "")
-    misfits = (
-        "campaigns must have readings that the model expects, got none of {}. See their verdicts and mend them, or keep them "
-        "all the same: --include-misfits (include_misfits=True)."
-    )
-    leave(nothing if include_misfits else unexpected, CaveatKind.UNEXPECTED, misfits)
-    converged = rows.get("converged", ~nothing)
-    minded = {
-        CaveatKind.UNEXPECTED_KEPT: unexpected,
-        CaveatKind.NOT_CONVERGED: converged.map(lambda own: not pd.isna(own) and not own).astype(bool),
-        CaveatKind.NOT_WHITE: not_white & ~unexpected,
-    }
-    for kind, which in minded.items():
-        if (here := which.loc[rows.index]).any():
-            caveats.append(Caveat(kind, tuple(labels(rows[here]))))
-    if "model_sha256" in rows and rows["model_sha256"].nunique(dropna=True) > 1:
-        caveats.append(Caveat(CaveatKind.MODELS_DIFFER))
-    return rows, caveats
-
-
-def labels(rows: pd.DataFrame) -> list[str]:
-    """Return what campaigns are called: by name, those whose name others have too by path."""
-    paths = rows["campaign"].astype(str)
-    if "name" not in rows:
-        return list(paths)
-    names = rows["name"].where(rows["name"].map(lambda own: isinstance(own, str)), paths)
-    return [str(path if same else name) for name, path, same in zip(names, paths, names.duplicated(keep=False), strict=True)]
-
-
-# Greatest force over least.
-_SPAN = 3.0
-
-
-def narrow_forces(rows: pd.DataFrame, parameters: Sequence[str]) -> list[Caveat]:
-    """Return campaigns of one bar whose forces span so little that what its length and balls add looks like a compliance."""
-    narrow = rows["force_max_N"] < _SPAN * rows["force_min_N"]
-    if not narrow.any() or not any(name.startswith("C_") for name in parameters):
-        return []
-    return [Caveat(CaveatKind.NARROW_FORCES, tuple(labels(rows[narrow])), (_SPAN,))]
-
-
 def force_caveats(statistics: FleetStatistics) -> list[Caveat]:
     """Return whether compliances are meant at a force that was not tested in every campaign."""
     low, high = statistics.forces_N
-    if low > high:
-        return [Caveat(CaveatKind.NO_COMMON_FORCE)]
     force = statistics.reference_force_N
-    return [] if low <= force <= high else [Caveat(CaveatKind.EXTRAPOLATED, values=(force, low, high))]
+    return [] if low <= force <= high else [Caveat(CaveatKind.EXTRAPOLATED, values=(force,))]
 
 
-def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> pd.Series[bool]:
-    """Whether campaigns, or their machines, are among the names."""
-    names, known = (
-        pd.DataFrame({"path": paths, "last": paths.map(lambda own: os.path.basename(own.rstrip("/")))}).join(
-            own[[column for column in ("name", "machine_id") if column in own]]
-        )
-        for own in (rows, among)
-        for paths in [own["campaign"].astype(str)]
-    )
-    wanted = [exclude] if isinstance(exclude, str) else list(exclude)
-    for name in wanted:
-        if not known.isin([name]).any(axis=None):
-            every = sorted({own for own in known.drop(columns="path").to_numpy().ravel() if isinstance(own, str)})
-            raise InputError(
-                f"what is left out must be a campaign or machine of the batch, got {name!r}. Did you mean "
-                f"{nearest(str(name), every)!r}?"
-            )
-    return names.isin(wanted).any(axis=1)
+# ---- machines of a population, everything but their spreads integrated out
+
+# Pairs of a spread and a machine that are worked on at once.
+_TOGETHER = 4096
 
 
-def _before(rows: pd.DataFrame, since: str) -> pd.Series[bool]:
-    try:
-        least = _moment(since)
-    except ValueError:
-        raise InputError(f"since must be a date or time in ISO 8601, got {since!r}. For example 2026-03-01.") from None
+def machines_of(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
+    """The machines in the order in which they first appear, and the product of each one's likelihoods, shape (n, q)."""
+    place = {name: k for k, name in enumerate(dict.fromkeys(statistics.machines))}
+    of = [place[name] for name in statistics.machines]
+    sums = []
+    for part in (statistics.likelihood.precision, statistics.likelihood.shift):
+        sums.append(np.zeros((len(place), *part.shape[1:])))
+        np.add.at(sums[-1], of, part)
+    return tuple(place), Gaussian(*sums)
 
-    def earlier(date: Any) -> bool:
-        try:
-            return not isinstance(date, str) or _moment(date) < least
-        except ValueError:  # of campaigns that failed
-            return True
 
-    return rows["date"].map(earlier).astype(bool)
+def chunks(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
+    """Slices of spreads, so many that what they take with all machines stays near the processor."""
+    size = max(1, _TOGETHER // len(likelihood.shift))
+    return (slice(start, start + size) for start in range(0, len(spread), size))
+
+
+def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
+    """x = (μ, b) for k spreads (k, c), shape (k, q); ``log_integral`` is ln p(y | s), up to a constant."""
+    (k, c), q = spread.shape, likelihood.shift.shape[1]
+    square, constant = np.empty((k, q + 1, q + 1)), np.empty(k)
+    for rows in chunks(spread, likelihood):
+        whole = whitened(likelihood, spread[rows])
+        flat = whole[:, c:].transpose(2, 1, 0, 3).reshape(whole.shape[2], q + 1, -1)
+        square[rows] = flat @ np.swapaxes(flat, 1, 2)
+        constant[rows] = -np.log(whole[range(c), range(c)]).sum(axis=(0, 2))
+    precision = np.eye(q) + likelihood.precision.sum(axis=0) - square[:, :q, :q]
+    return Gaussian(precision, likelihood.shift.sum(axis=0) - square[:, :q, q], constant + 0.5 * square[:, q, q])
+
+
+def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> Array:
+    """Mean and sd of c_m, mean and variance of z_m = (c_m − μ) / s, shape (4, k, n, c)."""
+    c, q, root = spread.shape[1], likelihood.shift.shape[1], np.swapaxes(common.spread(), 1, 2)
+    found = np.empty((4, len(spread), len(likelihood.shift), c))
+    for rows in chunks(spread, likelihood):
+        whole = whitened(likelihood, spread[rows], inverse=True)
+        inverse, s = whole[:, c + q + 1 :], spread[rows].T[..., None]
+        gain = np.einsum("ijkn,irkn->jrkn", inverse, whole[:, c : c + q + 1])
+        z = gain[:, q] - np.einsum("jrkn,kr->jkn", gain[:, :q], common.mean[rows])
+        own = np.eye(c, q)[..., None, None] - s[:, None] * gain[:, :q]
+        of_z, of_c = (((root[rows] @ part.transpose(0, 2, 1, 3)) ** 2).sum(axis=2) for part in (gain[:, :q], own))
+        share = (inverse**2).sum(axis=0)
+        parts = (common.mean[rows, :c].T[..., None] + s * z, np.sqrt(s**2 * share + of_c), z, share + of_z)
+        found[:, rows] = np.moveaxis(np.stack(parts), 1, -1)
+    return found
+
+
+_FREEDOM, _STEP = 5.0, 1e-4
+_DOWN, _UP = 80.0, 25.0
+_GOOD_SHARE, _LEAST_VARIANCE, _FLATTEST = 0.2, 0.05, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadDensity:
+    """ln p(t | y) of t = ln s, up to a constant; τ = ``scale``, in units of the prior sd."""
+
+    likelihood: Gaussian
+    scale: float
+
+    def log(self, t: Array) -> Array:
+        """ln p(t | y), shape (k,), of t of shape (k, c)."""
+        prior = (t - 0.5 * np.exp(2.0 * (t - np.log(self.scale)))).sum(axis=-1)
+        return np.asarray(common_of(self.likelihood, np.exp(t)).log_integral + prior)
+
+    def gradient(self, t: Array) -> Array:
+        """∂ ln p(t | y) / ∂ t, shape (k, c): Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the prior's."""
+        s = np.exp(t)
+        _, _, z, variance = estimates_of(self.likelihood, s, common_of(self.likelihood, s))
+        return np.asarray((z**2 + variance - 1.0).sum(axis=1) + 1.0 - (s / self.scale) ** 2)
+
+    def derivatives(self, t: Array) -> tuple[Array, Array]:
+        """Gradient (c,) and Hessian (c, c) at one t."""
+        step = _STEP * np.eye(len(t))
+        slope = self.gradient(np.concatenate([t[None], t + step, t - step]))
+        hessian = (slope[1 : len(t) + 1] - slope[len(t) + 1 :]) / (2.0 * _STEP)
+        return slope[0], 0.5 * (hessian + hessian.T)
+
+    def mode(self, start: Array) -> tuple[Array, Array]:
+        """Where the density is highest, shape (c,), and the curvature there, every eigenvalue by its size and none near zero."""
+        t = newton(self.log, self.derivatives, start, gain=1e-10)
+        values, vectors = np.linalg.eigh(-self.derivatives(t)[1])
+        return t, np.asarray((vectors * np.maximum(np.abs(values), _FLATTEST)) @ vectors.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Spreads:
+    """Weighted draws of s (k, c), in units of the prior sd.
+
+    ``log_weight`` is ln of target over proposal, as it came, ``weight`` Pareto-smoothed, summing to one; above ``good_k`` the
+    draws cannot be trusted. ``mode`` is that of ln s.
+    """
+
+    spread: Array
+    log_weight: Array
+    weight: Array
+    pareto_k: float
+    good_k: float
+    mode: Array
+
+    @property
+    def trusted(self) -> bool:
+        """Whether Pareto's k̂ is low enough."""
+        return self.pareto_k <= self.good_k
+
+    @property
+    def effective(self) -> float:
+        """Effective number of draws, 1 / Σ w²."""
+        return 1.0 / float(np.sum(self.weight**2))
+
+    def first(self, size: int) -> Spreads:
+        """The first draws alone: they are spread as evenly as all of them."""
+        log_weight = self.log_weight[:size]
+        return Spreads(self.spread[:size], log_weight, *pareto_smooth(log_weight), self.mode)
+
+
+def draw_spreads(density: SpreadDensity, parameters: int, *, seed: int, size: int = 2048, start: Array | None = None) -> Spreads:
+    """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better.
+
+    Points are scrambled Sobol ones, ``size`` a power of two; the search for the mode starts at ln τ, or ``start``.
+    """
+    mode, curvature = density.mode(np.full(parameters, np.log(density.scale)) if start is None else start)
+    inverse = np.linalg.inv(curvature)
+    found = _weighed(density, mode, mode, inverse, seed=seed, size=size)
+    if found.trusted and found.effective > _GOOD_SHARE * size:
+        return found
+    middle, covariance = mixture_covariance(found.weight, np.log(found.spread))
+    other = _weighed(density, mode, middle, covariance + _LEAST_VARIANCE * inverse, seed=seed + 1, size=size)
+    return min(found, other, key=lambda own: (not own.trusted, own.pareto_k if not own.trusted else -own.effective))
+
+
+def _weighed(density: SpreadDensity, mode: Array, middle: Array, covariance: Array, *, seed: int, size: int) -> Spreads:
+    c = len(middle)
+    points = np.clip(Sobol(c + 1, np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12)
+    chi = 2.0 * gammaincinv(0.5 * _FREEDOM, points[:, 0])
+    white = ndtri(points[:, 1:]) * np.sqrt(_FREEDOM / chi)[:, None]
+    limits = np.log(density.scale) - _DOWN, max(np.log(density.scale), float(mode.max())) + _UP
+    t = np.clip(middle + white @ np.linalg.cholesky(covariance).T, *limits)
+    log_weight = density.log(t) + 0.5 * (_FREEDOM + c) * np.log1p((white**2).sum(axis=1) / _FREEDOM)
+    return Spreads(np.exp(t), log_weight, *pareto_smooth(log_weight), mode)

@@ -6,7 +6,9 @@ their set-up shift and discrepancy and are not independent facts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,12 +16,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes, draw_hyper, grow_lattice
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.integrals import Integral
+from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes, draw_jointly
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import mixture_moments
-from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.likelihood import ParameterConditional
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms import Hyper
 from ldbb_bayes.model.truncation import Orthant
@@ -33,13 +35,10 @@ __all__ = [
     "log_prob_truncation",
     "marginals",
     "probabilities",
-    "savage_dickey",
 ]
 
 Array = NDArray[Any]
 _NEARLY_ONE = 0.1
-_LOG_2PI = float(np.log(2 * np.pi))
-_STEP = 1.75
 _DRAWS = 16_384
 
 
@@ -95,59 +94,18 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
     return evidence.log_value - other.log_value, evidence.error + other.error
 
 
-def log_prob_truncation(plain: HyperPosterior, truncated: HyperPosterior) -> tuple[float, float]:
-    """ln P(T | y) of the untruncated posterior, from coarse lattices with and without the truncation, and its error [nat]."""
-    inside, every = (Nodes(density, density.brief) for density in (truncated, plain))
-    error = inside.error + every.error
-    log_value = inside.lattice.log_integral - every.lattice.log_integral
+def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
+    """ln P(T | y) of the untruncated posterior, and its error [nat]: from the same nodes with and without truncation, or where
+    that moves them too far from nodes of each."""
+    plain, inside = truncated.plain.nodes(tolerance), truncated.nodes(tolerance)
+    error = inside.error + plain.error
+    log_value = inside.integral.log_integral - plain.integral.log_integral
     if log_value > _NEARLY_ONE + error:
         raise InputError(
             f"the probability of physical compliances must not exceed one, got ln P = {log_value:.3g} ± {error:.2g}: readings "
             "out of reach of double precision. Check their sign, the mount compensation and the forces."
         )
     return min(log_value, 0.0), error
-
-
-def savage_dickey(larger: Nodes, names: Sequence[str], *, tolerance: float = 1e-2) -> tuple[float, float]:
-    """ln of the Bayes factor of the model with ``names`` fixed at zero over the model itself, and its error [nat]:
-    ∫ p(y, φ) p(ψ = 0, T | y, φ) dφ over the evidence and the prior density at ψ = 0."""
-    posterior, bound = larger.posterior, larger.bound
-    check_known("parameter", names, bound.names)
-    index = [bound.names.index(name) for name in names]
-
-    def log_density(free: Array) -> Array:
-        total = bound.hyper_prior.log_density_of_free(free)
-        inside = np.isfinite(total)
-        if inside.any():
-            log_given, given = posterior.given(free[inside])
-            total[inside] += log_given + _log_at_zero(given, index, truncated=posterior.truncated)
-        return np.asarray(total)
-
-    lattice = grow_lattice(log_density, posterior.mode, posterior.spread, tolerance=tolerance, step=_STEP)
-    mean, sd = bound.prior_mean[index], bound.prior_sd[index]
-    prior_at_zero = float(-0.5 * ((mean / sd) ** 2).sum() - np.log(sd).sum() - 0.5 * len(index) * _LOG_2PI)
-    value = lattice.log_integral - larger.evidence.log_value - prior_at_zero
-    if posterior.truncated:
-        value -= bound.model.fixing(*names).bind(bound.campaign).log_prob_truncation_prior
-    return value, lattice.error + larger.evidence.error
-
-
-def _log_at_zero(given: ParameterConditional, index: Sequence[int], *, truncated: bool) -> Array:
-    """ln p(ψ = 0 | y, φ), and where there is truncation ln P(T | ψ = 0, y, φ) of the other parameters; shape (w,)."""
-    spread = given.spread()
-    basis, triangle = np.linalg.qr(np.swapaxes(spread[:, index], 1, 2))
-    white = np.linalg.solve(np.swapaxes(triangle, 1, 2), given.mean[:, index, None])[..., 0]
-    log_root = np.log(np.abs(np.diagonal(triangle, axis1=1, axis2=2))).sum(axis=1)
-    density = -0.5 * ((white**2).sum(axis=1) + len(index) * _LOG_2PI) - log_root
-    if not truncated:
-        return np.asarray(density)
-    rows = given.physical.rows.copy()
-    rows[:, index] = 0.0
-    rows = np.array([row for row in dict.fromkeys(map(tuple, rows)) if any(row)]).reshape(-1, rows.shape[1])
-    along = rows @ spread
-    shared = along @ basis
-    mean = given.mean @ rows.T - np.einsum("wmk,wk->wm", shared, white)
-    return np.asarray(density + Orthant(mean, along - shared @ np.swapaxes(basis, 1, 2)).log_value())
 
 
 @one_blas_thread
@@ -184,9 +142,9 @@ def marginals(
     nodes = _posterior(model, campaign, seed=seed).nodes(tolerance)
     bound = nodes.bound
     levels = np.array([0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
-    draws, _ = draw_hyper(nodes.posterior, _DRAWS, np.random.default_rng(seed))
-    phi = bound.hyper_prior.phi(nodes.lattice.free)
-    of_phi = [*mixture_moments(nodes.lattice.weight, phi, 0.0 * phi), *np.quantile(bound.hyper_prior.phi(draws), levels, axis=0)]
+    draws, *_ = draw_jointly(nodes.posterior, _DRAWS, np.random.default_rng(seed))
+    phi = bound.hyper_prior.phi(nodes.integral.free)
+    of_phi = [*mixture_moments(nodes.integral.weight, phi, 0.0 * phi), *np.quantile(bound.hyper_prior.phi(draws), levels, axis=0)]
     of_beta = [*nodes.moments(), *nodes.quantiles(levels, seed=seed)]
     names = [*bound.names, *bound.hyper_prior.names]
     table = pd.DataFrame(np.hstack([of_beta, of_phi]).T, names, ["mean", "sd", "median", "ci_low", "ci_high"])
@@ -197,22 +155,30 @@ def marginals(
 class Evidences:
     """Nodes and evidences of the models of one campaign, each with this error [nat]; ``progress`` is called after each."""
 
-    def __init__(self, campaign: Campaign, *, tolerance: float, progress: Callable[[], None] | None = None) -> None:
+    def __init__(self, campaign: Campaign, *, tolerance: float, progress: Callable[[], object] = lambda: None) -> None:
         self.campaign, self.tolerance, self.progress = campaign, tolerance, progress
         self._weighed: dict[str, Nodes] = {}
+        self._relatives: dict[str, _Relatives] = {}
         self._modes: dict[tuple[Hyper, ...], Array] = {}
 
-    def of(self, model: HybridModel) -> Nodes:
-        """Of one model; the search starts where another model with the same hyper-parameters had its mode."""
-        key = model_to_toml(model)
-        if key not in self._weighed:
-            check_comparable(model, self.campaign)
-            nodes = _posterior(model, self.campaign, near=self._modes.get(model.hypers)).nodes(self.tolerance)
-            self._modes.setdefault(model.hypers, nodes.posterior.mode)
-            self._weighed[key] = nodes
-        if self.progress is not None:
+    def of(self, *models: HybridModel) -> list[Nodes]:
+        """Of each model, those that are one Gaussian given φ from the nodes of the largest."""
+        keys = {model_to_toml(model): model for model in models}
+        for key, model in sorted(keys.items(), key=lambda own: (-own[1].degree, len(own[1].fixed))):
+            if key not in self._weighed:
+                self._weighed[key] = self._weigh(model)
             self.progress()
-        return self._weighed[key]
+        return [self._weighed[key] for key in keys]
+
+    def _weigh(self, model: HybridModel) -> Nodes:
+        check_comparable(model, self.campaign)
+        posterior = _posterior(model, self.campaign, near=self._modes.get(model.hypers))
+        # What models that are one Gaussian given φ have in common: all but slopes and truncation.
+        key = model_to_toml(model.without("truncation").with_slope_scale(1.0).with_degree(0))
+        if key not in self._relatives:
+            self._relatives[key] = _Relatives(posterior.plain.nodes(self.tolerance), self.tolerance)
+            self._modes.setdefault(model.hypers, posterior.plain.mode)
+        return self._relatives[key].nodes(posterior)
 
     @property
     def largest_error(self) -> float:
@@ -220,16 +186,70 @@ class Evidences:
         return max((nodes.evidence.error for nodes in self._weighed.values()), default=0.0)
 
 
-def leave_one_out(nodes: Nodes, *, tolerance: float = 1e-2, progress: Callable[[], None] | None = None) -> dict[str, Nodes]:
-    """Every test's name to the nodes of the other tests; for campaigns of at least two tests."""
-    others = {}
-    names = nodes.bound.test_names
+class _Relatives:
+    """Models that are one Gaussian given φ: p(φ | y) and P(T | y, φ) of one from the nodes of another, without truncation.
+
+    They differ only in the prior sd of parameters, s₀ there and s₁ here, or fix some at zero. Their priors' ratio is a reading of
+    the parameter at its prior mean, of variance v = 1/(1/s₁² − 1/s₀²), or for one that is fixed an exact one at zero (the
+    Savage-Dickey ratio): the posterior is conditioned on one after the other.
+    """
+
+    def __init__(self, plain: Nodes, tolerance: float) -> None:
+        self._density, self._integral, self._bound, self._tolerance = plain.posterior, plain.integral, plain.bound, tolerance
+
+    def nodes(self, posterior: HyperPosterior) -> Nodes:
+        """Of the other model; nodes of its own where it has other parameters, or these do not suit it."""
+        if not set(posterior.bound.names) <= set(self._bound.names):
+            return posterior.nodes(self._tolerance)
+        log_ratio, mean, covariance = self._changed(posterior.bound)
+        plain = replace(self._integral, log_density=self._integral.log_density + log_ratio)
+        found = self._inside(posterior, plain, mean, covariance) if posterior.truncated else Nodes(posterior, plain)
+        return found if found.integral.error <= self._tolerance else posterior.nodes(self._tolerance)
+
+    def _inside(self, posterior: HyperPosterior, plain: Integral, mean: Array, covariance: Array) -> Nodes:
+        names, rows = self._bound.names, posterior.bound.physical.rows
+        touched = np.flatnonzero((rows != 0.0).any(axis=0))
+        own = np.array([names.index(posterior.bound.names[j]) for j in touched])
+
+        def orthant(index: Array) -> Orthant:
+            block = np.moveaxis(covariance[np.ix_(own, own, index)], -1, 0)
+            sd = np.sqrt(np.diagonal(block, axis1=1, axis2=2))
+            root = sd[:, :, None] * np.linalg.cholesky(block / (sd[:, :, None] * sd[:, None, :]))
+            return Orthant(mean[np.ix_(own, index)].T @ rows[:, touched].T, rows[:, touched] @ root)
+
+        return posterior.inside(plain, self._tolerance, orthant)
+
+    @cached_property
+    def _given(self) -> tuple[Array, Array]:
+        """Mean (p, n) and covariance (p, p, n) of the parameters at the nodes."""
+        _, given = self._density.given(self._integral.free)
+        return np.ascontiguousarray(given.mean.T), np.ascontiguousarray(np.moveaxis(given.covariance, 0, -1))
+
+    def _changed(self, bound: BoundModel) -> tuple[Array, Array, Array]:
+        """ln of the ratio of the densities p(y | φ), shape (n,), and mean and covariance under the other prior."""
+        (mean, covariance), log_ratio = self._given, np.zeros(len(self._integral.free))
+        sds = dict(zip(bound.names, bound.prior_sd.tolist(), strict=True))
+        for j, parameter in enumerate(self._bound.parameters):
+            sd, variance = sds.get(parameter.name, 0.0), parameter.prior_sd**2
+            if sd == parameter.prior_sd:
+                continue
+            at = parameter.prior_mean if sd else 0.0
+            noise = 1.0 / (1.0 / sd**2 - 1.0 / variance) if sd else 0.0
+            here, before, apart = covariance[j, j] + noise, variance + noise, mean[j] - at
+            log_ratio = log_ratio + 0.5 * (np.log(before / here) + (parameter.prior_mean - at) ** 2 / before - apart**2 / here)
+            gain = covariance[j] / here
+            mean, covariance = mean - gain * apart, covariance - gain[:, None] * covariance[j]
+        return log_ratio, mean, covariance
+
+
+def leave_one_out(nodes: Nodes, *, tolerance: float = 1e-2, progress: Callable[[], object] = lambda: None) -> dict[str, Nodes]:
+    """Every test's name to the nodes of the other tests, from those of all; for campaigns of at least two tests."""
+    others, names = {}, nodes.bound.test_names
     for name in names:
         rest = nodes.bound.keeping([other for other in names if other != name])
-        start = HyperPosterior(rest, truncated=nodes.posterior.truncated, near=nodes.posterior.mode)
-        others[name] = start.nodes(tolerance)
-        if progress is not None:
-            progress()
+        posterior = HyperPosterior(rest, truncated=nodes.posterior.truncated, near=nodes.posterior.plain.mode)
+        others[name] = posterior.reweighted(nodes.integral, tolerance)
+        progress()
     return others
 
 

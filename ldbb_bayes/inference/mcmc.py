@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from functools import cache
+from importlib import import_module
+from typing import Any
 
-import emcee
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.nodes import HyperPosterior, conditional_draws
+from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = [
@@ -21,8 +24,9 @@ __all__ = [
     "JointDensity",
     "LinearRedraw",
     "Progress",
-    "Redraw",
     "StoppingRule",
+    "assess",
+    "diagnose",
     "run_ensembles",
     "sample_joint",
 ]
@@ -32,12 +36,13 @@ _BLOCKS_A_LEVEL = 4
 _MOST_DOUBLINGS = 5
 _DOUBLINGS_STORED = 2
 _JUMP = 0.1
-_REDRAWN = 0.85
+_REDRAWN = 0.9
 _MOST_DRAWS = 25_000
-_STOCK = 256
+_STOCK = 512
 _WALKERS = 128
-_START_TEMPERATURE = 1.5
-_STARTING_ROUNDS = 50
+_START_TEMPERATURE, _TRIES = 1.5, 2
+_TAILS = (0.05, 0.95)
+_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True)
@@ -104,8 +109,7 @@ class Progress:
 
 @dataclass(frozen=True, eq=False)
 class EnsembleRun:
-    """The outcome: a chain (ensembles, draws, d), walker-major (walker 0's draws, then walker 1's, …), steps and walkers of each
-    ensemble, and the mean acceptance fraction."""
+    """A chain (ensembles, draws, d), walker-major; steps and walkers of each ensemble; and the mean acceptance fraction."""
 
     chain: Array
     assessment: Assessment
@@ -115,25 +119,89 @@ class EnsembleRun:
     acceptance: float
 
 
-class Redraw(Protocol):
-    """Independent draws from a density near the target, which can be computed."""
+def diagnose(chain: Array) -> Array:
+    """Bulk ESS, tail ESS and rank-normalised split R-hat (Vehtari et al. 2021), shape (3, d), of a chain (chains, draws, d)."""
+    draws = np.ascontiguousarray(np.moveaxis(chain, 2, 0), dtype=float)
+    flat, half = draws.reshape(len(draws), -1), draws.shape[2] // 2
+    split = np.concatenate([draws[..., :half], draws[..., -half:]], axis=1)
+    folded = np.abs(split - np.median(split, axis=(1, 2), keepdims=True))
+    white, white_folded = _rank_normalised(split), _rank_normalised(folded)
+    below = [draws <= np.quantile(flat, level, axis=1)[:, None, None] for level in _TAILS]
+    tails = [_ess(np.concatenate([own[..., :half], own[..., -half:]], axis=1).astype(float)) for own in below]
+    return np.stack([_ess(white), np.minimum(*tails), np.maximum(_rhat(white), _rhat(white_folded))])
 
-    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array, Array]:
-        """Points, shape (size, d), the log density they were drawn with and that of the target, shape (size,)."""
 
-    def log_density(self, points: Array) -> Array:
-        """Log density with which (n, d) points would be drawn, shape (n,); −inf where none is."""
+def _rank_normalised(draws: Array) -> Array:
+    """Normal scores of the ranks of (d, chains, draws) among all chains and draws of a quantity; equal values share a rank."""
+    flat = draws.reshape(len(draws), -1)
+    n, order = flat.shape[1], np.argsort(flat, axis=1)
+    ordered, place = np.take_along_axis(flat, order, axis=1), np.arange(flat.shape[1])
+    new = np.diff(ordered, axis=1) > 0.0
+    ends = np.ones((len(flat), 1), dtype=bool)
+    first = np.maximum.accumulate(np.where(np.hstack([ends, new]), place, 0), axis=1)
+    last = np.minimum.accumulate(np.where(np.hstack([new, ends]), place, n)[:, ::-1], axis=1)[:, ::-1]
+    np.put_along_axis(flat := np.empty_like(flat), order, ndtri(((first + last) / 2.0 + 0.625) / (n + 0.25)), axis=1)
+    return flat.reshape(draws.shape)
+
+
+def _rhat(draws: Array) -> Array:
+    n = draws.shape[2]
+    between, within = draws.mean(axis=2).var(axis=1, ddof=1), draws.var(axis=2, ddof=1).mean(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.sqrt(between / within + (n - 1) / n))
+
+
+def _ess(draws: Array) -> Array:
+    """ESS of (d, chains, draws), shape (d,): autocorrelations summed in pairs while these are positive, made to fall (Geyer)."""
+    _, chains, n = draws.shape
+    centred = draws - draws.mean(axis=2, keepdims=True)
+    transform = np.fft.rfft(centred, 1 << (2 * n - 1).bit_length(), axis=2)
+    covariance = np.fft.irfft((np.abs(transform) ** 2).mean(axis=1), axis=1)[:, :n] / n
+    within = covariance[:, :1] * n / (n - 1.0)
+    total = covariance[:, :1] + (draws.mean(axis=2).var(axis=1, ddof=1)[:, None] if chains > 1 else 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rho = 1.0 - (within - covariance) / total
+    rho[:, 0] = 1.0
+    pairs = rho[:, : 2 * ((n - 1) // 2)].reshape(len(rho), -1, 2).sum(axis=2)
+    last = np.argmax(np.hstack([pairs[:, :-1] <= 0.0, np.ones((len(rho), 1), dtype=bool)]), axis=1)
+    every = np.arange(len(rho))
+    even = np.where((pairs[every, last] >= 0.0) | (rho[every, 2 * last] > 0.0), rho[every, 2 * last], 0.0)
+    falling = np.where(np.arange(pairs.shape[1]) < last[:, None], np.minimum.accumulate(pairs, axis=1), 0.0)
+    length = np.maximum(2.0 * falling.sum(axis=1) + even - 1.0, 1.0 / np.log10(chains * n))
+    still = np.ptp(draws, axis=(1, 2)) < _ROUNDING
+    return np.asarray(np.where(still, chains * n, chains * n / length))
+
+
+def assess(chain: Array) -> Assessment:
+    """The worst diagnostics over the last axis of a chain (chains, draws, d)."""
+    bulk, tail, rhat = diagnose(chain)
+    worst = int(np.argmin(np.minimum(bulk, tail)))
+    return Assessment(float(bulk.min()), float(tail.min()), float(rhat.max()), worst)
+
+
+@cache
+def _emcee() -> Any:
+    """emcee. It imports scipy.stats, a second, for a move that is not used here: that one gets it when it is first called."""
+    if hidden := "scipy.stats" not in sys.modules:
+        sys.modules["scipy.stats"] = None  # type: ignore[assignment]
+    try:
+        import emcee
+    finally:
+        if hidden:
+            del sys.modules["scipy.stats"]
+    if hidden:
+        emcee.moves.kde.gaussian_kde = lambda *args, **options: import_module("scipy.stats").gaussian_kde(*args, **options)
+    return emcee
 
 
 def run_ensembles(
     log_density: Callable[[Array], Array],
     starts: Array,
-    assess: Callable[[Array], Assessment],
     *,
     rule: StoppingRule,
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
-    redraw: Redraw | None = None,
+    redraw: LinearRedraw | None = None,
 ) -> EnsembleRun:
     """Run one ensemble per start until the rule is met: differential evolution, mixed with independent draws from ``redraw``.
 
@@ -141,7 +209,8 @@ def run_ensembles(
     assess only the coordinate that was worst at the last.
     """
     twisters: Any = [np.random.RandomState(child.generate_state(8)).get_state() for child in seed.spawn(len(starts))]
-    states: Sequence[Any] = [emcee.State(own, random_state=twister) for own, twister in zip(starts, twisters, strict=True)]
+    states = [_emcee().State(own, random_state=twister) for own, twister in zip(starts, twisters, strict=True)]
+    samplers = [_sampler(log_density, starts.shape[1:], redraw) for _ in starts]
     walkers = starts.shape[1]
     count, clock, steps = len(starts) * walkers, time.perf_counter(), 0
     parts: list[tuple[int, Array]] = []
@@ -149,7 +218,9 @@ def run_ensembles(
     worst: int | None = None
     while True:
         draws, thin = rule.next_block(steps)
-        chains, states, shares = zip(*(_run_block(log_density, state, draws, thin, redraw) for state in states), strict=True)
+        chains, states, shares = map(
+            list, zip(*(_run_block(*own, draws, thin) for own in zip(samplers, states, strict=True)), strict=True)
+        )
         parts.append((thin, np.stack(chains)))
         accepted.append(float(np.mean(shares)))
         steps += draws * thin
@@ -169,76 +240,57 @@ def run_ensembles(
             return EnsembleRun(chain, assessment, converged, steps, walkers, float(np.mean(accepted)))
 
 
-def _run_block(
-    log_density: Callable[[Array], Array], state: emcee.State, draws: int, thin: int, redraw: Redraw | None
-) -> tuple[Array, emcee.State, float]:
-    """The next stretch of one ensemble, shape (draws, walkers, d), the state it ends in, proposals accepted per stored step."""
-    moves = [(emcee.moves.DEMove(), 1.0 - _JUMP), (emcee.moves.DEMove(gamma0=1.0), _JUMP)]
-    target = log_density
+def _sampler(log_density: Callable[[Array], Array], shape: tuple[int, int], redraw: LinearRedraw | None) -> Any:
+    """One ensemble of so many walkers and dimensions."""
+    de = _emcee().moves.DEMove
+    moves = [(de(), 1.0 - _JUMP), (de(gamma0=1.0), _JUMP)]
     if redraw is not None:
-        anew = RedrawMove(redraw, log_density)
-        moves = [(anew, _REDRAWN), *((move, (1.0 - _REDRAWN) * share) for move, share in moves)]
-        target = anew.target
-    sampler = emcee.EnsembleSampler(*state.coords.shape, target, vectorize=True, moves=moves)
-    sampler.log_prob_fn = target  # emcee's wrapper prints the walkers of a run that is interrupted
+        moves = [(RedrawMove(redraw), _REDRAWN), *((move, (1.0 - _REDRAWN) * share) for move, share in moves)]
+    sampler = _emcee().EnsembleSampler(*shape, log_density, vectorize=True, moves=moves)
+    sampler.log_prob_fn = log_density  # emcee's wrapper prints the walkers of a run that is interrupted
+    return sampler
+
+
+def _run_block(sampler: Any, state: Any, draws: int, thin: int) -> tuple[Array, Any, float]:
+    """The next stretch of one ensemble, shape (draws, walkers, d), the state it ends in, proposals accepted per stored step."""
+    sampler.reset()
     end = sampler.run_mcmc(state, draws, thin_by=thin, skip_initial_state_check=True)
-    return sampler.get_chain(), end, sampler.backend.accepted.sum() / (draws * state.coords.shape[0])
+    return sampler.get_chain(), end, sampler.backend.accepted.sum() / (draws * sampler.nwalkers)
 
 
 def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
     """Draws after burn-in, walker-major, at the spacing of the last block, wider where there are very many."""
-    every = np.concatenate([_every(parts[-1][0] // thin, chain) for thin, chain in parts], axis=1)
+    strides = [parts[-1][0] // thin for thin, _ in parts]
+    every = np.concatenate([own[:, stride - 1 :: stride] for stride, (_, own) in zip(strides, parts, strict=True)], axis=1)
     kept = every[:, int(rule.discard * every.shape[1]) :]
     most = max(_MOST_DRAWS, int(2.0 * rule.ess / len(kept)))
     stride = -(-kept.shape[1] * kept.shape[2] // most)
-    return np.swapaxes(_every(stride, kept), 1, 2).reshape(len(kept), -1, kept.shape[3])
+    return np.swapaxes(kept[:, (kept.shape[1] - 1) % stride :: stride], 1, 2).reshape(len(kept), -1, kept.shape[3])
 
 
-def _every(stride: int, chain: Array) -> Array:
-    """The last draw and every stride-th before it."""
-    return chain[:, ::-1][:, ::stride][:, ::-1]
+class RedrawMove:
+    """Independent proposals for all walkers (Tierney 1994), accepted by weights, target over proposal, there and here."""
 
+    def __init__(self, redraw: LinearRedraw) -> None:
+        self._redraw, self._stock = redraw, list[Array]()
+        self._before, self._weight = np.zeros(0), np.zeros(0)
 
-class RedrawMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
-    """Independent proposals (Tierney 1994): what was drawn last is accepted by how it compares with the target.
-
-    Proposals do not depend on the walkers: they are drawn many at a time, and both their densities are remembered.
-    """
-
-    def __init__(self, redraw: Redraw, log_density: Callable[[Array], Array]) -> None:
-        super().__init__()
-        self._redraw, self._log_density = redraw, log_density
-        self._proposed: dict[bytes, float] = {}
-        self._targeted: dict[bytes, float] = {}
-        self._stock: list[Array] = []
-
-    def get_proposal(self, sample: Array, complement: list[Array], random: np.random.RandomState) -> tuple[Array, Array]:
-        """Proposals for the walkers of one half, shape (n, d), and ln q(back) − ln q(there), shape (n,)."""
-        log_back = _recall(self._proposed, sample, self._redraw.log_density)
-        while len(self._stock) < len(sample):
-            points, log_proposed, log_target = self._redraw.draw(_STOCK, random)
-            self._proposed.update(zip(_keys(points), log_proposed.tolist(), strict=True))
-            self._targeted.update(zip(_keys(points), log_target.tolist(), strict=True))
-            self._stock += list(points)
-        proposal, self._stock = np.array(self._stock[: len(sample)]), self._stock[len(sample) :]
-        return proposal, log_back - _recall(self._proposed, proposal, self._redraw.log_density)
-
-    def target(self, points: Array) -> Array:
-        """Log density of the target, shape (n,): remembered where this move drew the points."""
-        return _recall(self._targeted, points, self._log_density)
-
-
-def _recall(values: dict[bytes, float], points: Array, compute: Callable[[Array], Array]) -> Array:
-    """Values of points (n, d), shape (n,): looked up, and computed and remembered where they are new."""
-    keys = _keys(points)
-    missing = [i for i, key in enumerate(keys) if key not in values]
-    if missing:
-        values.update(zip([keys[i] for i in missing], compute(points[missing]).tolist(), strict=True))
-    return np.array([values[key] for key in keys])
-
-
-def _keys(points: Array) -> list[bytes]:
-    return [row.tobytes() for row in points]
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+        """The next state of the ensemble, and whose proposals were accepted; weights are kept of walkers that stayed."""
+        size, moved = len(state.coords), np.ones(len(state.coords), dtype=bool)
+        if self._before.size:
+            moved = (state.coords != self._before).any(axis=1)
+        here = np.resize(self._weight, size)
+        here[moved] = self._redraw.log_weight(state.coords[moved]) if moved.any() else 0.0
+        while not self._stock or len(self._stock[0]) < size:
+            drawn = self._redraw.draw(_STOCK, model.random)
+            self._stock = [np.concatenate(own) for own in zip(self._stock or [own[:0] for own in drawn], drawn, strict=True)]
+        points, log_weight, log_target = (own[:size] for own in self._stock)
+        self._stock = [own[size:] for own in self._stock]
+        accepted = np.log(model.random.random_sample(size)) < log_weight - here
+        state.coords[accepted], state.log_prob[accepted] = points[accepted], log_target[accepted]
+        self._before, self._weight = state.coords.copy(), np.where(accepted, log_weight, here)
+        return state, accepted
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,39 +320,39 @@ class JointDensity:
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """(β, φ) anew: φ from the cells of a lattice, β from its exact conditional Gaussian given φ; inside the truncation from the
-    tilted draws that are nearly that Gaussian's part inside."""
+    """(β, φ) anew: φ from the proposal fitted to its nodes, β from its exact conditional Gaussian given φ; inside the truncation
+    from the tilted draws that are nearly that Gaussian's part inside."""
 
     density: JointDensity
     start: HyperPosterior
 
-    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array, Array]:
-        """Points (size, p + h), the log density they were drawn with and that of the target: p(y | φ) p(φ) p(β | y, φ)."""
+    def draw(self, size: int, random: np.random.RandomState, *, temperature: float = 1.0) -> tuple[Array, Array, Array]:
+        """Points (size, p + h), log weights, target over proposal, and log densities of the target, (size,) each."""
         bound = self.density.bound
-        free = self.start.coarse.draw(size, random)
+        free = self.start.proposal.draw(size, random, temperature=temperature)
         log_evidence, given = self.start.given(free)
-        white, log_weight = random.standard_normal(given.mean.shape), np.zeros(size)
+        white, log_tilt = random.standard_normal(given.mean.shape), np.zeros(size)
         if bound.truncation.active:
             uniform = random.random_sample((size, len(bound.truncation.rows)))
-            white, log_weight = given.orthant.propose_spread(uniform, white)
+            white, log_tilt = given.orthant.propose_spread(uniform, white)
         beta = given.at(white)
-        log_given = given.log_density(beta)
-        log_target = bound.hyper_prior.log_density_of_free(free) + log_evidence + log_given - bound.log_prob_truncation_prior
-        log_proposed = self.start.coarse.log_proposal(free) + log_given - log_weight
-        return self.density.join(beta, free), log_proposed, np.where(bound.truncation.holds(beta), log_target, -np.inf)
+        log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
+        log_target = np.where(bound.truncation.holds(beta), log_marginal + given.log_density(beta), -np.inf)
+        log_weight = np.where(np.isfinite(log_target), log_marginal - self.start.proposal.log_proposal(free) + log_tilt, -np.inf)
+        return self.density.join(beta, free), log_weight, log_target - bound.log_prob_truncation_prior
 
-    def log_density(self, points: Array) -> Array:
-        """Log density with which the points would be drawn."""
+    def log_weight(self, points: Array) -> Array:
+        """Log weights of points inside the truncation, shape (n,)."""
         beta, free = self.density.split(points)
-        _, given = self.start.given(free)
-        log_weight = given.orthant.log_weight_of(given.white(beta)) if self.density.bound.truncation.active else 0.0
-        return np.asarray(self.start.coarse.log_proposal(free) + given.log_density(beta) - log_weight)
+        log_evidence, given = self.start.given(free)
+        log_tilt = given.orthant.log_weight_of(given.white(beta)) if self.density.bound.truncation.active else 0.0
+        log_marginal = self.density.bound.hyper_prior.log_density_of_free(free) + log_evidence
+        return np.asarray(log_marginal - self.start.proposal.log_proposal(free) + log_tilt)
 
 
 def sample_joint(
     start: HyperPosterior,
     *,
-    assess: Callable[[Array], Assessment],
     ensembles: int = 4,
     walkers: int | None = None,
     rule: StoppingRule,
@@ -309,14 +361,7 @@ def sample_joint(
 ) -> tuple[EnsembleRun, Array, Array]:
     """The run, and draws of β (ensembles, draws, p) and φ (ensembles, draws, h) [mm] from the joint posterior.
 
-    Each ensemble starts from hyper-parameters drawn a little wider than their posterior, and from the exact conditional Gaussian
-    of β inside the truncation.
-
-    Raises
-    ------
-    InputError
-        For fewer than 4 ensembles or too few walkers.
-    """
+    Ensembles start from φ drawn a little wider than its posterior, and from the exact conditional Gaussian of β."""
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
     count = walkers or max(_WALKERS, 4 * d)
@@ -325,23 +370,15 @@ def sample_joint(
     if count < 2 * d or count % 2:
         raise InputError(f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more walkers.")
     starting, sampling = seed.spawn(2)
-    starts = np.stack([_start(density, start, count, np.random.default_rng(child)) for child in starting.spawn(ensembles)])
-    redraw = LinearRedraw(density, start)
-    run = run_ensembles(density, starts, assess, rule=rule, seed=sampling, progress=progress, redraw=redraw)
+    redraw, random = LinearRedraw(density, start), np.random.RandomState(starting.generate_state(8))
+    points, _, log_target = redraw.draw(_TRIES * ensembles * count, random, temperature=_START_TEMPERATURE)
+    inside = points[np.isfinite(log_target)]
+    if len(inside) < ensembles * count:
+        raise InputError(
+            "the posterior must leave room inside the truncation, got almost none. The readings contradict non-negative "
+            "compliance: check the sign of the readings, the mount compensation and the forces, or fit --without truncation."
+        )
+    starts = inside[: ensembles * count].reshape(ensembles, count, d)
+    run = run_ensembles(density, starts, rule=rule, seed=sampling, progress=progress, redraw=redraw)
     beta, free = density.split(run.chain)
     return run, beta, start.bound.hyper_prior.phi(free)
-
-
-def _start(density: JointDensity, start: HyperPosterior, count: int, rng: np.random.Generator) -> Array:
-    """Starting points with finite density, shape (count, d)."""
-    points = np.zeros((0, 0))
-    for _ in range(_STARTING_ROUNDS):
-        free = start.coarse.draw(count, rng, temperature=_START_TEMPERATURE)
-        x = density.join(conditional_draws(density.bound, free, rng)[0], free)
-        points = np.concatenate([points.reshape(-1, x.shape[1]), x[np.isfinite(density(x))]])
-        if len(points) >= count:
-            return points[:count]
-    raise InputError(
-        "the posterior must leave room inside the truncation, got none after 50 tries. The readings contradict non-negative "
-        "compliance: check the sign of the readings, the mount compensation and the forces, or fit --without truncation."
-    )

@@ -1,210 +1,34 @@
-"""p(φ | y), everything linear integrated out: its mode, weighted nodes, exact draws, and what is averaged over the nodes.
-
-Nodes are those of the trapezoidal rule in several dimensions, on a grid that grows from the mode until nothing is left to find.
-For a smooth function that dies away on every side the rule converges geometrically in its step (Trefethen and Weideman,
-SIAM Review 56, 385-458, 2014). Two grids, the second moved by half a step along every axis, make one body-centred lattice:
-errors along single axes cancel in their mean, and what is left is of the order of the square of their difference.
-"""
+"""p(φ | y), everything linear integrated out: its modes, weighted nodes, draws, and what is averaged over the nodes."""
 
 from __future__ import annotations
 
 import hashlib
-import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 
-from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.gaussian import central_differences, mixture_quantiles, newton
+from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.inference.integrals import CHUNK, LARGEST_PARETO_K, Integral, importance_sample, in_chunks, integrate
+from ldbb_bayes.model.gaussian import Sobol, central_differences, mixture_quantiles, newton, solve_upper
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
 from ldbb_bayes.model.truncation import Orthant
 
-__all__ = [
-    "CHUNK",
-    "Evidence",
-    "HyperPosterior",
-    "Lattice",
-    "Nodes",
-    "conditional_draws",
-    "draw_hyper",
-    "draw_parameters_given",
-    "grow_lattice",
-]
+__all__ = ["CHUNK", "Evidence", "HyperPosterior", "Nodes", "conditional_draws", "draw_jointly", "draw_parameters_given"]
 
 Array = NDArray[Any]
-LogDensity = Callable[[Array], Array]
-CHUNK = 256
-_REACH = 1 << 13
-_BEYOND, _MEAN_OF_TWO = 3.0, 0.25
-
-
-@dataclass(frozen=True, eq=False)
-class Lattice:
-    """Weighted nodes of a density f on ℝ^h.
-
-    ``place`` (n, h) are the nodes in steps ``step · root`` (h, h) from the ``centre`` (h,): those of the ``first`` grid, whole,
-    then the other's, moved by a half, each in the order of `_key`; ``log_density`` (n,) is ln f there; ``left_out`` the share of
-    the integral beyond the edge, estimated by what lies on it.
-    """
-
-    centre: Array
-    root: Array
-    step: float
-    place: Array
-    first: int
-    log_density: Array
-    left_out: float
-
-    @cached_property
-    def free(self) -> Array:
-        """Nodes, shape (n, h)."""
-        return _points(self.centre, self.root, self.step, self.place)
-
-    @cached_property
-    def weight(self) -> Array:
-        """Normalised weights of the nodes, shape (n,)."""
-        weight = np.exp(self.log_density - self.log_density.max())
-        return weight / weight.sum()
-
-    @property
-    def _halves(self) -> tuple[float, float]:
-        """ln ∫ f by each of the two grids."""
-        cell = len(self.centre) * np.log(self.step) + np.linalg.slogdet(self.root)[1]
-        first, second = (float(np.logaddexp.reduce(half) + cell) for half in np.split(self.log_density, [self.first]))
-        return first, second
-
-    @property
-    def log_integral(self) -> float:
-        """ln ∫ f."""
-        return float(np.logaddexp(*self._halves) - np.log(2.0))
-
-    @property
-    def error(self) -> float:
-        """Of the logarithm: a quarter of the two grids' difference (seen to bound the error of their mean), and what lies beyond
-        the edge."""
-        first, second = self._halves
-        return float(max((first - second) ** 2, _MEAN_OF_TWO * abs(first - second)) + self.left_out)
-
-    def heaviest(self, spare: float) -> tuple[Array, Array]:
-        """Nodes and normalised weights, but for a share ``spare`` of the integral."""
-        heavy = self._heavy(spare)
-        return self.free[heavy], self.weight[heavy] / self.weight[heavy].sum()
-
-    def _heavy(self, spare: float) -> NDArray[np.intp]:
-        order = np.argsort(self.weight)
-        return np.sort(order[np.cumsum(self.weight[order]) >= spare])
-
-    def pick(self, size: int, rng: np.random.Generator) -> Array:
-        """Nodes picked by their weights, systematically and in random order, shape (size, h)."""
-        order = np.lexsort(self.free.T)
-        reached = np.searchsorted(np.cumsum(self.weight[order]), (rng.random() + np.arange(size)) / size)
-        return rng.permutation(self.free[order][np.minimum(reached, len(order) - 1)])
-
-    def draw(self, size: int, rng: np.random.Generator | np.random.RandomState, *, temperature: float = 1.0) -> Array:
-        """Independent draws from f to the power 1/temperature as the lattice sees it, constant in every cell, shape (size, h)."""
-        cumulated = np.cumsum(self.weight if temperature == 1.0 else self.weight ** (1.0 / temperature))
-        picked = np.searchsorted(cumulated, cumulated[-1] * rng.uniform(size=size), side="right")
-        place = self.place[np.minimum(picked, len(cumulated) - 1)]
-        return _points(self.centre, self.root, self.step, place + rng.uniform(-0.5, 0.5, (size, len(self.centre))))
-
-    def log_proposal(self, free: Array) -> Array:
-        """Log density with which `draw` gives points (n, h), on the scale of f, shape (n,); −inf where it never does."""
-        place = np.linalg.solve(self.root, (free - self.centre).T).T / self.step
-        values = []
-        for offset, keys, value in zip((0.0, 0.5), self._keys, np.split(self.log_density, [self.first]), strict=True):
-            key = _key(np.rint(place - offset))
-            nearest = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
-            values.append(np.where(keys[nearest] == key, value[nearest], -np.inf))
-        return np.logaddexp(*values) - np.log(2.0)
-
-    @cached_property
-    def _keys(self) -> list[NDArray[np.int64]]:
-        return np.split(_key(np.floor(self.place)), [self.first])
-
-    def corrected(self, log_density: LogDensity, *, spare: float) -> Lattice:
-        """The lattice of a nearby density: evaluated where the nodes count, but for a share ``spare`` of the integral."""
-        heavy, values = self._heavy(spare), self.log_density.copy()
-        values[heavy] = _in_chunks(log_density, self.free[heavy])
-        return replace(self, log_density=values)
-
-
-def grow_lattice(
-    log_density: LogDensity, centre: Array, root: Array, *, tolerance: float = 1e-3, step: float = 1.0, most: int = 200_000
-) -> Lattice:
-    """A lattice whose error of ln ∫ f is below the tolerance: grown out to what no longer counts, its step shortened as needed.
-
-    ``log_density`` maps (n, h) to (n,); ``root`` (h, h) is a square root of the covariance at ``centre``, where the density is
-    high; the first ``step`` is in sd. At ``most`` nodes growing and shortening stop, and the error says what was left out.
-    """
-    depth = 8.0 - np.log(tolerance)
-    while True:
-        points = partial(_points, centre, root, step)
-        grids = [_grow(log_density, points, len(centre), offset, depth, most) for offset in (0.0, 0.5)]
-        place, value, edge = (np.concatenate(parts) for parts in zip(*grids, strict=True))
-        beyond = np.logaddexp.reduce(value[edge]) if edge.any() else -np.inf
-        left_out = _BEYOND * float(np.exp(beyond - np.logaddexp.reduce(value)))
-        lattice = Lattice(centre, root, step, place, len(grids[0][0]), value, left_out)
-        if lattice.error <= tolerance or len(value) * 0.75 ** -len(centre) > most:
-            return lattice
-        if left_out > tolerance / 2.0:
-            depth += 3.0
-        else:
-            step *= 0.75
-
-
-def _grow(
-    log_density: LogDensity, points: Callable[[Array], Array], h: int, offset: float, depth: float, most: int
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Places of one grid, their log densities, and which of them are its edge: from the centre on, neighbours of what counts."""
-    neighbours = np.vstack([np.eye(h), -np.eye(h)])
-    front = np.array(list(itertools.product((0.0, -1.0) if offset else (0.0,), repeat=h)))
-    keys = np.zeros(0, dtype=np.int64)
-    index, values, top = np.zeros((0, h)), np.zeros(0), -np.inf
-    while len(front) and len(index) <= most:
-        value = _in_chunks(log_density, points(front + offset))
-        index, values, keys = np.concatenate([index, front]), np.concatenate([values, value]), np.union1d(keys, _key(front))
-        top, last = max(top, float(value.max())), len(front)
-        candidates = (front[value > top - depth][:, None] + neighbours).reshape(-1, h)
-        key, fresh = np.unique(_key(candidates), return_index=True)
-        front = candidates[fresh[~np.isin(key, keys)]]
-    edge = values <= top - depth
-    if len(index) > most:
-        edge[-last:] = True
-    order = np.argsort(_key(index))
-    return index[order] + offset, values[order], edge[order]
-
-
-def _in_chunks(log_density: LogDensity, points: Array) -> Array:
-    return np.concatenate([log_density(part) for part in np.array_split(points, max(1, -(-len(points) // CHUNK)))])
-
-
-def _points(centre: Array, root: Array, step: float, place: Array) -> Array:
-    return np.asarray(centre + step * place @ root.T)
-
-
-def _key(index: Array) -> NDArray[np.int64]:
-    """One integer for each grid point."""
-    limited = np.clip(index, -_REACH, _REACH - 1).astype(np.int64)
-    key: NDArray[np.int64] = (limited + _REACH) @ ((2 * _REACH) ** np.arange(index.shape[1], dtype=np.int64))
-    return key
-
-
+Index = NDArray[np.intp]
 _STEP, _FLATTEST = 0.05, 0.3
 _STARTS, _BASINS, _APART = 256, 3, 1.5
-_COARSE, _COARSE_STEP = 0.2, 1.25
-_LOOSE, _STEP_BY_DEFAULT, _LONG_STEP = 1e-2, 1.0, 1.75
+_COARSE, _COARSE_STEP, _LOW, _OF_TOLERANCE, _SPARED, _FINEST = 0.2, 1.25, 12.0, 20.0, 5e-4, 1e-3
 
 
 class HyperPosterior:
     """p(φ | y), with or without the truncation, in free coordinates.
-
-    Its ``mode`` (h,), and ``spread`` (h, h), a root of the inverse curvature there.
 
     Parameters
     ----------
@@ -218,10 +42,25 @@ class HyperPosterior:
     """
 
     def __init__(self, bound: BoundModel, *, truncated: bool, seed: int = 0, near: Array | None = None) -> None:
-        self.bound, self.truncated, self._seed = bound, truncated, seed
-        self.mode = self._locate() if near is None else self._climb(near)
-        curvature, vectors = np.linalg.eigh(-self._derivatives(self.mode)[1])
-        self.spread = vectors / np.sqrt(np.maximum(curvature, _FLATTEST))
+        self.bound, self.truncated, self._seed, self._near = bound, truncated, seed, near
+        self._kept: dict[float, Integral] = {}
+
+    @cached_property
+    def modes(self) -> list[tuple[Array, Array]]:
+        """Every mode (h,) that was found and counts, the highest first, and a root (h, h) of the inverse curvature there."""
+        climbed = [newton(self._smooth, self._derivatives, start, least_curvature=_FLATTEST) for start in self._starts()]
+        height = self._smooth(np.array(climbed))
+        found: list[tuple[Array, Array]] = []
+        for k in np.argsort(-height):
+            if height[k] > height.max() - _LOW and all(np.linalg.norm(climbed[k] - mode) > _APART for mode, _ in found):
+                curvature, vectors = np.linalg.eigh(-self._derivatives(climbed[k])[1])
+                found.append((climbed[k], vectors / np.sqrt(np.maximum(curvature, _FLATTEST))))
+        return found
+
+    @property
+    def mode(self) -> Array:
+        """The highest mode, shape (h,)."""
+        return self.modes[0][0]
 
     def given(self, free: Array) -> tuple[Array, ParameterConditional]:
         """ln p(y | φ), shape (w,), and p(β | y, φ) at free coordinates (w, h)."""
@@ -233,45 +72,85 @@ class HyperPosterior:
         inside = np.isfinite(total)
         if inside.any() and self.truncated:
             log_evidence, given = self.given(free[inside])
-            total[inside] += log_evidence + (given.orthant.log_bound if smooth else given.orthant.log_value(seed=self._seed))
+            orthant = given.orthant
+            total[inside] += log_evidence + (orthant.log_bound if smooth else orthant.log_probability(seed=self._seed)[0])
         elif inside.any():
             total[inside] += self.bound.log_evidence(self.bound.hyper_prior.phi(free[inside]))
         return np.asarray(total)
 
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
         """Weighted nodes of p(y, free coordinates) whose integral has this tolerance [nat]."""
-        step = _STEP_BY_DEFAULT if tolerance < _LOOSE else _LONG_STEP
-        lattice = grow_lattice(self._smooth, self.mode, self.spread, tolerance=tolerance, step=step)
-        return Nodes(self, self._exact(lattice, tolerance))
+        if not self.truncated:
+            if tolerance not in self._kept:
+                self._kept[tolerance] = integrate(self._smooth, self.modes, tolerance=tolerance, seed=self._seed)
+            return Nodes(self, self._kept[tolerance])
+        found = self.inside(self.plain.nodes(tolerance).integral, tolerance)
+        if found.integral.error <= tolerance:
+            return found
+        # Truncation moves the density away from where it is without.
+        smooth = integrate(self._smooth, self.modes, tolerance=tolerance, seed=self._seed)
+        return min(found, self.inside(smooth, tolerance, bounded=True), key=lambda own: own.error)
+
+    def reweighted(self, nodes: Integral, tolerance: float) -> Nodes:
+        """The nodes of a density much like this one, with this one's weights; its own where their error exceeds the tolerance."""
+        found = Nodes(self, replace(nodes, log_density=in_chunks(self.plain.log_density, nodes.free)))
+        if self.truncated:
+            found = self.inside(found.integral, tolerance)
+        return found if found.integral.error <= tolerance else self.nodes(tolerance)
+
+    def inside(
+        self, integral: Integral, tolerance: float, orthant: Callable[[Index], Orthant] | None = None, *, bounded: bool = False
+    ) -> Nodes:
+        """Nodes of a density without truncation times P(T | y, φ), or of one ``bounded`` times what the bound is too large by;
+        ``orthant`` of an index of them, where known. Nodes share points: their errors add up."""
+        orthant = orthant or (lambda index: self.given(integral.free[index])[1].orthant)
+        error = np.zeros(len(integral.free))
+
+        def factor(index: Index) -> Array:
+            own = orthant(index)
+            value, error[index] = own.log_probability(max(tolerance / 4.0, _FINEST), seed=self._seed)
+            return value - own.log_bound if bounded else value
+
+        found = integral.times(partial(in_chunks, factor), min(tolerance / _OF_TOLERANCE, _SPARED))
+        return Nodes(self, found, float(found.weight @ error))
 
     @cached_property
-    def coarse(self) -> Lattice:
-        """A lattice good enough to propose from; P(T | y, φ) by its bound."""
-        return grow_lattice(self._smooth, self.mode, self.spread, tolerance=_COARSE, step=_COARSE_STEP)
+    def plain(self) -> HyperPosterior:
+        """The same without truncation."""
+        return HyperPosterior(self.bound, truncated=False, seed=self._seed, near=self._near) if self.truncated else self
 
     @cached_property
-    def brief(self) -> Lattice:
-        """The coarse lattice with P(T | y, φ) itself."""
-        return self._exact(self.coarse, _COARSE)
+    def proposal(self) -> Integral:
+        """A sample, whose proposal can be drawn from; P(T | y, φ) by its bound."""
+        for seed in (self._seed, self._seed + 1):
+            found = importance_sample(self._smooth, self.modes, tolerance=_COARSE / 4.0, seed=seed)
+            if found.trusted:
+                break
+        return found
 
-    def _exact(self, lattice: Lattice, tolerance: float) -> Lattice:
-        return lattice.corrected(self.log_density, spare=tolerance / 100.0) if self.truncated else lattice
+    @cached_property
+    def coarse(self) -> Integral:
+        """Coarse nodes; P(T | y, φ) by its bound."""
+        return integrate(self._smooth, self.modes, tolerance=_COARSE, step=_COARSE_STEP, seed=self._seed)
 
-    def _locate(self) -> Array:
-        """The mode: Newton's method from the best of many starting points, several basins tried."""
+    @cached_property
+    def brief(self) -> Integral:
+        """The coarse nodes with P(T | y, φ) itself."""
+        return self.inside(self.coarse, _COARSE, bounded=True).integral if self.truncated else self.coarse
+
+    def _starts(self) -> list[Array]:
+        """Where to climb from: the best of many starting points, several basins tried."""
+        if self._near is not None:
+            return [self._near]
         prior = self.bound.hyper_prior
-        points = scipy.stats.qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
+        points = Sobol(len(prior.names), np.random.default_rng(self._seed)).random(_STARTS)
         starts = np.log(2.0 * prior.scale_mm) - points * np.where(prior.lower_mm > 0, 12.0, 6.0)
         starts = starts[np.argsort(-self._smooth(starts))]
         basins: list[Array] = []
         for start in starts[: _STARTS // 4]:
             if len(basins) < _BASINS and all(np.linalg.norm(start - other) > _APART for other in basins):
                 basins.append(start)
-        modes = np.array([self._climb(start) for start in basins])
-        return np.asarray(modes[int(np.argmax(self._smooth(modes)))])
-
-    def _climb(self, start: Array) -> Array:
-        return newton(self._smooth, self._derivatives, start, least_curvature=_FLATTEST)
+        return basins
 
     def _smooth(self, free: Array) -> Array:
         return self.log_density(free, smooth=True)
@@ -302,30 +181,26 @@ class Evidence:
     sha256: str
 
 
-_CHECKED = 64
 _SPARE, _COMPONENTS = 1e-7, 8192
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """p(φ | y) as weighted nodes, and what is averaged over them."""
+    """p(φ | y) as weighted nodes, and what is averaged over them; ``doubt``: the error of the mean of P(T | y, φ) [nat]."""
 
     posterior: HyperPosterior
-    lattice: Lattice
+    integral: Integral
+    doubt: float = 0.0
 
     @property
     def bound(self) -> BoundModel:
         """The model and its campaign."""
         return self.posterior.bound
 
-    @cached_property
+    @property
     def error(self) -> float:
-        """Of the log integral [nat]: the lattice's, and that of P(T | y, φ) over the heaviest nodes, which all share."""
-        if not self.posterior.truncated:
-            return self.lattice.error
-        heaviest = np.argsort(-self.lattice.weight)[:_CHECKED]
-        _, error = self.posterior.given(self.lattice.free[heaviest])[1].orthant.log_probability()
-        return self.lattice.error + float(np.average(error, weights=self.lattice.weight[heaviest]))
+        """Of the log integral [nat]: the nodes' and that of P(T | y, φ)."""
+        return self.integral.error + self.doubt
 
     @cached_property
     def evidence(self) -> Evidence:
@@ -335,16 +210,16 @@ class Nodes:
         if len(names) < len(campaign.tests):
             sha256 = hashlib.sha256("\n".join([sha256, *names]).encode()).hexdigest()
         prior = self.bound.log_prob_truncation_prior if self.posterior.truncated else 0.0
-        return Evidence(self.lattice.log_integral - prior, self.error, len(self.lattice.weight), sha256)
+        return Evidence(self.integral.log_integral - prior, self.error, len(self.integral.weight), sha256)
 
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """β given nodes picked by their weights, shape (size, p), and their φ, shape (size, h) [mm]."""
-        free = self.lattice.pick(size, rng)
+        free = self.integral.pick(size, rng)
         return draw_parameters_given(self.posterior, free, rng), self.bound.hyper_prior.phi(free)
 
     def moments(self, *, spare: float = _SPARE) -> tuple[Array, Array]:
         """Mean and sd of β, each (p,): those given φ, averaged over the nodes but for a share ``spare`` of the integral."""
-        free, weight = self.lattice.heaviest(spare)
+        free, weight = self.integral.heaviest(spare)
         every, variance = self._given(free, lambda orthant: orthant.moments()[:2])
         mean = weight @ every
         return mean, np.sqrt(weight @ (variance + (every - mean) ** 2))
@@ -357,7 +232,7 @@ class Nodes:
             x, _ = orthant.draw(rng)
             return x, np.zeros((*x.shape, x.shape[1]))
 
-        mean, variance = self._given(self.lattice.pick(components, rng), drawn)
+        mean, variance = self._given(self.integral.pick(components, rng), drawn)
         sd = np.maximum(np.sqrt(np.maximum(variance, 0.0)), 1e-6 * mean.std(axis=0))
         return mixture_quantiles(np.full(len(mean), 1.0 / len(mean)), mean, sd, levels)
 
@@ -377,8 +252,8 @@ class Nodes:
         return (np.concatenate(own) for own in zip(*parts, strict=True))
 
 
-_ROUNDS_INSIDE, _ROUNDS_OF_PROPOSALS = 20, 50
-_ENVELOPE = 2.0
+_ROUNDS_INSIDE, _MOST_ROUNDS, _MOST_TRIES = 20, 50, 64
+_FEW_INSIDE, _INSIDE = 0.02, 4.0
 
 
 def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
@@ -415,33 +290,77 @@ def draw_parameters_given(start: HyperPosterior, free: Array, rng: np.random.Gen
     )
 
 
-def draw_hyper(start: HyperPosterior, size: int, rng: np.random.Generator) -> tuple[Array, float]:
-    """Independent draws of free coordinates, shape (size, h), and the share of proposals used.
+def draw_jointly(start: HyperPosterior, size: int, rng: np.random.Generator) -> tuple[Array, Array, float]:
+    """Independent draws of free coordinates (size, h) and β (size, p), and the share of proposals used.
 
-    Rejection from the coarse lattice. Where the density passes the envelope the proposal is used as often as it is owed.
+    Rejection from the proposal of a sample. Truncated, several β are drawn for each φ without truncation, and φ counts by how
+    many are inside: exact, as that share is P(T | y, φ) on average. Where few are, φ is drawn by P(T | y, φ) itself, and β by
+    tilting. A φ that passes the envelope is used as often as it is owed, with another β.
 
     Raises
     ------
     InputError
-        When almost nothing is accepted: the density is too rough for its lattice.
+        When the weights of the sample cannot be trusted, or almost nothing is accepted: the density is too rough.
     """
-    lattice = start.coarse
-    kept: list[Array] = []
+    share = _share_inside(start, rng) if start.truncated else 1.0
+    tilted = share < _FEW_INSIDE
+    proposal, prior = (start if tilted else start.plain).proposal, start.bound.hyper_prior
+    require(
+        proposal.trusted,
+        f"weights of nodes must have a Pareto k of at most {LARGEST_PARETO_K:g} to be drawn from, got "
+        f"{proposal.pareto_k:.2f}. Use --sampler joint.",
+    )
+    tries = int(np.ceil(_INSIDE / share)) if start.truncated and not tilted else 1
+    envelope = 2.5 if tries == 1 and not tilted else 4.0
+    log_scale = proposal.log_integral + np.log(envelope * (1.0 if tilted else share))
+    kept: list[tuple[Array, Array]] = []
     used, tried = 0, 0
-    scale: float | None = None
-    for _ in range(_ROUNDS_OF_PROPOSALS):
-        wanted = max(int(1.2 * _ENVELOPE * (size - used)), CHUNK)
-        free = lattice.draw(wanted, rng)
-        ratio = _in_chunks(start.log_density, free) - lattice.log_proposal(free)
-        if scale is None:
-            scale = float(np.logaddexp.reduce(ratio) - np.log(wanted)) + np.log(_ENVELOPE)
-        owed = np.exp(ratio - scale)
-        times = np.floor(owed) + (rng.random(wanted) < owed % 1.0)
-        kept.append(np.repeat(free, times.astype(int), axis=0))
-        used, tried = used + len(kept[-1]), tried + wanted
+    for _ in range(_MOST_ROUNDS * max(1, -(-size // CHUNK))):
+        free = proposal.draw(CHUNK, rng)
+        log_weight = -proposal.log_proposal(free) - log_scale
+        if tilted:
+            picked = free[_owed(log_weight + start.log_density(free), rng)]
+            beta = draw_parameters_given(start, picked, rng)
+        else:
+            log_evidence, given = start.given(free)
+            log_weight += prior.log_density_of_free(free) + log_evidence
+            white, count = _inside(given, tries, rng, truncated=start.truncated)
+            with np.errstate(divide="ignore"):
+                index = _owed(log_weight + np.log(count / tries), rng)
+            again = np.arange(len(index)) - np.searchsorted(index, index)
+            white = white[index, np.minimum(again, count[index] - 1)]
+            if not start.truncated:
+                white = rng.standard_normal(white.shape)
+            picked, beta = free[index], given.mean[index] + solve_upper(given.root[index], white) * given.scale[index]
+        kept.append((picked, beta))
+        used, tried = used + len(picked), tried + CHUNK
         if used >= size:
-            return rng.permutation(np.concatenate(kept))[:size], used / tried
+            order, every = rng.permutation(size), [np.concatenate(part) for part in zip(*kept, strict=True)]
+            return every[0][order], every[1][order], used / tried
     raise InputError(
         f"the density of the hyper-parameters must be smooth, got {used} of {size} draws from {tried} proposals. "
         "Use --sampler joint."
     )
+
+
+def _owed(log_weight: Array, rng: np.random.Generator) -> Index:
+    """Which proposals are used, each as often as its weight says on average."""
+    owed = np.exp(log_weight)
+    return np.repeat(np.arange(len(owed)), (np.floor(owed) + (rng.random(len(owed)) < owed % 1.0)).astype(int))
+
+
+def _inside(given: ParameterConditional, tries: int, rng: np.random.Generator, *, truncated: bool = True) -> tuple[Array, Array]:
+    """Standard coordinates (w, tries, p) of draws without truncation, those inside it first, and how many are, (w,)."""
+    white = rng.standard_normal((len(given.mean), tries, given.mean.shape[1]))
+    rows = given.physical.rows[: None if truncated else 0]
+    value = white @ np.swapaxes(given.spread(rows), 1, 2) + (given.mean @ rows.T)[:, None]
+    inside = (value >= 0.0).all(axis=2)
+    order = np.argsort(~inside, axis=1, kind="stable")
+    return np.take_along_axis(white, order[:, :, None], axis=1), inside.sum(axis=1)
+
+
+def _share_inside(start: HyperPosterior, rng: np.random.Generator) -> float:
+    """P(T | y), roughly: the share of draws without truncation, of the heaviest nodes, that are inside."""
+    proposal = start.plain.proposal
+    count = _inside(start.given(proposal.pick(CHUNK, rng))[1], _MOST_TRIES, rng)[1]
+    return max(float(count.mean()) / _MOST_TRIES, 1e-9)

@@ -14,20 +14,17 @@ from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import arviz_base
 import numpy as np
 import pandas as pd
-import xarray as xr
-from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, ForceLaw, MountCompensation
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
-from ldbb_bayes.inference.mcmc import Assessment
+from ldbb_bayes.inference.mcmc import diagnose
 from ldbb_bayes.inference.predictive import Check, TestChecks, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -35,18 +32,19 @@ from ldbb_bayes.model.specification import model_from_toml
 from ldbb_bayes.result import Result
 from ldbb_bayes.units import ranked
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 __all__ = [
     "Concern",
     "ConcernKind",
     "Fit",
     "State",
-    "assess",
     "bound_of",
     "build_tree",
     "campaign_of",
     "campaign_record",
     "check_probability",
-    "diagnose",
     "draws_of",
     "fit_of",
     "load",
@@ -56,16 +54,13 @@ __all__ = [
     "pareto_smooth",
     "power_sensitivity",
     "priors_of",
-    "psis_loo",
     "record_of",
     "result_json",
     "save",
-    "saved_bytes",
     "summarize",
 ]
 
 Array = NDArray[Any]
-_TAILS = (0.05, 0.95)
 _POWERS, _SENSITIVE = (0.99, 1.01), 0.05
 _COUNT = 10.0
 _FAILS, _SMALLEST = 0.01, 1e-300
@@ -171,53 +166,33 @@ class Fit(Result):
         return tuple(ranked(found, lambda name: self.sensitivity[name]["prior"]))
 
 
-def diagnose(chain: Array) -> tuple[float, float, float]:
-    """Bulk ESS, tail ESS and rank-normalised split R-hat of one quantity, chain (chains, draws)."""
-    ordered, axes = np.ascontiguousarray(chain), {"chain_axis": 0, "draw_axis": 1}
-    bulk = array_stats.ess(ordered, **axes, method="bulk")
-    tail = array_stats.ess(ordered, **axes, method="tail", prob=_TAILS)
-    return float(bulk), float(tail), float(array_stats.rhat(ordered, **axes))
-
-
-def assess(chain: Array) -> Assessment:
-    """The worst diagnostics over the last axis, chain (chains, draws, d)."""
-    every = np.array([diagnose(chain[..., i]) for i in range(chain.shape[-1])])
-    worst = int(np.argmin(every[:, :2].min(axis=1)))
-    return Assessment(float(every[:, 0].min()), float(every[:, 1].min()), float(every[:, 2].max()), worst)
-
-
 def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -> dict[str, dict[str, float]]:
     """How much each parameter's posterior changes when a part of the joint density is raised to a power near one.
 
     Of draws and of the log densities of parts, each (chains, draws). Above 0.05 counts as sensitive; 0 where a part is constant.
+    The cumulative Jensen-Shannon distance by which a power of two would move it (Kallioinen et al. 2023), the larger of those of
+    x and −x; weights are too even to need smoothing.
     """
-    changes: dict[str, dict[str, float]] = {name: dict.fromkeys(scaled, 0.0) for name in draws}
+    every = np.stack([values.ravel() for values in draws.values()])
+    order = np.argsort(every, axis=1)
+    widths = np.diff(np.take_along_axis(every, order, axis=1), axis=1)
+    plain = np.linspace(1.0 / every.shape[1], 1.0 - 1.0 / every.shape[1], every.shape[1] - 1)
+    changes = {part: np.zeros(len(every)) for part in scaled}
     for part, log_density in scaled.items():
-        if np.ptp(log_density) > 0.0:
-            weights = [np.exp(array_stats.power_scale_lw(log_density, alpha=alpha, axis=(0, 1))) for alpha in _POWERS]
-            lower, upper = (weight / weight.sum() for weight in weights)
-            for name, values in draws.items():
-                sense = array_stats.power_scale_sense(values, lower, upper, *_POWERS, chain_axis=0, draw_axis=1)
-                changes[name][part] = float(sense)
-    return changes
+        for power in _POWERS if np.ptp(log_density) > 0.0 else ():
+            weight = np.exp((power - 1.0) * (log_density - log_density.mean())).ravel()
+            moved = np.cumsum(weight[order], axis=1)[:, :-1] / weight.sum()
+            apart = np.maximum(_apart(plain, moved, widths), _apart(1.0 - plain, 1.0 - moved, widths))
+            changes[part] += apart / abs(np.log2(power)) / len(_POWERS)
+    return {name: {part: float(values[k]) for part, values in changes.items()} for k, name in enumerate(draws)}
 
 
-def psis_loo(log_likelihood: Array) -> tuple[Array, Array, float]:
-    """Leave-one-out log densities by Pareto-smoothed importance sampling (Vehtari, Gelman and Gabry 2017).
-
-    Parameters
-    ----------
-    log_likelihood : ndarray, shape (draws, n)
-        ln p(y_r | the others, draw) of independent draws.
-
-    Returns
-    -------
-    log_density, pareto_k : ndarray, shape (n,)
-    good_k : float
-        Above this the estimate cannot be trusted.
-    """
-    log_density, pareto_k, _ = array_stats.loo(log_likelihood[None], chain_axis=0, draw_axis=1)
-    return log_density, pareto_k, _good_k(len(log_likelihood))
+def _apart(one: Array, other: Array, widths: Array) -> Array:
+    """Cumulative Jensen-Shannon distance of distribution functions (d, n) on steps of these widths."""
+    middle, shift = 0.5 * (one + other), 0.5 / np.log(2.0) * (widths * (other - one)).sum(axis=1)
+    divergence = [(widths * own * np.log2(own / middle)).sum(axis=1) for own in (one, other)]
+    total = np.maximum(divergence[0] + shift, 0.0) + np.maximum(divergence[1] - shift, 0.0)
+    return np.asarray(np.sqrt(total / (2.0 * (widths * middle).sum(axis=1))))
 
 
 def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
@@ -237,11 +212,13 @@ def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
     good_k : float
         Above this the weights cannot be trusted.
     """
-    good_k = _good_k(len(log_ratio))
+    good_k = min(0.7, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < np.sqrt(np.finfo(float).eps):
         return np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k
     log_weight, k = log_ratio, np.inf
     with suppress(ValueError), np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
+        from arviz_stats.base import array_stats
+
         smoothed, shape = array_stats.psislw(-log_ratio)
         if not np.isnan(smoothed).any():
             log_weight, k = smoothed, float(shape)
@@ -251,38 +228,41 @@ def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
     return weight, k if counted and np.isfinite(k) else np.inf, good_k
 
 
-def _good_k(draws: int) -> float:
-    return min(0.7, 1.0 - 1.0 / float(np.log10(draws)))
-
-
 def build_tree(groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, record: Mapping[str, Any]) -> xr.DataTree:
     """A DataTree of groups of arrays, those sampled (chain, draw, …), and ``record`` as JSON in the group ``provenance``."""
+    import xarray as xr
+    from xarray.indexes import PandasIndex
+
     units = _UNITS | {p.name: p.unit for p in bound.parameters} | {str(name): "mm" for name in bound.hyper_prior.names}
-    plain = {name: dict(group) for name, group in groups.items()}
-    tree = arviz_base.from_dict(plain, dims=_DIMS, coords={"test": list(bound.test_names)})
-    for node in tree.children.values():
-        for name, variable in node.data_vars.items():
-            if str(name) in units:
-                variable.attrs["unit"] = units[str(name)]
-    tree["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": json.dumps(record, ensure_ascii=False)}))
-    return tree
+
+    sets = {}
+    for group, arrays in groups.items():
+        sampled = () if group.endswith("_data") else ("chain", "draw")
+        # Made so, and read by .values, arrays do not have xarray import Dask to see whether they are its own.
+        variables = {
+            name: xr.Variable(
+                (*sampled, *_DIMS.get(name, ())), values, {"unit": units[name]} if name in units else {}, fastpath=True
+            )
+            for name, values in arrays.items()
+        }
+        sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
+        values = {dim: np.array(bound.test_names) if dim == "test" else np.arange(size) for dim, size in sizes.items()}
+        indexes = {dim: PandasIndex(pd.Index(own), dim, coord_dtype=own.dtype) for dim, own in values.items()}
+        coords = {name: own for index in indexes.values() for name, own in index.create_variables().items()}
+        sets[group] = xr.Dataset(variables, xr.Coordinates(coords, indexes))
+    sets["provenance"] = xr.Dataset(attrs={"json": json.dumps(record, ensure_ascii=False)})
+    return xr.DataTree.from_dict(sets)
 
 
 def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
-    """Write the tree to one netCDF file (h5netcdf), whole or not at all."""
-    target = Path(path)
-    write_whole(target, saved_bytes(tree))
-    return target
-
-
-def saved_bytes(tree: xr.DataTree) -> bytes:
-    """What `save` writes; made in memory, for HDF5 does not survive a disk that is full."""
-    tree = tree.copy()
+    """Write the tree to one netCDF file (h5netcdf), whole or not at all; made in memory: HDF5 does not survive a full disk."""
+    target, tree = Path(path), tree.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     dask = sys.modules.get("dask")
     # Within a job of Dask xarray would ask the cluster for a lock on what is in this process's memory.
     with nullcontext() if dask is None else dask.config.set(scheduler="synchronous"):
-        return bytes(tree.to_netcdf(engine="h5netcdf"))
+        write_whole(target, bytes(tree.to_netcdf(engine="h5netcdf")))
+    return target
 
 
 def load(path: str | os.PathLike[str]) -> xr.DataTree:
@@ -311,6 +291,8 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
 
 def _opened(source: Path) -> xr.DataTree:
     """The tree in a file; an `InputError` whatever a damaged file makes of the libraries."""
+    import xarray as xr
+
     loud = sys.unraisablehook
     sys.unraisablehook = lambda _: None  # a file half opened complains once more when it is dropped
     try:
@@ -332,7 +314,7 @@ def _digest(tree: xr.DataTree) -> str:
     digest = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
     for node in sorted(tree.subtree, key=lambda own: own.path):
         for name in sorted(map(str, node.variables)):
-            values = np.asarray(node[name].to_numpy())
+            values = np.asarray(node[name].values)
             digest.update(f"{node.path}/{name} {values.shape} {node[name].attrs.get('unit', '')}".encode())
             digest.update(
                 np.ascontiguousarray(values).tobytes() if values.dtype.kind in "fiub" else str(values.tolist()).encode()
@@ -384,8 +366,8 @@ def fit_of(posterior: xr.DataTree) -> Fit:
 
 def campaign_of(posterior: xr.DataTree) -> Campaign:
     """The campaign, readings included."""
-    record, kept = record_of(posterior)["campaign"], posterior["constant_data"]
-    owner, angle, reading = (kept[name].to_numpy() for name in ("test_index", "angle_as_read_deg", "reading_as_read_um"))
+    record, kept = record_of(posterior)["campaign"], posterior["constant_data"].dataset
+    owner, angle, reading = (kept[name].values for name in ("test_index", "angle_as_read_deg", "reading_as_read_um"))
     tests = tuple(
         CircularTest(angle_deg=angle[owner == i], reading_um=reading[owner == i], **own)
         for i, own in enumerate(record["test_fields"])
@@ -408,10 +390,9 @@ def bound_of(posterior: xr.DataTree) -> BoundModel:
 
 def draws_of(posterior: xr.DataTree, bound: BoundModel, size: int | None = None) -> tuple[Array, Array]:
     """Posterior draws of β (size, p) and φ (size, h) [mm], evenly picked; default: all."""
-    group = posterior["posterior"]
+    group = posterior["posterior"].dataset
     beta, phi = (
-        np.stack([group[str(name)].to_numpy().ravel() for name in names], axis=1)
-        for names in (bound.names, bound.hyper_prior.names)
+        np.stack([group[str(name)].values.ravel() for name in names], axis=1) for names in (bound.names, bound.hyper_prior.names)
     )
     pick = np.linspace(0, len(beta) - 1, min(size or len(beta), len(beta))).astype(int)
     return beta[pick], phi[pick]
@@ -440,12 +421,13 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     """
     check_probability(ci_prob)
     prior_sd, prior_mean = priors_of(posterior)
+    variables = posterior["posterior"].data_vars
+    draws = [variable.transpose("chain", "draw").values for variable in variables.values()]
     rows = {}
-    for key, variable in posterior["posterior"].data_vars.items():
-        name, draws = str(key), variable.transpose("chain", "draw").to_numpy()
-        prior = {"prior_mean": prior_mean.get(name, np.nan), "prior_sd": prior_sd[name]}
-        quality = dict(zip(("ess_bulk", "ess_tail", "rhat"), diagnose(draws), strict=True))
-        rows[name] = {"unit": variable.attrs.get("unit", "")} | numbers_of(draws, ci_prob) | prior | quality
+    for (key, variable), own, quality in zip(variables.items(), draws, diagnose(np.stack(draws, axis=2)).T, strict=True):
+        prior = {"prior_mean": prior_mean.get(str(key), np.nan), "prior_sd": prior_sd[str(key)]}
+        diagnostics = dict(zip(("ess_bulk", "ess_tail", "rhat"), quality, strict=True))
+        rows[str(key)] = {"unit": variable.attrs.get("unit", "")} | numbers_of(own, ci_prob) | prior | diagnostics
     table = pd.DataFrame.from_dict(rows, orient="index")
     table.attrs["fit"] = fit_of(posterior)
     return table
@@ -464,7 +446,7 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
         name, unit, factor = str(key), variable.attrs.get("unit", ""), 1.0
         if is_hyper := name not in record["model"]["groups"]:
             unit, factor = "um", 1e3
-        numbers = numbers_of(variable.to_numpy() * factor, ci_prob)
+        numbers = numbers_of(variable.values * factor, ci_prob)
         interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
         sd = prior_sd[name]
         entry = {"unit": unit, **numbers, f"ci{100 * ci_prob:g}": interval, "prior_sd": None if sd is None else sd * factor}

@@ -1,7 +1,8 @@
 """What the posterior predicts for the circles, and whether it expects the readings.
 
 Three predictions are never mixed up. Machine: H β. Shared: plus ball form, bar length, mount and force error; RMSE and fitness
-(Eq. 34-35) are of this one. New circle: plus set-up shift, discrepancy and white noise, drawn anew.
+(Eq. 34-35) are of this one. New circle: plus set-up shift, discrepancy and white noise, drawn anew. Beside them the paper's own
+estimate and prediction (Eq. 31): least squares of readings on the hybrid Jacobian, whose uncertainty knows of white noise alone.
 """
 
 from __future__ import annotations
@@ -12,32 +13,36 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc, ndtr
 
-from ldbb_bayes.campaign.campaign import CircularTest
-from ldbb_bayes.inference.nodes import CHUNK, Nodes
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, check_campaign
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.integrals import CHUNK
+from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis
-from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import BasisNoise, Columns
-from ldbb_bayes.result import Result
+from ldbb_bayes.result import ByRow, Numbers, Result
 
 __all__ = [
     "Check",
     "CheckKind",
     "FitQuality",
+    "LeastSquares",
     "TestChecks",
     "autocorrelation",
     "band_um",
     "draw_shared",
     "fit_quality",
     "harmonics_of",
+    "least_squares",
     "machine_coefficients",
     "new_circle_coefficients",
     "predictive_checks",
-    "prior_circle_coefficients",
     "replicate_left_out",
-    "residual_coefficients",
     "residuals_mm",
     "shared_coefficients",
     "shared_columns",
@@ -99,15 +104,6 @@ def _shared_drawn(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gen
     return np.asarray(machine_coefficients(bound, beta) + np.einsum("tkq,wq->wtk", shared_columns(bound), drawn))
 
 
-def prior_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
-    """The same from prior draws of β and φ: every nuisance drawn from its prior; (draws, tests, 25) [mm]."""
-    total = machine_coefficients(bound, beta) + _every_own(bound, phi, rng)
-    for term in shared_terms(bound.nuisance_columns):
-        sd = term.sd * _hyper(bound, phi, term.hyper)
-        total = total + np.einsum("tkq,wq->wtk", term.values, sd * rng.standard_normal(sd.shape))
-    return total
-
-
 def _every_own(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
     return np.stack([_draw_own(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
 
@@ -159,11 +155,6 @@ def band_um(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.rand
 def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
     """Reading minus prediction of every test, each of shape (n,) [mm]; predicted (tests, 25)."""
     return [test.readings_mm() - basis(test.angles_rad()) @ own for test, own in zip(_tests(bound), predicted, strict=True)]
-
-
-def residual_coefficients(bound: BoundModel, predicted: Array) -> Array:
-    """Least-squares harmonics of the residuals, shape (tests, 25) [mm]; minimum norm where a test has too few readings."""
-    return np.array([harmonics_of(bound, r) @ misfit for r, misfit in enumerate(_misfits(bound, predicted))])
 
 
 def _misfits(bound: BoundModel, predicted: Array) -> list[Array]:
@@ -268,7 +259,7 @@ def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random
         outside = reduced.readings - SIZE
         noise_p = correlation = correlation_p = None
         if outside > 0:
-            tail = stats.chi2.sf(reduced.residual_ss / sigma**2, outside).mean()
+            tail = chdtrc(outside, reduced.residual_ss / sigma**2).mean()
             noise_p = float(2.0 * min(tail, 1.0 - tail))
             correlation, correlation_p = autocorrelation(test)
         checks[str(test.name)] = TestChecks(orders, noise_p, correlation, correlation_p)
@@ -291,10 +282,85 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     n = len(rest)
     expected = -float((columns[1:] * columns[:-1]).sum()) / (n - SIZE)
     value = float(rest[1:] @ rest[:-1]) / square
-    return value, float(2.0 * stats.norm.sf(abs(value - expected) * np.sqrt(n)))
+    return value, float(2.0 * ndtr(-abs(value - expected) * np.sqrt(n)))
 
 
 def _tail(residual: Array, covariance: Array) -> float:
     """Mean over the draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k), V (draws, k, k)."""
     square = np.einsum("wi,wi->w", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
-    return float(stats.chi2.sf(square, residual.shape[1]).mean())
+    return float(chdtrc(residual.shape[1], square).mean())
+
+
+_SINGULAR = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares(Result):
+    """A least-squares estimate and how well it fits.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the residuals, as if they were white
+        noise; not a number where the readings do not determine the parameters), in inside units.
+    quality : FitQuality
+        RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35).
+    predicted_um : dict of test to ndarray, shape (n,) [µm]
+        In the order of the test's readings.
+    """
+
+    table: ByRow
+    quality: FitQuality
+    predicted_um: dict[str, Numbers]
+
+    @property
+    def estimate(self) -> dict[str, float]:
+        """Parameter to estimate, in inside units."""
+        return {str(name): float(value) for name, value in self.table["estimate"].items()}
+
+
+@one_blas_thread
+def least_squares(
+    campaign: Campaign, degree: int = 0, *, reference_force_N: float | None = None, fixed: tuple[str, ...] = ()
+) -> LeastSquares:
+    """Estimate compliances, slopes and geometric errors by the pseudoinverse (Eq. 31).
+
+    Parameters
+    ----------
+    campaign : Campaign
+        With readings.
+    degree : {0, 1, 2}
+        Compliance constant, linear (Eq. 33) or quadratic in force.
+    reference_force_N : float, optional
+        F0; default: mid-range of the campaign's forces. 0 gives Eq. 33 literally.
+    fixed : tuple of str
+        Parameters held at zero.
+
+    Raises
+    ------
+    InputError
+        For a plan, or fewer than degree + 2 force levels.
+    """
+    check_campaign(campaign)
+    if campaign.is_plan:
+        raise InputError("least squares must have readings, got a plan. Run the tests, or simulate it.")
+    bound = HybridModel(degree, (), HybridModel.paper().prior, reference_force_N, "paper", fixed).bind(campaign)
+    predicted = machine_coefficients(bound, bound.centre[None])[0]
+    readings = {test.name: basis(test.angles_rad()) @ own * 1e3 for test, own in zip(campaign.tests, predicted, strict=True)}
+    quality = fit_quality(bound, np.ones((1, 1)), bound.centre[None])
+    units = [parameter.unit for parameter in bound.parameters]
+    table = pd.DataFrame({"unit": units, "estimate": bound.centre, "u": _uncertainty(bound, quality)}, index=list(bound.names))
+    if table["u"].isna().any():
+        table["estimate"] = np.nan
+    return LeastSquares(table, quality, readings)
+
+
+def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
+    """Square roots of the diagonal of s² (JᵀJ)⁻¹, shape (p,); not a number where J is singular or as many as the readings."""
+    readings = sum(test.readings for test in bound.reduced)
+    square, freedom = readings * (quality.rmse_um * 1e-3) ** 2, readings - len(bound.names)
+    rows = np.concatenate([test.factor @ bound.interest[r] for r, test in enumerate(bound.reduced)]) * bound.scale
+    singular, right = np.linalg.svd(rows, full_matrices=False)[1:]
+    if freedom <= 0 or len(rows) < rows.shape[1] or singular[-1] < _SINGULAR * singular[0]:
+        return np.full(len(bound.names), np.nan)
+    return np.asarray(np.sqrt(square / freedom * ((right.T / singular) ** 2).sum(axis=1)) * bound.scale)

@@ -9,25 +9,28 @@ from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.inference.evidence import log_prob_truncation
-from ldbb_bayes.inference.mcmc import EnsembleRun, JointDensity, Progress, StoppingRule, sample_joint
-from ldbb_bayes.inference.nodes import CHUNK, HyperPosterior, draw_hyper, draw_parameters_given
-from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, assess, build_tree, campaign_record, power_sensitivity
+from ldbb_bayes.inference.integrals import CHUNK
+from ldbb_bayes.inference.mcmc import EnsembleRun, JointDensity, Progress, StoppingRule, assess, sample_joint
+from ldbb_bayes.inference.nodes import HyperPosterior, draw_jointly
+from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
 from ldbb_bayes.inference.predictive import fit_quality, predictive_checks
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
 
-__all__ = ["SAMPLERS", "check_sampler", "draw", "run_sampler", "sample", "sample_with_densities", "versions"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["SAMPLERS", "check_sampler", "draw", "run_sampler", "sample", "sample_from", "versions"]
 
 Array = NDArray[Any]
 SAMPLERS = ("joint", "independent")
@@ -40,8 +43,6 @@ _EXTREME = 0.999
 
 def check_sampler(sampler: str) -> None:
     """Refuse what is no sampler."""
-    if sampler == "quadrature":
-        raise InputError("sampler must be one of joint, independent, got 'quadrature'. It is now called 'independent'.")
     check_known("sampler", [sampler], SAMPLERS)
 
 
@@ -49,25 +50,22 @@ def run_sampler(
     sampler: str,
     start: HyperPosterior,
     *,
-    ensembles: int = 4,
-    walkers: int | None = None,
     rule: StoppingRule,
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
+    **ensembles: Any,
 ) -> tuple[EnsembleRun, Array, Array]:
     """A run until the rule is met, β (chains, draws, p) and φ (chains, draws, h) [mm].
 
     Of independent draws ``steps`` counts those of one chain, ``acceptance`` is the share of proposals used.
     """
     if sampler == "joint":
-        options: dict[str, Any] = {"ensembles": ensembles, "walkers": walkers, "progress": progress}
-        return sample_joint(start, assess=assess, rule=rule, seed=seed, **options)
+        return sample_joint(start, rule=rule, seed=seed, progress=progress, **ensembles)
     rng = np.random.default_rng(seed)
     # A third more than the target, so that the smallest of many estimates of ESS reaches it.
     each = int(np.ceil(1.3 * rule.ess / _CHAINS + 50))
-    free, acceptance = draw_hyper(start, _CHAINS * each, rng)
-    chain = free.reshape(_CHAINS, each, -1)
-    beta = draw_parameters_given(start, free, rng).reshape(_CHAINS, each, -1)
+    free, beta, acceptance = draw_jointly(start, _CHAINS * each, rng)
+    chain, beta = free.reshape(_CHAINS, each, -1), beta.reshape(_CHAINS, each, -1)
     assessment = assess(np.concatenate([beta, chain], axis=2))
     if progress is not None:
         progress(Progress(each, each, rule.ess, assessment))
@@ -82,8 +80,8 @@ def draw(sampler: str, start: HyperPosterior, size: int, *, seed: np.random.Seed
     """
     if sampler == "independent":
         rng = np.random.default_rng(seed)
-        free, _ = draw_hyper(start, size, rng)
-        return draw_parameters_given(start, free, rng), start.bound.hyper_prior.phi(free)
+        free, beta, _ = draw_jointly(start, size, rng)
+        return beta, start.bound.hyper_prior.phi(free)
     rule = StoppingRule(ess=_SPACING * size, rhat=1.05, lengths=2.0)
     _, beta, phi = run_sampler(sampler, start, rule=rule, seed=seed)
     return _picked(beta, phi, size)
@@ -137,42 +135,27 @@ def sample(
     InputError
         For a plan, an unknown sampler, or a model that the campaign cannot carry.
     """
-    options: dict[str, Any] = {"sampler": sampler, "seed": seed, "ensembles": ensembles, "walkers": walkers}
-    return sample_with_densities(model, campaign, rule=rule, progress=progress, **options)[0]
-
-
-@one_blas_thread
-def sample_with_densities(
-    model: HybridModel,
-    campaign: Campaign,
-    *,
-    sampler: str = "joint",
-    seed: int = 1,
-    ensembles: int = 4,
-    walkers: int | None = None,
-    rule: StoppingRule | None = None,
-    progress: Callable[[Progress], None] | None = None,
-) -> tuple[xr.DataTree, dict[bool, HyperPosterior]]:
-    """The same, with the densities over the hyper-parameters it went by: True the one inside the truncation, False the other."""
     check_sampler(sampler)
     if campaign.is_plan:
         raise InputError("campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
-    rule = rule or StoppingRule()
-    started, clock = datetime.now(UTC), time.perf_counter()
-    bound = model.bind(campaign)
+    inside = HyperPosterior(model.bind(campaign), truncated=True, seed=seed)
+    options: dict[str, Any] = {"ensembles": ensembles, "walkers": walkers, "rule": rule or StoppingRule(), "progress": progress}
+    return sample_from(inside, sampler, seed=seed, **options)
+
+
+@one_blas_thread
+def sample_from(inside: HyperPosterior, sampler: str, *, seed: int, rule: StoppingRule, **options: Any) -> xr.DataTree:
+    """The same by the density of the hyper-parameters inside the truncation, and where the model has none without it."""
+    started, clock, bound = datetime.now(UTC), time.perf_counter(), inside.bound
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
-    start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
-    run, beta, phi = run_sampler(
-        sampler, start, ensembles=ensembles, walkers=walkers, rule=rule, seed=sampling, progress=progress
-    )
-    other = HyperPosterior(bound, truncated=not start.truncated, seed=seed)
-    densities = {start.truncated: start, other.truncated: other}
+    start = inside if bound.truncation.active else inside.plain
+    run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
     groups = _groups(bound, beta, phi, np.random.default_rng(checking[0]))
-    truncation = log_prob_truncation(densities[False], densities[True])
+    truncation = log_prob_truncation(inside)
     missed = [] if run.converged else [Concern(ConcernKind.NOT_CONVERGED, run.steps, rule.ess)]
     record: dict[str, Any] = {
         "schema": 1,
-        "campaign": campaign_record(campaign),
+        "campaign": campaign_record(bound.campaign),
         "model": _model_record(bound),
         "sampler": {
             "kind": sampler,
@@ -194,7 +177,7 @@ def sample_with_densities(
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         },
     }
-    return build_tree(groups, bound, record), densities
+    return build_tree(groups, bound, record)
 
 
 @cache
@@ -212,7 +195,6 @@ def _fit(
     missed: Sequence[Concern],
     rng: np.random.Generator,
 ) -> Fit:
-    """How well the model fits, posterior predictive checks, and what scaling prior or likelihood would change."""
     flat_beta, flat_phi = _picked(beta, phi)
     few_beta, few_phi = _picked(beta, phi, _QUALITY_DRAWS)
     quality = fit_quality(bound, few_phi, few_beta)

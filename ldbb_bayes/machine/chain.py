@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import check_known, require
 
 __all__ = [
     "LARGEST_MM",
@@ -24,6 +23,7 @@ __all__ = [
     "ROTARY",
     "Axes",
     "Circle",
+    "ComplianceKind",
     "ComplianceName",
     "GeometricKind",
     "GeometricName",
@@ -41,26 +41,15 @@ _AXIS_LETTERS = "XYZABCUVWS"
 LARGEST_MM = 1e5
 
 
-@dataclass(frozen=True)
-class Axes:
-    """The two translations of a plane and the rotation about its normal (right-handed)."""
+class Axes(NamedTuple):
+    """The planar twist and wrench components: the two translations of a plane, the rotation about its normal (right-handed)."""
 
     first: str
     second: str
     rotation: str
 
-    @property
-    def components(self) -> tuple[str, str, str]:
-        """Planar twist and wrench components in order: translation or force, translation or force, rotation or moment."""
-        return (self.first, self.second, self.rotation)
 
-    @property
-    def pair(self) -> tuple[int, int]:
-        """Where the two translations stand in a vector (X, Y, Z)."""
-        return LINEAR.index(self.first), LINEAR.index(self.second)
-
-
-PLANES: Mapping[str, Axes] = MappingProxyType({"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A"), "ZX": Axes("Z", "X", "B")})
+PLANES: Mapping[str, Axes] = {"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A"), "ZX": Axes("Z", "X", "B")}
 
 
 @dataclass(frozen=True)
@@ -81,16 +70,11 @@ class Circle:
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     plane: str = "XY"
 
-    @property
-    def axes(self) -> Axes:
-        """The axes of its plane."""
-        return PLANES[self.plane]
-
     def direction(self, angle_rad: Array) -> Array:
         """Sensitive direction B̂ of the bar, shape (n, 3) [1]."""
         direction = np.zeros((len(angle_rad), 3))
-        first, second = self.axes.pair
-        direction[:, first], direction[:, second] = np.cos(angle_rad), np.sin(angle_rad)
+        for axis, component in zip(self.plane, (np.cos(angle_rad), np.sin(angle_rad)), strict=True):
+            direction[:, LINEAR.index(axis)] = component
         return direction
 
     def position_mm(self, angle_rad: Array) -> Array:
@@ -147,44 +131,29 @@ class Machine:
         object.__setattr__(self, "planes", tuple(plane for plane in PLANES if plane in planes))
         self._check_topology()
         for axis, frame in self.frames_mm.items():
-            if axis not in LINEAR or axis not in self.topology:
-                raise InputError(
-                    f"frames_mm must name linear axes of {self.topology!r}, got {axis!r}. Remove it: other joints count as rigid."
-                )
-            if len(frame) != 3 or not np.all(np.isfinite(frame)) or np.abs(frame).max() > LARGEST_MM:
-                raise InputError(
-                    f"frames_mm[{axis!r}] must be three finite numbers (x, y, z) below {LARGEST_MM:g} mm, got {frame!r}. "
-                    "Correct it."
-                )
-        object.__setattr__(self, "frames_mm", MappingProxyType({k: tuple(v) for k, v in self.frames_mm.items()}))
+            cure = f"got {axis!r}. Remove it: other joints count as rigid."
+            require(axis in LINEAR and axis in self.topology, f"frames_mm must name linear axes of {self.topology!r}, {cure}")
+            numbers = f"three finite numbers (x, y, z) below {LARGEST_MM:g} mm"
+            usable = len(frame) == 3 and np.all(np.isfinite(frame)) and np.abs(frame).max() <= LARGEST_MM
+            require(usable, f"frames_mm[{axis!r}] must be {numbers}, got {frame!r}. Correct it.")
+        object.__setattr__(self, "frames_mm", {k: tuple(v) for k, v in self.frames_mm.items()})
 
     def _check_topology(self) -> None:
         topology, inner = self.topology, self.topology[1:-1]
-        letters = inner.replace("F", "")
-        if not (topology.startswith("w") and topology.endswith("t") and inner.count("F") == 1):
-            raise InputError(
-                f"topology must read w…F…t (workpiece, foundation, tool), got {topology!r}. "
-                "Write the joints from workpiece to tool, for example 'wCAFYXZSt'."
-            )
-        for letter in letters:
-            if letter not in _AXIS_LETTERS:
-                raise InputError(
-                    f"topology must use the axis letters {', '.join(_AXIS_LETTERS)}, got {letter!r} in {topology!r}. "
-                    "Check the spelling of the chain."
-                )
-            if inner.count(letter) > 1:
-                raise InputError(f"topology must name each axis once, got {letter!r} twice in {topology!r}. Remove one of them.")
+        require(
+            topology.startswith("w") and topology.endswith("t") and inner.count("F") == 1,
+            f"topology must read w…F…t (workpiece, foundation, tool), got {topology!r}. "
+            "Write the joints from workpiece to tool, for example 'wCAFYXZSt'.",
+        )
+        for letter in inner.replace("F", ""):
+            got = f"got {letter!r} in {topology!r}. Check the spelling of the chain."
+            require(letter in _AXIS_LETTERS, f"topology must use the axis letters {', '.join(_AXIS_LETTERS)}, {got}")
+            got = f"got {letter!r} twice in {topology!r}. Remove one of them."
+            require(inner.count(letter) == 1, f"topology must name each axis once, {got}")
         for plane in self.planes:
-            for axis in PLANES[plane].components[:2]:
-                if axis not in inner:
-                    raise InputError(
-                        f"topology must hold the axes of plane {plane}, got {topology!r} without {axis}. "
-                        "Choose another plane or correct the topology."
-                    )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """To other processes; a read-only mapping does not pickle."""
-        return type(self), (self.topology, self.planes, dict(self.frames_mm))
+            for axis in plane:
+                got = f"got {topology!r} without {axis}. Choose another plane or correct the topology."
+                require(axis in inner, f"topology must hold the axes of plane {plane}, {got}")
 
     @property
     def plane(self) -> str:
@@ -194,36 +163,31 @@ class Machine:
     @property
     def slides(self) -> tuple[Joint, ...]:
         """Every linear joint of the chain, in the order X, Y, Z: they all set lever arms."""
-        return tuple(self._joint(axis) for axis in LINEAR if axis in self.topology)
+        return tuple(self.joint(axis) for axis in LINEAR if axis in self.topology)
 
     @property
     def joints(self) -> tuple[Joint, ...]:
         """The joints whose compliances and errors count: those driven in any of the planes, in the order of the planes' axes."""
-        axes = [axis for plane in self.planes for axis in PLANES[plane].components[:2]]
-        return tuple(self._joint(axis) for axis in dict.fromkeys(axes))
+        return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
     def joint(self, axis: str) -> Joint:
         """The joint of an axis."""
-        check_known("axis", [axis], [joint.axis for joint in self.slides])
-        return self._joint(axis)
-
-    def _joint(self, axis: str) -> Joint:
         branch: Branch = "workpiece" if self.topology.index(axis) < self.topology.index("F") else "tool"
         return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
     def squared(self, plane: str) -> tuple[Joint, Joint]:
         """The axes of a plane's squareness error: the reference, nearer the foundation, or in the workpiece branch if branches
         differ; and the one whose direction it turns."""
-        a, b = (self._joint(axis) for axis in PLANES[plane].components[:2])
-        first = a.branch == "workpiece" if a.branch != b.branch else self._from_foundation(a) < self._from_foundation(b)
+        a, b = map(self.joint, plane)
+        first = (
+            a.branch == "workpiece" if a.branch != b.branch else self.branch(a.branch).index(a) < self.branch(a.branch).index(b)
+        )
         return (a, b) if first else (b, a)
-
-    def _from_foundation(self, joint: Joint) -> int:
-        return abs(self.topology.index(joint.axis) - self.topology.index("F"))
 
     def branch(self, branch: Branch) -> tuple[Joint, ...]:
         """The linear joints of a branch, from the foundation outwards."""
-        return tuple(sorted((j for j in self.slides if j.branch == branch), key=self._from_foundation))
+        work, tool = self.topology.split("F")
+        return tuple(self.joint(axis) for axis in (work[::-1] if branch == "workpiece" else tool) if axis in LINEAR)
 
     def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
         """Lever arm from the joint's frame, which moves with it, to the ball its branch carries, shape (n, 3) [mm]."""
@@ -327,8 +291,8 @@ class GeometricName:
 
 def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
     """Names of the columns of the planar wrench Jacobian, 18 for one plane: joint, then twist, then wrench component."""
-    planes = [PLANES[plane].components for plane in machine.planes]
-    return tuple(dict.fromkeys(ComplianceName(i, j, axis) for own in planes for axis in own[:2] for i in own for j in own))
+    planes = [(plane, PLANES[plane]) for plane in machine.planes]
+    return tuple(dict.fromkeys(ComplianceName(i, j, axis) for plane, own in planes for axis in plane for i in own for j in own))
 
 
 def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
@@ -342,7 +306,7 @@ def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
     names: list[GeometricName] = []
     for plane in machine.planes:
         primary, secondary = machine.squared(plane)
-        a, b, rotation = PLANES[plane].components
+        a, b, rotation = PLANES[plane]
         names += [
             GeometricName(a, a, "gain"),
             GeometricName(b, a, "straightness"),

@@ -5,26 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-import scipy.linalg
 from numpy.typing import NDArray
 
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import LINEAR, ROTARY, Circle, ComplianceName, Machine, geometric_names, joint_names, wrench_names
 from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian, wrench_jacobian
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["Kept", "hybrid_jacobian", "kept_compliances", "patterns"]
 
 Array = NDArray[Any]
 
-_ANGLES = 64
-_PARALLEL = 1e-10
-_TINY = 1e-10
-_TINY_WEIGHT = 1e-7
-_NEW = 1e-8
+_ANGLES, _PARALLEL, _TINY, _TINY_WEIGHT, _NEW = 64, 1e-10, 1e-10, 1e-7, 1e-8
 
 
 @dataclass(frozen=True)
@@ -96,15 +93,18 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     live = [i for i in range(len(names)) if norms[i] > _TINY * norms.max()]
     unit = unit / np.where(norms > 0, norms, 1.0)
     by_head = {group[0]: group for group in _proportional_sets(unit, live, names)}
-    chosen, dropped = _independent(unit, sorted(by_head, key=lambda i: _table_order(names[i], machine)))
+    heads = sorted(by_head, key=lambda i: _table_order(names[i], machine))
+    chosen = _independent(unit, heads)
+    dropped = [i for i in heads if i not in chosen]
     singular = np.linalg.svd(jacobian[:, chosen], compute_uv=False)
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
     coefficients = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0] / scale[:, None]
+    sizes = (jacobian**2).sum(axis=0)
     relative = scale[:, None] / np.maximum(np.abs(jacobian).max(axis=0), _TINY)
     return Kept(
         names=tuple(names[i] for i in chosen),
         sets=tuple(tuple(names[j].label for j in by_head[i]) for i in chosen),
-        weights=tuple(tuple(_multiple(jacobian[:, j], jacobian[:, i]) for j in by_head[i]) for i in chosen),
+        weights=tuple(tuple(np.round(jacobian[:, i] @ jacobian[:, by_head[i]] / sizes[i], 9).tolist()) for i in chosen),
         absorbed=tuple(
             {names[j]: float(np.round(row[j], 9)) for i in dropped for j in by_head[i] if abs(row[j] * size[j]) > _TINY_WEIGHT}
             for row, size in zip(coefficients, relative, strict=True)
@@ -120,15 +120,13 @@ def _kept(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
 def _not_negative(names: Sequence[ComplianceName], jacobian: Array, coefficients: Array) -> tuple[bool, ...]:
     """A kept compliance is Σ_k ⟨A_k, C_k⟩ over the joints' matrices, all columns written in those kept: it cannot be negative
     for positive semi-definite C_k if and only if every A_k is positive semi-definite."""
-    six = LINEAR + ROTARY
-    lengths = np.sqrt([np.abs(jacobian[:, i]).max() if name.twist == name.wrench else 1.0 for i, name in enumerate(names)])
+    six, unit = LINEAR + ROTARY, dict.fromkeys(LINEAR + ROTARY, 1.0)
+    for i, name in enumerate(names):
+        if name.twist == name.wrench:
+            unit[name.twist] = max(unit[name.twist], float(np.sqrt(np.abs(jacobian[:, i]).max())))
     found = []
     for row in coefficients:
         joints: dict[str, Array] = {}
-        unit = dict.fromkeys(six, 1.0)
-        for name, length in zip(names, lengths, strict=True):
-            if name.twist == name.wrench:
-                unit[name.twist] = max(unit[name.twist], float(length))
         for name, value in zip(names, row, strict=True):
             matrix = joints.setdefault(name.joint, np.zeros((6, 6)))
             i, j = six.index(name.twist), six.index(name.wrench)
@@ -140,20 +138,15 @@ def _not_negative(names: Sequence[ComplianceName], jacobian: Array, coefficients
     return tuple(found)
 
 
-def _multiple(column: Array, of: Array) -> float:
-    return float(np.round(column @ of / (of @ of), 9))
-
-
 def _proportional_sets(unit: Array, live: Sequence[int], names: Sequence[ComplianceName]) -> list[list[int]]:
     """Group columns that are multiples of one another; the preferred name leads its set."""
     sets: list[list[int]] = []
     for i in live:
-        for group in sets:
-            if 1.0 - abs(unit[:, i] @ unit[:, group[0]]) <= _PARALLEL:
-                group.append(i)
-                break
-        else:
+        same = (group for group in sets if 1.0 - abs(unit[:, i] @ unit[:, group[0]]) <= _PARALLEL)
+        if (group := next(same, None)) is None:
             sets.append([i])
+        else:
+            group.append(i)
     return [sorted(group, key=lambda i: names[i].preference) for group in sets]
 
 
@@ -164,15 +157,15 @@ def _table_order(name: ComplianceName, machine: Machine) -> tuple[int, int, int,
     return (name.rotations, components.index(name.twist), components.index(name.wrench), joints.index(name.joint))
 
 
-def _independent(unit: Array, representatives: Sequence[int]) -> tuple[list[int], list[int]]:
-    """Representatives in order that each add a new direction, and the others."""
+def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
+    """Representatives in order that each add a new direction."""
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
     for i in representatives:
         if np.linalg.norm(unit[:, i] - basis @ (basis.T @ unit[:, i])) > _NEW:
             chosen.append(i)
-            basis = scipy.linalg.orth(unit[:, chosen])
-    return chosen, [i for i in representatives if i not in chosen]
+            basis = np.linalg.qr(unit[:, chosen])[0]
+    return chosen
 
 
 def hybrid_jacobian(
@@ -201,8 +194,9 @@ def hybrid_jacobian(
     InputError
         For another degree.
     """
-    if degree not in (0, 1, 2):
-        raise InputError(f"degree must be 0, 1 or 2, got {degree}. Choose constant, linear or quadratic compliance.")
+    import pandas as pd
+
+    require(degree in (0, 1, 2), f"degree must be 0, 1 or 2, got {degree}. Choose constant, linear or quadratic compliance.")
     angle = np.asarray(angle_rad, dtype=float)
     kept = kept_compliances(machine, circle).names
     elastic = force_N * compliance_jacobian(machine, circle, angle, kept)
@@ -219,6 +213,8 @@ def hybrid_jacobian(
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
     """What one unit of every planar compliance, 18 for one plane, null columns included, and of every geometric error, 7, does to
     the reading (Tables 2 and 3): DataFrame, shape (n, compliances + geometric errors) [mm per unit, and N of compliances]."""
+    import pandas as pd
+
     angle = np.asarray(angle_rad, dtype=float)
     names = [*(name.label for name in wrench_names(machine)), *(name.label for name in geometric_names(machine))]
     values = np.hstack([wrench_jacobian(machine, circle, angle), geometric_jacobian(machine, circle, angle)])

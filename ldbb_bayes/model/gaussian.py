@@ -11,17 +11,19 @@
 The square root is what is kept: P = S⁻¹ L Lᵀ S⁻¹, S diagonal scales. Rows are factored by QR, columns scaled; no normal
 equations, nothing is inverted. Moments need P positive definite; sums and conditionals do not.
 
-Beside it: triangular algebra on stacks (`factor_and_solve`, `solve_lower`, `solve_upper`), least squares of minimum norm, moments
-and quantiles of mixtures of Gaussians, quantiles of weighted draws, Newton's method for a mode, and Holm's adjustment.
+Beside it: triangular algebra on stacks (`eliminate`, `solve_lower`, `solve_upper`), least squares of minimum norm, moments and
+quantiles of mixtures of Gaussians, quantiles of weighted draws, Newton's method for a mode, Holm's adjustment, Sobol's points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
@@ -29,8 +31,10 @@ from ldbb_bayes.errors import InputError
 
 __all__ = [
     "Gaussian",
+    "Sobol",
     "central_differences",
-    "factor_and_solve",
+    "components",
+    "eliminate",
     "holm",
     "least_squares",
     "log_diagonal",
@@ -45,9 +49,9 @@ __all__ = [
 
 Array = NDArray[Any]
 _LOG_2PI = float(np.log(2 * np.pi))
-_NEVER_REACHED = 1e30
 # A pivot this much smaller than the largest has at most three digits above rounding.
 _DEPENDENT = 1e-13
+_BITS = np.arange(30)
 
 
 class Gaussian:
@@ -112,9 +116,8 @@ class Gaussian:
     ) -> Gaussian:
         """From the R factor of [rows · scale, values], or of the same with a prior's root below."""
         q = scale.shape[-1]
-        upper = triangle[..., :q, :q]
-        sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
-        root = np.swapaxes(upper * sign[..., :, None], -1, -2)
+        root = _positive(triangle[..., :q, :q])
+        sign = np.where(np.diagonal(triangle[..., :q, :q], axis1=-2, axis2=-1) < 0, -1.0, 1.0)
         mean = about + scale * solve_upper(root, triangle[..., :q, q] * sign)
         log_integral = constant - log_diagonal(root) + (0.0 if scaled else np.log(scale).sum(axis=-1))
         if triangle.shape[-2] > q:
@@ -125,7 +128,8 @@ class Gaussian:
     def _factored(self) -> tuple[Array, Array, Array]:
         diagonal = np.diagonal(self.precision, axis1=-2, axis2=-1)
         scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        root, white = factor_and_solve(self.precision * (scale[..., :, None] * scale[..., None, :]), self.shift * scale)
+        root = np.linalg.cholesky(self.precision * (scale[..., :, None] * scale[..., None, :]))
+        white = solve_lower(root, (self.shift * scale)[..., None])[..., 0]
         return solve_upper(root, white) * scale, root, scale
 
     @cached_property
@@ -225,39 +229,48 @@ class Gaussian:
         return self.at(rng.standard_normal((*size, *self.mean.shape)))
 
 
-def factor_and_solve(matrix: Array, right: Array) -> tuple[Array, Array]:
-    """Cholesky factor L of A, shape (..., q, q), and L⁻¹ b, shape (..., q); LinAlgError where A is not positive definite.
-
-    b is the last row of a matrix one larger, whose factor holds both; its last diagonal entry only has to be large enough.
-    """
-    q = matrix.shape[-1]
-    if q == 1:
-        lower = np.sqrt(matrix)
-        return lower, right / lower[..., 0]
-    bordered = np.zeros((*matrix.shape[:-2], q + 1, q + 1))
-    bordered[..., :q, :q] = matrix
-    bordered[..., q, :q] = right
-    bordered[..., q, q] = 1.0 + _NEVER_REACHED * (right**2).sum(axis=-1)
-    factor = np.linalg.cholesky(bordered)
-    return factor[..., :q, :q], factor[..., q, :q]
+def eliminate(front: Array, links: Array | None = None) -> None:
+    """Cholesky factorisation in place, the stack last: of s columns of symmetric matrices and of what is right of them, ``front``
+    (g, s, n, w), n ≥ s, column j from its diagonal on being [:, j, j:]; NaN where one is not positive definite. The products of
+    ``links`` (k, n, w), columns eliminated before, are subtracted first."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for j in range(front.shape[1]):
+            column = front[:, j, j:]
+            if links is not None:
+                column -= np.einsum("kw,kiw->iw", links[:, j], links[:, j:])
+            if j:
+                column -= np.einsum("gkw,gkiw->giw", front[:, :j, j], front[:, :j, j:])
+            column *= 1.0 / np.sqrt(column[:, :1])
 
 
 def solve_lower(lower: Array, right: Array) -> Array:
     """L⁻¹ X of stacks, shapes (..., q, q) and (..., q, k)."""
-    solved = np.zeros(np.broadcast_shapes(lower.shape[:-2], right.shape[:-2]) + right.shape[-2:])
-    for i in range(lower.shape[-1]):
-        known = (lower[..., i, :i, None] * solved[..., :i, :]).sum(axis=-2)
-        solved[..., i, :] = (right[..., i, :] - known) / lower[..., i, i, None]
-    return solved
+    lower, solved = _stack_last(lower, right, 2)
+    for i in range(len(solved)):
+        if i:
+            solved[i] -= np.einsum("j...,jk...->k...", lower[i, :i], solved[:i])
+        solved[i] /= lower[i, i]
+    return np.moveaxis(solved, (0, 1), (-2, -1))
 
 
 def solve_upper(lower: Array, right: Array) -> Array:
     """L⁻ᵀ x of stacks, shapes (..., q, q) and (..., q)."""
-    rest = np.array(np.broadcast_to(right, np.broadcast_shapes(lower.shape[:-1], right.shape)))
-    for i in reversed(range(lower.shape[-1])):
-        rest[..., i] /= lower[..., i, i]
-        rest[..., :i] -= lower[..., i, :i] * rest[..., i, None]
-    return rest
+    lower, solved = _stack_last(lower, right, 1)
+    for i in reversed(range(len(solved))):
+        if i + 1 < len(solved):
+            solved[i] -= np.einsum("j...,j...->...", lower[i + 1 :, i], solved[i + 1 :])
+        solved[i] /= lower[i, i]
+    return np.moveaxis(solved, 0, -1)
+
+
+def _stack_last(lower: Array, right: Array, axes: int) -> tuple[Array, Array]:
+    """L (q, q, ...) and a copy of the right side (q, ...) or (q, k, ...): the stack last and contiguous."""
+    batch = np.broadcast_shapes(lower.shape[:-2], right.shape[:-axes])
+    turned = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
+    turned = np.broadcast_to(np.moveaxis(turned, (0, 1), (-2, -1)), (*batch, *lower.shape[-2:]))
+    copied = np.empty((*right.shape[-axes:], *batch))
+    copied[...] = np.moveaxis(np.broadcast_to(right, (*batch, *right.shape[-axes:])), range(-axes, 0), range(axes))
+    return np.moveaxis(turned, (-2, -1), (0, 1)), copied
 
 
 def least_squares(jacobian: Array, y: Array, scale: Array | None = None, *, rank_tolerance: float = 1e-10) -> Array:
@@ -326,15 +339,19 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
     middle = (weight * mean).sum(axis=0)
     spread = np.sqrt((weight * (sd**2 + (mean - middle) ** 2)).sum(axis=0))
     x = np.clip(middle + ndtri(level) * spread, low, high)
+    step = high - low
     for _ in range(_ITERATIONS):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             z = (x - mean) / sd
             excess = (weight * ndtr(z)).sum(axis=0) - level
             low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
             new = x - excess / ((weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi))
-        new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
-        moved, x = np.abs(new - x), new
-        if np.all(moved <= _CLOSE * spread):
+        # Newton's step where it is the last, or stays inside the bracket and is at most half of the one before; else halfway.
+        size = np.abs(new - x)
+        good = (size <= _CLOSE * spread) | ((new > low) & (new < high) & (2.0 * size <= np.abs(step)))
+        new = np.where(good, new, 0.5 * (low + high))
+        step, x = new - x, new
+        if np.all(np.abs(step) <= _CLOSE * spread):
             break
     return x
 
@@ -399,6 +416,14 @@ def central_differences(function: Callable[[Array], Array], point: Array, step: 
     return (plus - minus) / (2 * step), hessian
 
 
+def components(linked: Array) -> NDArray[np.intp]:
+    """Number of the group that each belongs to, shape (n,), what is linked (n, n) directly or through others being one group."""
+    label, joined = np.arange(len(linked)), linked | np.eye(len(linked), dtype=bool)
+    while np.any(label != (nearest := np.where(joined, label, len(linked)).min(axis=1, initial=len(linked)))):
+        label = nearest
+    return np.unique(label, return_inverse=True)[1]
+
+
 def holm(p_value: Array) -> Array:
     """p-values that hold the family-wise error whatever the dependence (Holm 1979)."""
     order = np.argsort(p_value, kind="stable")
@@ -406,3 +431,40 @@ def holm(p_value: Array) -> Array:
     found = np.empty(len(p_value))
     found[order] = stepped
     return found
+
+
+class Sobol:
+    """Scrambled points of the unit cube (Joe and Kuo 2008; Matoušek 1998), those of `scipy.stats.qmc.Sobol`, whose import would
+    take every command a second."""
+
+    def __init__(self, dimensions: int, rng: np.random.Generator) -> None:
+        rng = rng.spawn(1)[0]
+        self._shift = rng.integers(2, size=(dimensions, _BITS.size), dtype=np.uint32) @ (1 << _BITS)
+        mixing = np.tril(rng.integers(2, size=(dimensions, _BITS.size, _BITS.size), dtype=np.uint32), -1) + np.eye(_BITS.size)
+        bits = _sobol_directions(dimensions)[:, :, None] >> _BITS[::-1] & 1
+        self._directions = (bits @ np.swapaxes(mixing, 1, 2)).astype(np.int64) % 2 @ (1 << _BITS[::-1])
+        self._drawn = 0
+
+    def random(self, size: int) -> Array:
+        """The next points, shape (size, dimensions)."""
+        index = np.arange(self._drawn, self._drawn + size)
+        self._drawn += size
+        points = np.zeros((1, len(self._shift)), dtype=np.int64)
+        for direction in self._directions.T[: int(index[-1]).bit_length()]:
+            points = np.concatenate([points, points ^ direction])
+        return np.asarray((points[index ^ index >> 1] ^ self._shift) / 2.0**_BITS.size)
+
+
+@cache
+def _sobol_directions(dimensions: int) -> NDArray[np.int64]:
+    """Direction numbers (dimensions, bits) by the recurrence of Bratley and Fox (1988), from the table that SciPy brings."""
+    with np.load(Path(scipy.__file__).parent / "stats" / "_sobol_direction_numbers.npz") as table:
+        polynomials, starts = table["poly"].tolist(), table["vinit"]
+    numbers = np.ones((dimensions, _BITS.size), dtype=np.int64)
+    for own, polynomial, start in zip(numbers[1:], polynomials[1:], starts[1:], strict=False):
+        degree = polynomial.bit_length() - 1
+        own[:degree] = start[:degree]
+        taps = [k for k in range(1, degree + 1) if polynomial >> (degree - k) & 1]
+        for j in range(degree, _BITS.size):
+            own[j] = np.bitwise_xor.reduce([own[j - degree], *(own[j - k] << k for k in taps)])
+    return numbers << _BITS[::-1]

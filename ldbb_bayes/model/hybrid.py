@@ -13,15 +13,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.machine.chain import ComplianceName, GeometricName
 from ldbb_bayes.machine.forward import geometric_reading_mm
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
-from ldbb_bayes.model.gaussian import least_squares
+from ldbb_bayes.model.gaussian import components, least_squares
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian
 from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit
 from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper, Scale, Term
@@ -71,34 +70,29 @@ class HybridModel(Result):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", tuple(sorted(set(self.fixed))))
-        if self.degree not in (0, 1, 2):
-            raise InputError(f"degree must be 0, 1 or 2, got {self.degree}. Choose constant, linear or quadratic compliance.")
-        if self.reference_force_N is not None and not np.isfinite(self.reference_force_N):
-            raise InputError(
-                f"reference_force_N must be finite, got {self.reference_force_N}. Give a force in N or leave it out."
-            )
-        torn = next((name for name in self.fixed if self.prior.means.get(name)), None)
-        if torn is not None:
-            raise InputError(
-                f"{torn} must be fixed at zero or have a prior mean, got both ({self.prior.means[torn]:g}). Remove one of them."
-            )
+        constant = f"got {self.degree}. Choose constant, linear or quadratic compliance."
+        require(self.degree in (0, 1, 2), f"degree must be 0, 1 or 2, {constant}")
+        force = self.reference_force_N
+        finite = force is None or np.isfinite(force)
+        require(finite, f"reference_force_N must be finite, got {force}. Give a force in N or leave it out.")
+        for name in self.fixed:
+            mean = self.prior.means.get(name, 0.0)
+            cure = f"got both ({mean:g}). Remove one of them."
+            require(not mean, f"{name} must be fixed at zero or have a prior mean, {cure}")
         kinds = [type(term) for term in self.nuisances]
         for kind in kinds:
-            if not issubclass(kind, Term) or "__dataclass_fields__" not in vars(kind):
-                raise InputError(
-                    f"nuisances must be terms, got {kind.__name__}. Derive its class from Term, under @dataclass(frozen=True)."
-                )
+            derived = issubclass(kind, Term) and "__dataclass_fields__" in vars(kind)
+            cure = "Derive its class from Term, under @dataclass(frozen=True)."
+            require(derived, f"nuisances must be terms, got {kind.__name__}. {cure}")
+            require(kinds.count(kind) == 1, f"nuisances must differ, got {kind.__name__} twice. Remove one.")
         names = [scale.name for scale in dict.fromkeys(self.scales)]
-        if len(set(names)) < len(names):
-            raise InputError(f"hyper-parameters must differ, got {', '.join(names)}. Rename the scale of a term of your own.")
-        repeated = next((kind for kind in kinds if kinds.count(kind) > 1), None)
-        if repeated is not None:
-            raise InputError(f"nuisances must differ, got {repeated.__name__} twice. Remove one.")
-        if self.prior.flat and self.nuisances:
-            raise InputError(
-                f"a flat prior must stand without nuisances, got {kinds[0].__name__}: what they share with the "
-                "parameters would be undetermined. Use proper priors or remove the nuisances."
-            )
+        cure = f"got {', '.join(names)}. Rename the scale of a term of your own."
+        require(len(set(names)) == len(names), f"hyper-parameters must differ, {cure}")
+        require(
+            not (self.prior.flat and kinds),
+            f"a flat prior must stand without nuisances, got {', '.join(kind.__name__ for kind in kinds)}: what they share with "
+            "the parameters would be undetermined. Use proper priors or remove the nuisances.",
+        )
 
     @classmethod
     def default(cls, degree: int = 1) -> HybridModel:
@@ -201,8 +195,8 @@ class HybridModel(Result):
         given, names = hyper_um or {}, bound.hyper_prior.names
         check_known("hyper-parameter", given, names)
         for name, value in given.items():
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.")
+            usable = np.isfinite(value) and value >= 0
+            require(usable, f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.")
         drawn = bound.hyper_prior.draw(1, rng)[0]
         phi = {name: given[name] * 1e-3 if name in given else float(own) for name, own in zip(names, drawn, strict=True)}
         truth = replace(bound.setting, compliance_estimate=bound.compliance_at(bound.setting.reference_force_N) @ beta)
@@ -361,20 +355,20 @@ class BoundModel:
     @cached_property
     def given_interest(self) -> StructuredGaussian:
         """p(y | β, φ): nuisances integrated out. Coefficients are β − centre."""
-        return self._structured()
+        return self._structured(interest=self.interest)
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
         """p(y | φ): nuisances and β integrated out, truncation left aside. The last shared coefficients are β − centre."""
         return self._structured(Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre))
 
-    def _structured(self, *extra: Columns) -> StructuredGaussian:
+    def _structured(self, *extra: Columns, interest: Array | None = None) -> StructuredGaussian:
         return StructuredGaussian(
             self.reduced,
             [*self.nuisance_columns, *extra],
-            interest=self.interest,
             offset=self.interest @ self.centre + self.known_offset,
             hypers=self.model.hypers,
+            interest=interest,
         )
 
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
@@ -400,26 +394,24 @@ class BoundModel:
         if not self.truncation.active:
             return 0.0
         mean, spread = self.truncation.rows @ self.prior_mean, self.truncation.rows * self.prior_sd
-        count, label = connected_components(np.abs(spread @ spread.T) > 0.0, directed=False)
-        blocks = [(mean[None, label == k], spread[None, label == k]) for k in range(count)]
-        return float(np.sum([Orthant(*block).log_probability(1 << 14)[0][0] for block in blocks]))
+        label = components(np.abs(spread @ spread.T) > 0.0)
+        blocks = [(mean[None, label == k], spread[None, label == k]) for k in range(label.max() + 1)]
+        return float(np.sum([Orthant(*block).log_probability(1e-4)[0][0] for block in blocks]))
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β | y, φ)."""
-        log_evidence, shared = self.collapsed.conditional(phi, np.zeros(len(self.names)))
-        p = len(self.names)
-        given = ParameterConditional.factored(shared.mean[:, -p:] + self.centre, shared.root[:, -p:, -p:], shared.scale[:, -p:])
+        log_evidence, own = self.collapsed.conditional(phi, last=len(self.names))
+        given = ParameterConditional.factored(own.mean + self.centre, own.root, own.scale)
         given.physical = self.physical
         return log_evidence, given
 
     def log_evidence(self, phi: Array) -> Array:
         """ln p(y | φ) alone, shape (w,); see `given`."""
-        return self.collapsed.log_density(phi, np.zeros(len(self.names)))
+        return self.collapsed.log_density(phi)
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
         """Draws of β from its prior, which must not be flat, inside the truncation, shape (size, p)."""
-        if self.model.prior.flat:
-            raise InputError("parameters must be given when the prior is flat, got none. Pass true values.")
+        require(not self.model.prior.flat, "parameters must be given when the prior is flat, got none. Pass true values.")
         p = len(self.names)
         if not self.truncation.active:
             return self.prior_mean + rng.standard_normal((size, p)) * self.prior_sd
@@ -522,12 +514,12 @@ class BoundModel:
             label = self.compliances[j].label
             slopes = [p for p in self.parameters if p.compliance == label and p.degree]
             signs = {float(np.sign(rows[j] @ [p in slopes for p in self.parameters])) for rows in at}
-            if label in self.model.fixed and [p.degree for p in slopes] == [1] and {-1.0, 1.0} <= signs:
-                raise InputError(
-                    f"{label} must not be fixed at zero while {slopes[0].name} is free: about "
-                    f"F0 = {self.setting.reference_force_N:g} N C(F) would be negative on one side. Fix {slopes[0].name} too, or "
-                    "give a reference_force_N outside the tested forces."
-                )
+            alone = label in self.model.fixed and [p.degree for p in slopes] == [1] and {-1.0, 1.0} <= signs
+            require(
+                not alone,
+                f"{label} must not be fixed at zero while {label}_1 is free: about F0 = {self.setting.reference_force_N:g} N "
+                f"C(F) would be negative on one side. Fix {label}_1 too, or give a reference_force_N outside the tested forces.",
+            )
         rows = dict.fromkeys(tuple(rows[j]) for j in bounded for rows in at)
         return np.array([row for row in rows if any(row)]).reshape(-1, len(self.parameters))
 
@@ -543,7 +535,12 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     names, owners = list(bound.names), [OWN] * len(bound.names)
     columns = [bound.interest]
     scale: list[tuple[Hyper | None, Array]] = [(None, bound.scale)]
-    noise: list[list[tuple[str, Hyper | None, Array]]] = [[(NOISE, "sigma", np.eye(len(test.factor)))] for test in bound.reduced]
+    private = [part.values for part in bound.nuisance_columns if isinstance(part, Columns) and part.private]
+    # Tests of one noise: those sampled alike on circles of one kind.
+    alike = [(id(test.factor), *(values[r].tobytes() for values in private)) for r, test in enumerate(bound.reduced)]
+    kinds = {key: r for r, key in reversed([*enumerate(alike)])}
+    noise: dict[int, list[tuple[str, Hyper | None, Array]]] = {}
+    noise |= {r: [(NOISE, "sigma", np.eye(len(bound.reduced[r].factor)))] for r in kinds.values()}
     for kind, parts in bound.columns_of.items():
         for part in parts:
             if isinstance(part, Columns) and not part.private:
@@ -552,41 +549,45 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
                 columns.append(part.values)
                 scale.append((part.hyper, part.sd))
                 continue
-            for r, test in enumerate(bound.reduced):
-                spread = test.factor * part.sd if isinstance(part, BasisNoise) else test.factor @ (part.values[r] * part.sd)
-                noise[r].append((kind.__name__, part.hyper, spread @ spread.T))
+            for r, sources in noise.items():
+                factor = bound.reduced[r].factor
+                spread = factor * part.sd if isinstance(part, BasisNoise) else factor @ (part.values[r] * part.sd)
+                sources.append((kind.__name__, part.hyper, spread @ spread.T))
     every = np.concatenate(columns, axis=2)
     design = tuple(test.factor @ every[r] for r, test in enumerate(bound.reduced))
     for values in phi:
         value: dict[Hyper | None, float] = dict(zip(bound.hyper_prior.names, values, strict=True)) | {None: 1.0}
         scales = np.concatenate([sd * value[hyper] for hyper, sd in scale])
-        blocks: list[dict[str, Array]] = []
-        for sources in noise:
-            blocks.append({})
+        blocks: dict[int, dict[str, Array]] = {r: {} for r in noise}
+        for r, sources in noise.items():
             for label, hyper, covariance in sources:
-                blocks[-1][label] = blocks[-1].get(label, 0.0) + covariance * value[hyper] ** 2
-        yield Information(tuple(names), tuple(owners), scales, bound.model.prior.flat, design, tuple(blocks))
+                blocks[r][label] = blocks[r].get(label, 0.0) + covariance * value[hyper] ** 2
+        every_block = tuple(blocks[kinds[key]] for key in alike)
+        yield Information(tuple(names), tuple(owners), scales, bound.model.prior.flat, design, every_block)
 
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
     levels, degree = campaign.force_levels, model.degree
-    if levels == 1 and degree >= 1:
-        raise InputError(
-            f"degree ≥ 1 must have at least two force levels, got one ({campaign.forces_N[0]:g} N). "
-            "Use degree 0 (--degree 0), or add tests at another force."
-        )
-    if model.prior.flat and levels < degree + 2:
-        raise InputError(
-            f"flat priors must have at least {('two', 'three', 'four')[degree]} force levels at degree {degree}, got {levels}: "
-            "compliance and geometry cannot be separated. Use the default preset, a lower degree, or add tests at another force."
-        )
+    require(
+        levels > 1 or degree == 0,
+        f"degree ≥ 1 must have at least two force levels, got one ({campaign.forces_N[0]:g} N). "
+        "Use degree 0 (--degree 0), or add tests at another force.",
+    )
+    require(
+        levels >= degree + 2 or not model.prior.flat,
+        f"flat priors must have at least {('two', 'three', 'four')[degree]} force levels at degree {degree}, got {levels}: "
+        "compliance and geometry cannot be separated. Use the default preset, a lower degree, or add tests at another force.",
+    )
 
 
 def _reduced(campaign: Campaign) -> tuple[Reduced, ...]:
     """The reduced readings, computed once while the campaign lives: comparisons bind it to hundreds of models."""
     if campaign not in _KEPT:
         plan = campaign.is_plan
+        planned = {test.angle_deg.tobytes(): test for test in campaign.tests} if plan else {}
+        once = {angles: reduce_readings(test.angles_rad(), None) for angles, test in planned.items()}
         _KEPT[campaign] = tuple(
-            reduce_readings(test.angles_rad(), None if plan else test.readings_mm()) for test in campaign.tests
+            once[test.angle_deg.tobytes()] if plan else reduce_readings(test.angles_rad(), test.readings_mm())
+            for test in campaign.tests
         )
     return _KEPT[campaign]

@@ -2,12 +2,17 @@
 
 z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε for every test r, reduced to z_r and R_r; u ~ N(m, s²) shared by all tests, v_r ~
 N(0, s²) and e_r ~ N(0, s²) of each alone, ε ~ N(0, σ²), all scales products of known numbers and of φ. Rows are turned so that
-R_r e_r + ε has a diagonal covariance D(φ) = weights · [φ², 1]. Then
+R_r e_r + ε has a diagonal covariance, and a prior is a row like a reading: with x = (u, v_1 … v_T) in units of the known numbers,
+all rows together are z − H β = A x + N(0, D(φ)), D diagonal, and
 
-    Σ_r = D + V sᵥ² Vᵀ               the private columns of one test, Woodbury's identity with a v × v root;
-    P   = s⁻² + Σ_r Uᵀ Σ_r⁻¹ U        the shared columns, Cholesky with a q × q root.
+    P = Aᵀ D⁻¹ A = L Lᵀ,   ln p(z | β, φ) = −½ Σ ln D − ½ rᵀ D⁻¹ r + ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj,   r = z − H β.
 
-Where every circle is sampled uniformly, basis functions that no column links are independent: blocks of their own.
+φ enters through D alone. Its rows are of few kinds, so that P and Aᵀ D⁻¹ r are sums of known matrices, one for each kind, times
+1/D. Arrays have their w values of φ last and contiguous: factors are computed entry by entry, for all φ at once.
+
+Where circles are sampled uniformly, columns of different order or symmetry have no row in common but for the force errors', which
+have many orders. Leaves, columns that meet others only through the root, are eliminated first, then the root. Which columns make
+the root is worked out once: those that leave the fewest operations.
 """
 
 from __future__ import annotations
@@ -20,22 +25,26 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.fourier import SIZE, Reduced
-from ldbb_bayes.model.gaussian import Gaussian, factor_and_solve, log_diagonal, solve_lower, solve_upper
-from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper
+from ldbb_bayes.model.gaussian import Gaussian, components, eliminate, solve_upper
+from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise, Columns, Hyper
 from ldbb_bayes.model.truncation import Orthant, Truncation
 
 __all__ = ["NOISE", "OWN", "Information", "ParameterConditional", "StructuredGaussian"]
 
-OWN = "Parameters"
-NOISE = "ReadingNoise"
-
 Array = NDArray[Any]
+Index = NDArray[np.intp]
 _LOG_2PI = float(np.log(2 * np.pi))
 _MALLOC_BYTES = 31 << 20
+# The most and the fewest φ of one pass; numbers that the cache holds; what BLAS rounds alike the multiples of: results do not
+# depend on the stack.
+_MOST, _FEWEST, _CACHED, _MULTIPLE = 512, 128, 1 << 19, 8
+# mm²: a hyper-parameter of zero, whose coefficients are then zero to all digits.
+_LEAST_VARIANCE = 1e-60
+# Multiplications in the time that a column takes besides; columns whose Gram entries are computed together.
+_OVERHEAD, _TOGETHER = 60.0, 4
 
 
 class ParameterConditional(Gaussian):
@@ -57,55 +66,98 @@ class ParameterConditional(Gaussian):
 
 
 class _Rows(NamedTuple):
-    """Turned rows of all tests, padded to 25 each: weights (T, 25, h + 1) of [φ², 1] in D; columns (T, 25, ·); z (T, 25)."""
+    """Rows of readings and priors: what they have of the columns, in units of their prior sd (rows, columns), and of the
+    parameters of interest (rows, p); values (rows,); how many each stands for; its test, the number of tests for a prior of what
+    all share; and the parts of its variance that go with φ² and with 1, (rows, h + 1)."""
 
-    weights: Array
-    private: Array
-    shared: Array
+    columns: Array
     interest: Array
-    residual: Array
+    values: Array
+    number: Array
+    test: Index
+    variance: Array
 
 
-class _Block:
-    """b independent groups of m rows a test, of the same shape, each linked within itself; ``index`` (b, q) of shared columns."""
+class _Front(NamedTuple):
+    """g groups of s columns (g, s) that meet k kinds of rows (g, k), and for each kind their Gram entries, (g, s, s + m + 1, k),
+    with one another, with the m columns that border them and with the values."""
 
-    def __init__(self, rows: _Rows, members: Array, index: Array, *, private: bool) -> None:
-        def pick(array: Array) -> Array:
-            return np.ascontiguousarray(np.moveaxis(array[:, members], 1, 0))
+    columns: Index
+    kinds: Index
+    gram: Array
 
-        self.index = index
-        self.weights, self.interest, self.residual = pick(rows.weights), pick(rows.interest), pick(rows.residual)
-        self.private = pick(rows.private) if private else pick(rows.private)[..., :0]
-        self.shared = np.take_along_axis(pick(rows.shared), index[:, None, None, :], axis=3)
-        self.columns = np.concatenate([self.private, self.shared], axis=3)
-        self.pairs = _products(self.shared, self.shared)
-        self.private_pairs = _products(self.private, self.columns)
-        # Rows of the same noise are taken together: uniform circles of one length have few kinds, however many tests there are.
-        flat = self.weights.reshape(-1, self.weights.shape[-1])
-        self.kinds, kind = np.unique(_to_ten_digits(flat), axis=0, return_inverse=True)
-        self.kind_pairs = np.zeros((len(members), len(self.kinds), self.pairs.shape[3]))
-        group = np.repeat(np.arange(len(members)), self.weights[0, :, :, 0].size)
-        np.add.at(self.kind_pairs, (group, kind.ravel()), self.pairs.reshape(len(flat), self.pairs.shape[3]))
+    def entries(self, weight: Array, shift: Array | None, out: Array | None = None) -> Array:
+        """P and Aᵀ D⁻¹ r from the diagonal on, shape (g, s, s + m + 1, w), at weights 1/D (kinds, w); ``shift`` (columns, w) is
+        added to the latter."""
+        own = weight[self.kinds][:, None]
+        out = np.zeros((*self.gram.shape[:3], weight.shape[1])) if out is None else out
+        for j in range(0, self.gram.shape[1], _TOGETHER):
+            np.matmul(self.gram[:, j : j + _TOGETHER, j:], own, out=out[:, j : j + _TOGETHER, j:])
+        if shift is not None:
+            out[:, :, -1] += shift[self.columns]
+        return out
 
 
-class _Condensed(NamedTuple):
-    """A block with its private columns integrated out, test by test: ln density (w, b, T); Uᵀ Σ⁻¹ r (w, b, T, q); 1/D; and of the
-    private coefficients the root (w, b, T, v, v), the white mean (w, b, T, v) and the links (w, b, T, v, q), with
-    Uᵀ Σ⁻¹ U = Uᵀ D⁻¹ U − linksᵀ links."""
+class _Elimination(NamedTuple):
+    """Fronts of columns that meet no others, leaves, which the root borders, and the root."""
 
-    log_density: Array
-    projected: Array
-    weight: Array
-    root: Array
-    white: Array
-    links: Array
+    alone: list[_Front]
+    leaves: list[_Front]
+    root: _Front
+
+    @property
+    def most(self) -> int:
+        """How many φ to take at a time."""
+        entries = sum(int(np.prod(front.gram.shape[:3])) for front in (*self.alone, *self.leaves, self.root))
+        return max(_FEWEST, min(_MOST, _CACHED // max(entries, 1) // _MULTIPLE * _MULTIPLE))
+
+    def factor(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
+        """L and L⁻¹ Aᵀ D⁻¹ r of every front, (g, s, s + m + 1, w), and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj, shape (w,)."""
+        factors = [front.entries(weight, shift) for front in self.alone]
+        # Leaves lie in one array, aligned at their border.
+        most, begun = max((front.gram.shape[1] for front in self.leaves), default=0), 0
+        links = np.empty((sum(front.columns.size for front in self.leaves), most + self.root.gram.shape[2], weight.shape[1]))
+        for front in self.leaves:
+            g, s, n, _ = front.gram.shape
+            own = links[begun : begun + g * s, most - s :].reshape(g, s, n, weight.shape[1])
+            factors.append(front.entries(weight, shift, own))
+            begun += g * s
+        for factor in factors:
+            eliminate(factor)
+        factors.append(self.root.entries(weight, shift))
+        eliminate(factors[-1], links[:, most:])
+        return factors, np.sum([_gained(factor).sum(axis=0) for factor in factors], axis=0)
+
+
+class _Plan(NamedTuple):
+    """Columns of the groups that meet no others, of the leaves, and of the root."""
+
+    alone: list[Index]
+    leaves: list[Index]
+    root: Index
+
+    @property
+    def fronts(self) -> tuple[list[list[Index]], list[list[Index]]]:
+        """Groups alone and leaves, those of one size together."""
+        alone, leaves = ([[own for own in part if len(own) == s] for s in sorted({*map(len, part)})] for part in self[:2])
+        return alone, leaves
+
+    @property
+    def cost(self) -> float:
+        """Multiplications for each φ."""
+        alone, leaves = self.fronts
+        total, m = 0.0, len(self.root)
+        for groups, border in [*((part, 0) for part in alone), *((part, m) for part in leaves), ([self.root], 0)]:
+            n = len(groups[0]) + border + 1 - np.arange(len(groups[0]))
+            total += float((_OVERHEAD + len(groups) * n * (n + 1) / 2).sum())
+        return total
 
 
 class StructuredGaussian:
     """p(z | β, φ) with the shared and private columns integrated out.
 
     Columns that tests share come in the order given in `conditional`; ``interest`` H (tests, 25, p), whose coefficients are given
-    in every call; ``offset`` (tests, 25), the known part of the readings in the basis, is subtracted beforehand.
+    in every call, none by default; ``offset`` (tests, 25), the known part of the readings in the basis, is subtracted beforehand.
     """
 
     def __init__(
@@ -113,195 +165,263 @@ class StructuredGaussian:
         reduced: Sequence[Reduced],
         columns: Sequence[Columns | BasisNoise],
         *,
-        interest: Array,
         offset: Array,
         hypers: Sequence[Hyper],
+        interest: Array | None = None,
     ) -> None:
         _keep_freed_memory()
-        self._residual_ss = np.array([test.residual_ss for test in reduced])
-        self._readings = np.array([test.readings for test in reduced])
-        shared = [term for term in columns if isinstance(term, Columns) and not term.private]
-        private = [term for term in columns if isinstance(term, Columns) and term.private]
-        noise = [term for term in columns if isinstance(term, BasisNoise)]
+        interest = np.zeros((len(reduced), SIZE, 0)) if interest is None else interest
         diagonal = all(test.is_orthogonal for test in reduced)
+        noise = [term for term in columns if isinstance(term, BasisNoise)]
         # Of arcs only one noise can be made diagonal: that of most orders. The others become private columns.
         absorbed = noise if diagonal else sorted(noise, key=lambda term: -np.count_nonzero(term.sd))[:1]
+        shared = [term for term in columns if isinstance(term, Columns) and not term.private]
+        private = [term for term in columns if isinstance(term, Columns) and term.private]
         private += [_as_columns(term, len(reduced)) for term in noise if term not in absorbed]
-        rows = _turned_rows(reduced, absorbed, private, shared, interest, offset, tuple(hypers), diagonal=diagonal)
-        self._blocks = _split(rows, diagonal=diagonal)
-        self._private_sd, self._private_hyper = _scales(private, hypers)
-        self._shared_sd, self._shared_hyper = _scales(shared, hypers)
-        means = [np.zeros(len(term.names)) if term.mean is None else term.mean for term in shared]
-        self._shared_mean = np.concatenate([np.zeros(0), *means])
+        self._q, v = (sum(len(term.names) for term in terms) for terms in (shared, private))
+        self._private = list(self._q + np.arange(len(reduced) * v).reshape(-1, v)) if v else []
+        readings = _reading_rows(reduced, absorbed, shared, private, interest, offset, list(hypers), diagonal=diagonal)
+        self._rows, self._unit, volume = _with_prior(readings, shared, private, list(hypers))
+        self._constant = np.array([*(-0.5 * _LOG_2PI * test.readings for test in reduced), volume])
+        _, first, kind = np.unique(_to_ten_digits(self._rows.variance), axis=0, return_index=True, return_inverse=True)
+        self._kinds, self._kind = self._rows.variance[first], kind.ravel()
+        moved = (self._rows.interest != 0.0).any(axis=1)
+        self._moved, self._fixed = np.flatnonzero(moved), np.where(moved, 0.0, self._rows.values)
+        self._number, self._squares = (np.zeros((len(reduced) + 1, len(first))) for _ in range(2))
+        np.add.at(self._number, (self._rows.test, self._kind), self._rows.number)
+        np.add.at(self._squares, (self._rows.test, self._kind), self._fixed**2)
 
-    def log_density(self, phi: Array, beta: Array) -> Array:
+    def log_density(self, phi: Array, beta: Array | None = None) -> Array:
         """ln p(z | β, φ), shape (w,), at φ (w, hypers) [mm] and β (w, p), or (p,)."""
-        total = self._outside(phi).sum(axis=1)
-        for _, log_density, *_ in self._integrated(phi, beta):
-            total = total + log_density
-        return np.asarray(total)
+        total = np.empty(len(phi))
+        for index, weight, shift, density in self._passes(phi, beta, self._fastest.most):
+            total[index] = density + self._fastest.factor(weight, shift)[1]
+        return total
 
     def log_density_without(self, phi: Array, beta: Array) -> Array:
         """ln p(z without test r | β, φ) for every r, shape (w, tests)."""
-        outside, full = self._outside(phi), _with_one(phi)
-        total = outside.sum(axis=1, keepdims=True) - outside
-        for block in self._blocks:
-            part = self._condense(block, full, beta)
-            q = block.index.shape[1]
-            gram = _contract(part.weight, block.pairs).reshape(*part.weight.shape[:3], q, q)
-            gram = gram - np.swapaxes(part.links, -1, -2) @ part.links
-            others = [array.sum(axis=2, keepdims=True) - array for array in (gram, part.projected)]
-            density = part.log_density.sum(axis=1)
-            total = total + density.sum(axis=1, keepdims=True) - density
-            for r in range(total.shape[1]):
-                total[:, r] += self._integrate(block, full, others[0][:, :, r], others[1][:, :, r])[0].sum(axis=1)
-        return np.asarray(total)
+        total = np.empty((len(phi), len(self._constant) - 1))
+        for index, weight, shift, density in self._passes(phi, beta, _FEWEST, apart=True):
+            left = density.sum(axis=0) - density[:-1]
+            parts = [front.entries(weight, shift.reshape(-1, len(index))) for front in self._by_test]
+            for front in self._in_order.leaves:
+                private = front.entries(weight, shift.sum(axis=0))
+                eliminate(private)
+                left += _gained(private).sum(axis=0) - _gained(private)
+                links = private[:, :, front.gram.shape[1] :]
+                parts[-1][:-1] -= np.einsum("tvjw,tviw->tjiw", links[:, :, :-1], links)
+            for part in parts:
+                tests, groups = len(left), len(part) // len(density)
+                own = part.reshape(tests + 1, groups, *part.shape[1:])
+                rest = (own.sum(axis=0) - own[:-1]).reshape(tests * groups, *part.shape[1:])
+                eliminate(rest)
+                left += _gained(rest).reshape(tests, groups, len(index)).sum(axis=1)
+            total[index] = left.T
+        return total
 
-    def conditional(self, phi: Array, beta: Array) -> tuple[Array, Gaussian]:
-        """ln p(z | β, φ), shape (w,), and the q shared coefficients given z, β and φ, w Gaussians."""
-        w, q = len(phi), len(self._shared_sd)
-        total = self._outside(phi).sum(axis=1)
-        mean, scale, root = np.zeros((w, q)), np.zeros((w, q)), np.zeros((w, q, q))
-        for block, log_density, lower, white, block_scale in self._integrated(phi, beta):
-            total = total + log_density
-            solved = solve_upper(lower, white) * block_scale
-            for k, index in enumerate(block.index):
-                mean[:, index], scale[:, index] = solved[:, k], block_scale[:, k]
-                root[:, index[:, None], index] = lower[:, k]
-        return total, Gaussian.factored(mean, root, scale, total)
+    def conditional(self, phi: Array, beta: Array | None = None, *, last: int | None = None) -> tuple[Array, Gaussian]:
+        """ln p(z | β, φ), shape (w,), and the shared coefficients, or the ``last`` of them, given z, β and φ: w Gaussians."""
+        w, first = len(phi), 0 if last is None else self._q - last
+        n, order = self._q - first, self._in_order
+        total, lower, white = np.empty(w), np.zeros((n, n, w)), np.empty((n, w))
+        for index, weight, shift, density in self._passes(phi, beta, order.most):
+            factors, gained = order.factor(weight, shift)
+            total[index] = density + gained
+            part, used = slice(index[0], index[-1] + 1), index[-1] + 1 - index[0]
+            for front, factor in zip((*order.alone, *order.leaves, order.root), factors, strict=True):
+                for columns, own in zip(front.columns, factor, strict=True):
+                    kept = np.flatnonzero((columns >= first) & (columns < self._q))
+                    place = columns[kept] - first
+                    for k, row in zip(kept, place, strict=True):
+                        lower[row, place[place >= row], part] = own[k, kept[kept >= k], :used]
+                    white[place, part] = own[kept, -1, :used]
+        root, unit = lower.transpose(2, 1, 0), self._unit[first : self._q]
+        mean = solve_upper(root, white.T) * unit
+        return total, Gaussian.factored(mean, root, np.broadcast_to(unit, mean.shape), total)
 
     def private_mean(self, phi: Array, beta: Array, shared: Array) -> Array:
-        """Conditional mean of every private coefficient given β, φ and the shared coefficients, shape (w, tests, v).
+        """Conditional mean of the private coefficients given β, φ and the shared ones, shape (w, tests, v): in the order given,
+        then basis noise that could not be made diagonal."""
+        q, v, columns, front = self._q, len(self._private[0]), self._rows.columns, self._front(self._private)
+        white = np.divide(shared, self._unit[:q], out=np.zeros(shared.shape), where=self._unit[:q] > 0.0)
+        mean = np.empty((len(phi), len(self._private), v))
+        for index, weight, shift, _ in self._passes(phi, beta, _FEWEST):
+            known = (columns[:, :q] @ white[index].T) * weight[self._kind]
+            factor = front.entries(weight, shift - columns.T @ known)
+            eliminate(factor)
+            mean[index] = solve_upper(factor[:, :, :v].transpose(3, 0, 2, 1), factor[:, :, -1].transpose(2, 0, 1))
+        return mean * self._unit[q : q + v]
 
-        Columns come in the order given, then basis noise that could not be made diagonal.
-        """
-        full = _with_one(phi)
-        (block,) = (block for block in self._blocks if block.private.shape[3])
-        part = self._condense(block, full, beta, shared)
-        return solve_upper(part.root, part.white)[:, 0] * (self._private_sd * full[:, self._private_hyper])[:, None, :]
+    def _passes(
+        self, phi: Array, beta: Array | None, most: int, *, apart: bool = False
+    ) -> Iterator[tuple[Index, Array, Any, Array]]:
+        """Some φ at a time, a multiple of eight, the last one repeated: which; 1/D (kinds, w); Aᵀ D⁻¹ r of the rows that β moves,
+        (columns, w); −½ Σ ln D − ½ rᵀ D⁻¹ r (w,). The latter two ``apart``: of every test, and last of the prior."""
+        columns, interest, values, _, test, _ = (part[self._moved] for part in self._rows)
+        kind, every = self._kind[self._moved], range(len(self._constant))
+        sums = np.eye(len(every)) if apart else np.ones((1, len(every)))
+        number, squares, constant = (sums @ part for part in (self._number, self._squares, self._constant[:, None]))
+        each = [slice(*np.searchsorted(test, [r, r + 1])) for r in every] if apart else [slice(None)]
+        for start in range(0, len(phi), most):
+            size = -(-min(len(phi) - start, most) // _MULTIPLE) * _MULTIPLE
+            index = np.minimum(np.arange(start, start + size), len(phi) - 1)
+            variance, shift = self._variances(phi[index]), None
+            weight = 1.0 / variance
+            square = np.einsum("tk,kw->tw", number, np.log(variance)) + np.einsum("tk,kw->tw", squares, weight)
+            if beta is not None:
+                residual = values[:, None] - interest @ np.broadcast_to(beta, (len(phi), beta.shape[-1]))[index].T
+                weighted = residual * weight[kind]
+                square += sums[:, test] @ (residual * weighted)
+                shift = np.array([columns[own].T @ weighted[own] for own in each])
+            density = constant - 0.5 * square
+            yield (index, weight, shift, density) if apart else (index, weight, shift if shift is None else shift[0], density[0])
 
-    def _outside(self, phi: Array) -> Array:
-        """Per test: constants, and the readings' part outside the basis, shape (w, tests)."""
-        square, left = phi[:, :1] ** 2, np.maximum(self._readings - SIZE, 0)
-        return np.asarray(-0.5 * (self._readings * _LOG_2PI + left * np.log(square) + self._residual_ss / square))
+    def _variances(self, phi: Array) -> Array:
+        """D of every kind of row, shape (kinds, w): what is known of them times φ² and 1."""
+        return np.maximum(self._kinds @ np.vstack([phi.T**2, np.ones(len(phi))]), _LEAST_VARIANCE)
 
-    def _integrated(self, phi: Array, beta: Array) -> Iterator[tuple[_Block, Array, Array, Array, Array]]:
-        """Block by block: ln density (w,); root, white mean and scale of the shared coefficients given z."""
-        full = _with_one(phi)
-        for block in self._blocks:
-            part = self._condense(block, full, beta)
-            q = block.index.shape[1]
-            weight = 1.0 / ((full**2) @ block.kinds.T)
-            gram = np.swapaxes(weight @ block.kind_pairs, 0, 1).reshape(len(phi), len(block.index), q, q)
-            if part.links.size:
-                links = part.links.reshape(*part.links.shape[:2], -1, q)
-                gram = gram - np.swapaxes(links, -1, -2) @ links
-            gained, root, white, scale = self._integrate(block, full, gram, part.projected.sum(axis=2))
-            yield block, part.log_density.sum(axis=(1, 2)) + gained.sum(axis=1), root, white, scale
+    def _front(self, groups: Sequence[Index], border: Index | None = None, *, test: Sequence[int] | None = None) -> _Front:
+        """Groups of as many columns each, to be eliminated together, and the columns that border them; of each group all rows, or
+        those of one test."""
+        sums, kinds = [], []
+        for k, columns in enumerate(groups):
+            met = (self._rows.columns[:, columns] != 0.0).any(axis=1) & (True if test is None else self._rows.test == test[k])
+            index = np.flatnonzero(met)[np.argsort(self._kind[met], kind="stable")]
+            own, starts = np.unique(self._kind[index], return_index=True)
+            both = columns if border is None else np.concatenate([columns, border])
+            rows = np.column_stack([self._rows.columns[np.ix_(index, both)], self._fixed[index]])
+            products = rows[:, : len(columns), None] * rows[:, None, :]
+            sums.append(np.add.reduceat(products, starts, axis=0) if len(index) else products)
+            kinds.append(own)
+        gram = np.zeros((len(groups), *sums[0].shape[1:], max(map(len, kinds))))
+        padded = np.zeros((len(groups), gram.shape[3]), dtype=np.intp)
+        for k, (own, values) in enumerate(zip(kinds, sums, strict=True)):
+            gram[k, ..., : len(own)], padded[k, : len(own)] = np.moveaxis(values, 0, -1), own
+        return _Front(np.array(groups, dtype=np.intp), padded, gram)
 
-    def _condense(self, block: _Block, full: Array, beta: Array, shared: Array | None = None) -> _Condensed:
-        """Integrate the private columns, group by group and test by test; the shared coefficients zero, or as given (w, q)."""
-        variance = np.moveaxis(block.weights @ (full**2).T, -1, 0)
-        residual = block.residual - np.moveaxis(block.interest @ np.atleast_2d(beta).T, -1, 0)
-        if shared is not None:
-            residual = residual - np.einsum("btmq,wbq->wbtm", block.shared, shared[:, block.index])
-        weight = 1.0 / variance
-        weighted = residual * weight
-        density = -0.5 * (np.log(variance) + weighted * residual).sum(axis=3)
-        v, q = block.private.shape[3], block.index.shape[1]
-        projected = _contract(weighted, block.columns)
-        if not v:
-            none = np.zeros((*density.shape, 0))
-            return _Condensed(density, projected, weight, none[..., None], none, np.zeros((*none.shape, q)))
-        sd = (self._private_sd * full[:, self._private_hyper])[:, None, None, :]
-        gram = _contract(weight, block.private_pairs).reshape(*weight.shape[:3], v, v + q)
-        inner = gram[..., :v] * (sd[..., :, None] * sd[..., None, :]) + np.eye(v)
-        cross = np.concatenate([gram[..., v:], projected[..., :v, None]], axis=-1) * sd[..., :, None]
-        root = np.linalg.cholesky(inner) if v > 1 else np.sqrt(inner)
-        solved = solve_lower(root, cross)
-        links, white = solved[..., :-1], solved[..., -1]
-        density = density - log_diagonal(root) + 0.5 * (white**2).sum(axis=-1)
-        return _Condensed(density, projected[..., v:] - np.einsum("...vq,...v->...q", links, white), weight, root, white, links)
+    def _elimination(self, plan: _Plan) -> _Elimination:
+        alone, leaves = plan.fronts
+        return _Elimination(
+            [*map(self._front, alone)], [self._front(part, plan.root) for part in leaves], self._front([plan.root])
+        )
 
-    def _integrate(self, block: _Block, full: Array, gram: Array, projected: Array) -> tuple[Array, Array, Array, Array]:
-        """Integrate the shared coefficients: log density gained (w, b), Cholesky factor, white mean and scale.
+    @cached_property
+    def _by_test(self) -> list[_Front]:
+        """Of the columns alone and, last, of the root what every test contributes, and after the tests the prior."""
+        found, size, tests = [], len(self._unit), np.arange(len(self._constant))
+        for front in (*self._in_order.alone, self._in_order.root):
+            test = np.repeat(tests, len(front.columns))
+            own = self._front([*front.columns] * len(tests), test=test.tolist())
+            found.append(own._replace(columns=own.columns + size * test[:, None]))
+        return found
 
-        Precisions are in units of the prior sd, which may be zero, or infinite for a flat prior.
-        """
-        sd = (self._shared_sd * full[:, self._shared_hyper])[:, block.index]
-        flat = np.isinf(sd)
-        diagonal = np.diagonal(gram, axis1=-2, axis2=-1)
-        scale = np.where(flat, 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), sd)
-        standard = np.where(flat, 0.0, self._shared_mean[block.index] / np.where(sd > 0, scale, 1.0))
-        precision = gram * (scale[..., :, None] * scale[..., None, :])
-        span = np.arange(sd.shape[2])
-        precision[..., span, span] += ~flat
-        root, white = factor_and_solve(precision, projected * scale + standard)
-        flat_volume = (flat * (np.log(np.where(flat, scale, 1.0)) + 0.5 * _LOG_2PI)).sum(axis=-1)
-        gained = flat_volume - log_diagonal(root) + 0.5 * ((white**2).sum(axis=-1) - (standard**2).sum(axis=-1))
-        return gained, root, white, scale
+    def _linked(self, columns: Index) -> list[Index]:
+        """The groups that columns fall into when those with a row in common go together."""
+        met = (self._rows.columns[:, columns] != 0.0).astype(float)
+        label = components(met.T @ met > 0.0)
+        return [columns[label == k] for k in range(label.max(initial=-1) + 1)]
+
+    @cached_property
+    def _private_first(self) -> _Plan:
+        """Private columns first, test by test, then the shared ones in the order given."""
+        groups = self._linked(np.arange(len(self._unit)))
+        root = [group[group < self._q] for group in groups if group[-1] >= self._q]
+        alone = [group for group in groups if group[-1] < self._q]
+        return _Plan(alone, self._private, np.sort(np.concatenate([np.zeros(0, dtype=np.intp), *root])))
+
+    @cached_property
+    def _in_order(self) -> _Elimination:
+        return self._elimination(self._private_first)
+
+    @cached_property
+    def _fastest(self) -> _Elimination:
+        """The root is the private columns and those that have more rows than others, or all that private columns meet."""
+        met, plans = self._rows.columns != 0.0, [self._private_first]
+        number = met[:, : self._q].sum(axis=0)
+        for most in np.unique(number):
+            root = np.concatenate([*self._private, np.flatnonzero(number > most)]).astype(np.intp)
+            edge = met[met[:, root].any(axis=1)]
+            groups = self._linked(np.flatnonzero(number <= most))
+            bordered = [bool(edge[:, group].any()) for group in groups]
+            alone, leaves = ([own for own, b in zip(groups, bordered, strict=True) if b == wanted] for wanted in (False, True))
+            plans.append(_Plan(alone, leaves, root))
+        return self._elimination(min(plans, key=lambda plan: plan.cost))
 
 
-def _turned_rows(
+def _reading_rows(
     reduced: Sequence[Reduced],
     absorbed: Sequence[BasisNoise],
-    private: Sequence[Columns],
     shared: Sequence[Columns],
+    private: Sequence[Columns],
     interest: Array,
     offset: Array,
-    hypers: tuple[Hyper, ...],
+    hypers: list[Hyper],
     *,
     diagonal: bool,
 ) -> _Rows:
-    """Every test's rows, turned so that the absorbed noise is diagonal."""
-    tests = len(reduced)
-    every = [np.concatenate([np.zeros((tests, SIZE, 0)), *(term.values for term in part)], axis=2) for part in (private, shared)]
-    sources = [*every, interest]
-    out = [np.zeros(source.shape) for source in sources]
-    weights, residual = np.zeros((tests, SIZE, len(hypers) + 1)), np.zeros((tests, SIZE))
-    weights[:, :, -1] = 1.0  # rows that a test does not have: variance 1, residual 0
+    """Rows of every test's readings, turned so that the absorbed noise is diagonal, and one for all that is outside the basis."""
+    together, apart = (
+        np.concatenate([np.zeros((len(reduced), SIZE, 0)), *(term.values for term in terms)], axis=2)
+        for terms in (shared, private)
+    )
+    q, v, white = together.shape[2], apart.shape[2], np.eye(len(hypers) + 1)[hypers.index("sigma")]
+    found = []
     for r, test in enumerate(reduced):
-        m = len(test.factor)
-        turn, spread = np.eye(m), []
-        if diagonal:
-            size = np.diag(test.factor)
-            turn, spread = np.diag(np.sign(size)), [np.abs(size) * term.sd for term in absorbed]
-        elif absorbed:
-            left, singular, _ = np.linalg.svd(test.factor * absorbed[0].sd)
-            turn, spread = left.T, [singular]
-        factor = turn @ test.factor
-        if diagonal:
-            factor = np.diag(np.diag(factor))
-        weights[r, :m] = np.eye(len(hypers) + 1)[hypers.index("sigma")]
+        turn, factor, spread = _turned(test, absorbed, diagonal=diagonal)
+        m = len(factor)
+        columns, given = np.zeros((m + 1, q + len(reduced) * v)), np.zeros((m + 1, interest.shape[2]))
+        columns[:m, :q], columns[:m, q + r * v : q + (r + 1) * v] = factor @ together[r], factor @ apart[r]
+        given[:m] = factor @ interest[r]
+        values = np.zeros(m) if test.projection is None else turn @ test.projection - factor @ offset[r]
+        variance, number = np.tile(white, (m + 1, 1)), np.ones(m + 1)
+        values, number[m] = np.append(values, np.sqrt(test.residual_ss)), max(test.readings - SIZE, 0)
         for term, sd in zip(absorbed, spread, strict=True):
-            weights[r, :m, hypers.index(term.hyper)] = sd**2
-        for target, source in zip(out, sources, strict=True):
-            target[r, :m] = factor @ source[r]
-        if test.projection is not None:
-            residual[r, :m] = turn @ test.projection - factor @ offset[r]
-    return _Rows(weights, out[0], out[1], out[2], residual)
+            variance[:m, hypers.index(term.hyper)] += sd**2
+        found.append(_Rows(columns, given, values, number, np.full(m + 1, r), variance))
+    return _Rows(*(np.concatenate(part) for part in zip(*found, strict=True)))
 
 
-def _split(rows: _Rows, *, diagonal: bool) -> list[_Block]:
-    """Separate the basis functions that no column links; without orthogonal sampling they are one group."""
-    columns = rows.shared.shape[2]
-    if not diagonal:
-        return [_Block(rows, np.arange(SIZE)[None], np.arange(columns)[None], private=True)]
-    own = np.any(rows.private != 0, axis=(0, 2)) | np.any(rows.interest != 0, axis=(0, 2))
-    touched = np.any(rows.shared != 0, axis=0)
-    count, label = connected_components(np.outer(own, own) | (touched @ touched.T), directed=False)
-    main = int(label[np.flatnonzero(own)[0]]) if own.any() else -1
-    groups: dict[tuple[int, int, bool], list[tuple[Array, Array]]] = {}
-    for k in range(count):
-        members = np.flatnonzero(label == k)
-        index = np.flatnonzero(touched[members].any(axis=0))
-        groups.setdefault((len(members), len(index), k == main), []).append((members, index))
-    if not touched.any(axis=0).all():  # coefficients that no reading sees keep their prior
-        groups[0, 0, False] = [(np.zeros(0, dtype=int), np.flatnonzero(~touched.any(axis=0)))]
-    return [
-        _Block(rows, np.array([m for m, _ in pairs]), np.array([i for _, i in pairs]), private=key[2])
-        for key, pairs in groups.items()
-    ]
+def _turned(test: Reduced, absorbed: Sequence[BasisNoise], *, diagonal: bool) -> tuple[Array, Array, list[Array]]:
+    """The turn (m, m) of a test's rows, the turned factor (m, 25), and the sd of every absorbed noise in each row."""
+    if diagonal:
+        size = np.diag(test.factor)
+        return np.diag(np.sign(size)), np.diag(np.abs(size)), [np.abs(size) * term.sd for term in absorbed]
+    left, singular, _ = np.linalg.svd(test.factor * (absorbed[0].sd if absorbed else 1.0))
+    return left.T, left.T @ test.factor, [singular][: len(absorbed)]
+
+
+def _with_prior(
+    rows: _Rows, shared: Sequence[Columns], private: Sequence[Columns], hypers: list[Hyper]
+) -> tuple[_Rows, Array, float]:
+    """The rows in units of the columns' prior sd, flat ones' in units of their own size, with the prior's rows below; the units
+    (columns,); and what flat priors add to the log density."""
+    tests, q = int(rows.test[-1]) + 1, sum(len(term.names) for term in shared)
+    terms = [*shared, *[*private] * tests]
+    sd = np.concatenate([np.zeros(0), *(term.sd for term in terms)])
+    mean = np.concatenate([np.zeros(0), *(np.zeros(len(term.names)) if term.mean is None else term.mean for term in terms)])
+    owner = [len(hypers) if term.hyper is None else hypers.index(term.hyper) for term in terms for _ in term.names]
+    size, flat = np.linalg.norm(rows.columns, axis=0), np.isinf(sd)
+    unit = np.where(flat, 1.0 / np.where(size > 0.0, size, 1.0), sd)
+    proper = np.flatnonzero(~flat)
+    prior = _Rows(
+        np.eye(len(sd))[proper],
+        np.zeros((len(proper), rows.interest.shape[1])),
+        np.divide(mean, unit, out=np.zeros(len(sd)), where=unit > 0.0)[proper],
+        np.ones(len(proper)),
+        np.where(proper < q, tests, (proper - q) // max((len(sd) - q) // tests, 1)),
+        np.eye(len(hypers) + 1)[np.array(owner, dtype=np.intp)[proper]],
+    )
+    both = zip(rows._replace(columns=rows.columns * unit), prior, strict=True)
+    return _Rows(*(np.concatenate(pair) for pair in both)), unit, float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum())
+
+
+def _gained(factor: Array) -> Array:
+    """½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (g, w)."""
+    white, span = factor[:, :, -1], np.arange(factor.shape[1])
+    found = 0.5 * np.einsum("gsw,gsw->gw", white, white) - np.log(factor[:, span, span]).sum(axis=1)
+    if not np.isfinite(found).all():
+        raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
+    return found
 
 
 def _as_columns(term: BasisNoise, tests: int) -> Columns:
@@ -309,26 +429,6 @@ def _as_columns(term: BasisNoise, tests: int) -> Columns:
     values = np.zeros((tests, SIZE, len(used)))
     values[:, used, np.arange(len(used))] = 1.0
     return Columns(tuple(f"{term.hyper}_{i}" for i in used), values, term.sd[used], term.hyper, private=True)
-
-
-def _scales(terms: Sequence[Columns], hypers: Sequence[Hyper]) -> tuple[Array, NDArray[np.intp]]:
-    """Prior sd of stacked columns, and which of [φ, 1] each is multiplied by."""
-    owner = [len(hypers) if term.hyper is None else hypers.index(term.hyper) for term in terms for _ in term.names]
-    return np.concatenate([np.zeros(0), *(term.sd for term in terms)]), np.array(owner, dtype=np.intp)
-
-
-def _with_one(phi: Array) -> Array:
-    return np.column_stack([phi, np.ones(len(phi))])
-
-
-def _contract(weight: Array, columns: Array) -> Array:
-    """Sum over the rows of each test: (w, b, T, m) with (b, T, m, c) → (w, b, T, c)."""
-    return np.moveaxis(np.moveaxis(weight, 0, 2) @ columns, 2, 0)
-
-
-def _products(left: Array, right: Array) -> Array:
-    """(b, T, m, i) and (b, T, m, j) → (b, T, m, i j)."""
-    return np.einsum("btmi,btmj->btmij", left, right).reshape(*left.shape[:3], left.shape[3] * right.shape[3])
 
 
 def _to_ten_digits(values: Array) -> Array:
@@ -386,17 +486,19 @@ class Information:
         return np.concatenate(self.blocks(known))
 
     def blocks(self, known: Collection[str] = ()) -> list[Array]:
-        """The same block by block; blocks of one size are whitened together."""
+        """The same block by block; those that share their noise are whitened together."""
         if any(all(source in known for source in noise) for noise in self.noise):
             raise InputError("reading noise must be left: readings without any would make everything known.")
         white: dict[int, Array] = {}
-        sizes = np.array([len(values) for values in self.design])
-        for size in np.unique(sizes):
-            alike = np.flatnonzero(sizes == size)
-            left = [np.sum([part for source, part in self.noise[k].items() if source not in known], axis=0) for k in alike]
-            root = np.linalg.cholesky(np.array(left))
-            white.update(zip(alike, solve_lower(root, np.array([self.design[k] for k in alike]) * self.scale), strict=True))
-        return [white[k] for k in range(len(sizes))]
+        together: dict[int, list[int]] = {}
+        for k, noise in enumerate(self.noise):
+            together.setdefault(id(noise), []).append(k)
+        for alike in together.values():
+            left = np.sum([part for source, part in self.noise[alike[0]].items() if source not in known], axis=0)
+            rows = np.stack([self.design[k] for k in alike], axis=1) * self.scale
+            solved = scipy.linalg.solve_triangular(np.linalg.cholesky(left), rows.reshape(len(rows), -1), lower=True)
+            white.update(zip(alike, np.moveaxis(solved.reshape(rows.shape), 1, 0), strict=True))
+        return [white[k] for k in range(len(self.design))]
 
     def root(self, known: Collection[str] = (), *, times: float = 1.0) -> tuple[Array, NDArray[np.intp]]:
         """Upper triangular R with RᵀR = prior + readings' precision of the coefficients left, and which these are."""

@@ -11,36 +11,38 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc, erfcinv
 
-from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
+from ldbb_bayes.errors import require
+from ldbb_bayes.machine.chain import ComplianceKind, ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import Hyper, Scale
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
 Array = NDArray[Any]
 
-_COMPLIANCE_UNITS = {
-    "direct": "mm/N",
-    "cross": "mm/N",
-    "rotation_for_force": "rad/N",
-    "rotation_for_moment": "rad/(N mm)",
-    "rotation_for_other_moment": "rad/(N mm)",
+# By kind: the unit, and the field of `Prior` that holds one sd.
+_COMPLIANCES: dict[ComplianceKind, tuple[str, str]] = {
+    "direct": ("mm/N", "direct_mm_per_N"),
+    "cross": ("mm/N", "cross_mm_per_N"),
+    "rotation_for_force": ("rad/N", "rotation_for_force_rad_per_N"),
+    "rotation_for_moment": ("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
+    "rotation_for_other_moment": ("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
 }
-_GEOMETRIC_UNITS: dict[GeometricKind, str] = {"gain": "1", "straightness": "1/mm", "squareness": "rad", "offset": "mm"}
+_GEOMETRIC: dict[GeometricKind, tuple[str, str]] = {
+    "gain": ("1", "gain"),
+    "straightness": ("1/mm", "straightness_per_mm"),
+    "squareness": ("rad", "squareness_rad"),
+    "offset": ("mm", "offset_mm"),
+}
 
 
 def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
     """Unit of a compliance or of its slope of the given degree."""
-    unit = _COMPLIANCE_UNITS[name.kind]
-    if degree == 0:
-        return unit
-    per = "N" if degree == 1 else f"N^{degree}"
-    return f"{unit}/{per}"
+    return _COMPLIANCES[name.kind][0] + ("", "/N", "/N^2")[degree]
 
 
 def geometric_unit(kind: GeometricKind) -> str:
     """Unit of a geometric error."""
-    return _GEOMETRIC_UNITS[kind]
+    return _GEOMETRIC[kind][0]
 
 
 def degree_of(parameter: str) -> int:
@@ -106,21 +108,18 @@ class Prior:
             object.__setattr__(self, name, MappingProxyType(own))
         scales = {name: value for name, value in vars(self).items() if isinstance(value, float)} | dict(self.overrides)
         for name, value in scales.items():
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"prior {name} must be a positive number, got {value}. To drop a term, leave it out instead.")
-        if self.flat and self.truncated:
-            raise InputError("a flat prior must not be truncated, got both. Set truncated = false or flat = false.")
+            cure = f"got {value}. To drop a term, leave it out instead."
+            require(np.isfinite(value) and value > 0, f"prior {name} must be a positive number, {cure}")
+        both = self.flat and self.truncated
+        require(not both, "a flat prior must not be truncated, got both. Set truncated = false or flat = false.")
         for name in ("overrides", "means"):
-            if self.flat and getattr(self, name):
-                raise InputError(f"a flat prior must have no {name}, got some. Set flat = false or remove them.")
+            some = self.flat and getattr(self, name)
+            require(not some, f"a flat prior must have no {name}, got some. Set flat = false or remove them.")
         for name, mean in self.means.items():
-            if not np.isfinite(mean):
-                raise InputError(f"prior mean of {name} must be a finite number, got {mean}. Correct it or leave it out.")
-            if degree_of(name):
-                raise InputError(
-                    f"prior mean of {name} must be left out, got {mean:g}: a slope's is zero, because constant compliance is the "
-                    "linear model with its slopes at zero. Remove it."
-                )
+            what = f"prior mean of {name} must be"
+            require(np.isfinite(mean), f"{what} a finite number, got {mean}. Correct it or leave it out.")
+            why = "a slope's is zero, because constant compliance is the linear model with its slopes at zero. Remove it."
+            require(not degree_of(name), f"{what} left out, got {mean:g}: {why}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """To other processes; a read-only mapping does not pickle."""
@@ -138,14 +137,8 @@ class Prior:
 
     def compliance_sd(self, names: Sequence[ComplianceName], degree: int, force_range_N: float) -> Array:
         """Prior sd of every compliance of one degree, shape (compliances,)."""
-        by_kind = {
-            "direct": self.direct_mm_per_N,
-            "cross": self.cross_mm_per_N,
-            "rotation_for_force": self.rotation_for_force_rad_per_N,
-            "rotation_for_moment": self.rotation_for_moment_rad_per_N_mm,
-            "rotation_for_other_moment": self.rotation_for_moment_rad_per_N_mm,
-        }
-        labels, usual = [name.label for name in names], np.array([by_kind[name.kind] for name in names])
+        labels = [name.label for name in names]
+        usual = np.array([getattr(self, _COMPLIANCES[name.kind][1]) for name in names])
         constant = self._overridden(labels, usual)
         if degree == 0:
             return constant
@@ -154,13 +147,7 @@ class Prior:
 
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Prior sd of every geometric error, shape (geometric errors,)."""
-        by_kind = {
-            "gain": self.gain,
-            "straightness": self.straightness_per_mm,
-            "squareness": self.squareness_rad,
-            "offset": self.offset_mm,
-        }
-        return self._overridden([name.label for name in names], [by_kind[name.kind] for name in names])
+        return self._overridden([name.label for name in names], [getattr(self, _GEOMETRIC[name.kind][1]) for name in names])
 
     def _overridden(self, names: Sequence[str], default: Any) -> Array:
         return np.array([self.overrides.get(name, value) for name, value in zip(names, default, strict=True)], dtype=float)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import hashlib
 import os
 from collections.abc import Mapping
@@ -15,9 +14,9 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation
-from ldbb_bayes.campaign.folder import LARGEST_PLAN, iso
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Date, MountCompensation
+from ldbb_bayes.campaign.folder import LARGEST_PLAN
+from ldbb_bayes.errors import InputError, check_known, placed, require
 from ldbb_bayes.files import parse_toml, read_toml, validated
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import Prior
@@ -83,7 +82,7 @@ def model_sha256(model: HybridModel) -> str:
 
 def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
     spec = validated(_SpecFile, content, place)
-    try:
+    with placed(place):
         model = HybridModel.paper() if spec.preset == "paper" else HybridModel.default()
         chosen = next(k for k in (spec.degree, degree, model.degree) if k is not None)
         model = replace(model, degree=chosen, reference_force_N=spec.reference_force_N, fixed=tuple(spec.fixed))
@@ -98,15 +97,13 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
                 kinds = {field.name: str if isinstance(field.default, str) else float for field in fields(cast("Any", kind))}
                 terms.append(kind(**_checked(name, kinds, spec.terms[name])))
         return replace(model, prior=prior, nuisances=tuple(terms))
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
 
 
 def _checked(what: str, kinds: Mapping[str, type], given: dict[str, Any]) -> dict[str, Any]:
     check_known(f"{what} key", given, kinds)
     for key, value in given.items():
-        if not isinstance(value, kinds[key]):
-            raise InputError(f"{what} {key} must be a {kinds[key].__name__}, got {value!r}. Correct it.")
+        kind = kinds[key]
+        require(isinstance(value, kind), f"{what} {key} must be a {kind.__name__}, got {value!r}. Correct it.")
     return given
 
 
@@ -122,7 +119,7 @@ class _TruthsFile(BaseModel):
     compensated: bool = True
     exact: bool = False
     machine_id: str | None = None
-    date: dt.datetime | dt.date | str | None = None
+    date: Date | None = None
     parameters: dict[str, float] | None = None
     hyper_um: dict[str, float] = Field(default_factory=dict)
 
@@ -150,16 +147,15 @@ def is_truths(path: Path) -> bool:
 def read_truths(path: Path) -> Truths:
     """Read a TOML of truths; what is wrong is refused by the file's name and the place."""
     file = validated(_TruthsFile, read_toml(path), str(path))
-    try:
+    with placed(path):
         return Truths(None if file.forces_N is None else _plan(file, path.stem), file.parameters, file.hyper_um, file.exact)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _plan(file: _TruthsFile, name: str) -> Campaign:
     total = file.readings * len(file.forces_N or ())
-    if total > LARGEST_PLAN:
-        raise InputError(f"a plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or readings.")
+    require(
+        total <= LARGEST_PLAN, f"a plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or readings."
+    )
     angle = 360.0 * np.arange(file.readings) / file.readings
     return Campaign(
         tuple(CircularTest(force, angle) for force in file.forces_N or ()),
@@ -170,5 +166,5 @@ def _plan(file: _TruthsFile, name: str) -> Campaign:
         mount=MountCompensation(compensated=file.compensated),
         name=name,
         machine_id=file.machine_id,
-        date=iso(file.date),
+        date=file.date,
     )

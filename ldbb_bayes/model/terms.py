@@ -15,11 +15,13 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, Setting
 
 __all__ = [
+    "NOISE",
+    "OWN",
     "BallForm",
     "BarLength",
     "BasisNoise",
@@ -40,6 +42,8 @@ __all__ = [
 
 Array = NDArray[Any]
 Hyper = str
+# Whose a coefficient is that is no term's: of the parameters of interest, of the white noise of readings.
+OWN, NOISE = "Parameters", "ReadingNoise"
 
 
 class Scale(NamedTuple):
@@ -92,11 +96,11 @@ class Columns:
 
     def __post_init__(self) -> None:
         p = len(self.names)
-        if self.values.shape[1:] != (SIZE, p) or self.sd.shape != (p,):
-            raise InputError(
-                f"columns of {', '.join(self.names)} must have values of shape (tests, {SIZE}, {p}) and sd of shape ({p},), "
-                f"got {self.values.shape} and {self.sd.shape}. Give one of each for every name."
-            )
+        require(
+            self.values.shape[1:] == (SIZE, p) and self.sd.shape == (p,),
+            f"columns of {', '.join(self.names)} must have values of shape (tests, {SIZE}, {p}) and sd of shape ({p},), "
+            f"got {self.values.shape} and {self.sd.shape}. Give one of each for every name.",
+        )
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """What one draw from the prior at φ adds to the readings' coefficients, shape (tests, 25) [mm]."""
@@ -475,12 +479,9 @@ class Drift(Term):
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         change = setting.time_h if self.over == "time" else setting.temperature_K
-        if not np.isfinite(change).all():
-            field = "time_s" if self.over == "time" else "temperature_C"
-            raise InputError(
-                f"drift over {self.over} must have {field} in every test, got {int(np.sum(~np.isfinite(change)))} without. "
-                "Record it, or leave the term Drift out."
-            )
+        field, lacking = "time_s" if self.over == "time" else "temperature_C", int(np.sum(~np.isfinite(change)))
+        cure = f"got {lacking} without. Record it, or leave the term Drift out."
+        require(not lacking, f"drift over {self.over} must have {field} in every test, {cure}")
         axes = [k for k in range(3) if np.any(setting.direction[:, :, k])]
         values = np.concatenate([setting.constant(change), setting.direction[:, :, axes] * change[:, None, None]], axis=2)
         names = (f"drift_{self.over}_length", *(f"drift_{self.over}_{LINEAR[k]}" for k in axes))

@@ -5,20 +5,20 @@ u = L (x − x₀) row by row, x standard normal: each x_j is drawn beyond its e
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
 is bounded by its value at the saddle point, which makes rejection exact and sums efficient however small P is (Botev, J. R.
-Statist. Soc. B 79, 125-148, 2017).
+Statist. Soc. B 79, 125-148, 2017). Rows beyond the rank narrow the last x they depend on to an interval: weights only fall.
+
+Most probabilities need none of it: with P₁₂ that of the two tightest rows, P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.special import erfcx, log_ndtr, ndtri_exp
-from scipy.stats import qmc
+from scipy.special import erfcx, log_ndtr, ndtr, ndtri_exp, owens_t
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import solve_lower
@@ -27,10 +27,17 @@ __all__ = ["Orthant", "Truncation"]
 
 Array = NDArray[Any]
 _DEPENDENT = 1e-7
-_CERTAIN, _PUSHED = 12.0, -3.0
+_CERTAIN, _PUSHED, _NEAR = 12.0, -3.0, 6.0
 _ITERATIONS, _HALVINGS, _ROUNDING, _NOWHERE = 60, 20, 1e-10, 1e7
-_FULL, _MOST_NEAR, _STEEP, _HOLDS = 12, 3, 4.0, 4.0
-_MOST_TRIES = 64
+_MOST_TRIES, _RULE = 64, 24
+# Quasi-random points of each of so many scrambles; Student's factor for their scatter; how much of plain random numbers' error is
+# left at least, as few scrambles may agree by luck; numbers computed together.
+_SIZES, _SCRAMBLES, _STUDENT, _LUCK, _TOGETHER = (32, 128, 512, 2048, 8192), 8, 1.5, 0.1, 1 << 20
+_DIGITS = 1e5
+# Owen's T is exact to 1e-15: of smaller probabilities, or rows more alike, too few digits are left.
+_OWEN, _LEAST_PAIR, _ALIKE = 1e-15, 1e-9, 1e-6
+# A lattice for up to 2²⁰ points, extensible (F. Y. Kuo, lattice-32001-1024-1048576), then any odd numbers.
+_LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +63,6 @@ class Truncation:
 class Orthant:
     """P(u ≥ 0) for u ~ N(mean, spread spreadᵀ), a batch of w of them.
 
-    Rows that hold with certainty are left out. Rows beyond the rank of the covariance (a parabola kept positive at more than
-    three forces, say) are handled by indicator.
-
     Parameters
     ----------
     mean : ndarray, shape (w, m)
@@ -71,79 +75,80 @@ class Orthant:
     """
 
     def __init__(self, mean: Array, spread: Array) -> None:
-        open_ = _uncertain(mean, spread)
-        self._mean, self._spread = mean[:, open_], spread[:, open_]
-        self._core = _core_rows(self._mean, self._spread)
-        core_mean = np.take_along_axis(self._mean, self._core, axis=1)
-        core_spread = np.take_along_axis(self._spread, self._core[:, :, None], axis=1)
-        lower = np.swapaxes(np.linalg.qr(np.swapaxes(core_spread, 1, 2), mode="r"), 1, 2)
-        diagonal = np.diagonal(lower, axis1=1, axis2=2)
-        self._lower = lower * np.where(diagonal < 0, -1.0, 1.0)[:, None, :]
-        self._distance = np.sort(core_mean / np.linalg.norm(core_spread, axis=2), axis=1)
-        self._unit = self._lower / np.abs(diagonal)[:, :, None]
-        self._bound = -core_mean / np.abs(diagonal)
-        self._x, self._tilt = _saddle_point(self._unit, self._bound)
+        self._mean, self._spread = mean, spread
+
+    def log_probability(self, tolerance: float = 1e-3, *, seed: int = 0) -> tuple[Array, Array]:
+        """ln P and its error [nat], each of shape (w,), of every member alone, whatever else is in the batch.
+
+        In closed form where bounds are no further apart than the tolerance, else from as many quasi-random points as it needs, up
+        to 65 536: the scatter of independent scrambles times Student's factor, so that three errors hold 99 %. Members share
+        points: their errors add up. Infinite, at the upper bound, where no point satisfies rows beyond the rank.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = self._mean / np.linalg.norm(self._spread, axis=2)
+        distance = np.where(np.isnan(distance), np.inf, distance)
+        value, error = _closed_form(distance, self._spread)
+        open_ = np.flatnonzero(error > tolerance)
+        for near in (_NEAR, np.inf):
+            # Rows that are far from failing are left out at first; where these are too many, all are taken.
+            kept, again = distance[open_] < near, np.zeros(len(open_), dtype=bool)
+            for pattern in np.unique(kept, axis=0):
+                alike = np.flatnonzero((kept == pattern).all(axis=1))
+                index = open_[alike]
+                part = Orthant(self._mean[index][:, pattern], self._spread[index][:, pattern])
+                value[index], error[index] = part._by_points(tolerance, seed)
+                with np.errstate(divide="ignore", over="ignore"):
+                    left_out = np.exp(np.log(ndtr(-distance[index][:, ~pattern]).sum(axis=1)) - value[index])
+                error[index] += left_out
+                again[alike] = left_out > 0.1 * tolerance
+            open_ = open_[again]
+        return value, error
 
     @property
     def log_bound(self) -> Array:
         """Upper bound of ln P, tight in the tails, shape (w,). Smooth; exact for one constraint."""
-        return self._log_weight(self._x)
-
-    def log_value(self, size: int = 256, *, seed: int = 0) -> Array:
-        """ln P, shape (w,): a product of Gauss-Legendre rules where it fits, else ``size`` quasi-random points.
-
-        Finite however small P is. Where no point satisfies the rows beyond the rank, the upper bound.
-        """
-        counts = self._counts(_FULL)
-        return self._by_quasi_random(size, seed)[0] if counts is None else self._by_product(counts)
-
-    def log_probability(self, size: int = 256, *, seed: int = 0) -> tuple[Array, Array]:
-        """The same from a finer rule, and its error, each of shape (w,): the change from the rule of `log_value`, or half the
-        difference of two halves of the points; infinite where no point satisfies the rows beyond the rank."""
-        counts, finer = self._counts(_FULL), self._counts(2 * _FULL)
-        if counts is None or finer is None:
-            return self._by_quasi_random(size, seed)
-        value = self._by_product(finer)
-        return value, np.abs(value - self._by_product(counts))
+        return self._tilted.log_bound
 
     def moments(self, size: int = 512, *, seed: int = 0) -> tuple[Array, Array, Array]:
         """Mean (w, d) and covariance (w, d, d) of the standard normal e behind u = mean + spread e given u ≥ 0, along the
-        orthonormal `axes` (w, d, q) that matter; across them e stays standard normal."""
-        d = self._bound.shape[1]
-        if d <= 2:
-            points, log_rule = _rule((2 * _FULL,) * d, two_ended=True)
-        else:
-            points, log_rule = qmc.Sobol(d, rng=np.random.default_rng(seed)).random(size), np.zeros(size)
-        log_weight, x = self._propose(points[None])
-        log_weight = np.where(self._rest_holds(x), log_weight + log_rule, -np.inf)
-        weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
-        weight /= weight.sum(axis=1, keepdims=True)
-        mean = np.einsum("ws,wsd->wd", weight, x)
-        centred = x - mean[:, None, :]
-        return mean, np.einsum("ws,wsd,wse->wde", weight, centred, centred), self.axes
+        orthonormal `axes` (w, d, q) that matter; across them e stays standard normal.
 
-    @cached_property
+        The points of each member are moved by digits of its own numbers: what averages over many then averages their errors, and
+        nothing depends on who else is in the batch.
+        """
+        d = len(self._tilted.bound)
+        if d <= 2:
+            points, log_rule = _rule(d)
+            points = points[..., None]
+        else:
+            moved = (_lattice(d, size, seed)[:, :, None] + self._tilted.bound[:, None] * _DIGITS) % 1.0
+            points, log_rule = 1.0 - np.abs(2.0 * moved - 1.0), np.zeros(1)
+        log_weight, x = self._tilted.propose(points)
+        weight = np.exp(log_rule[:, None] + log_weight - log_weight.max(axis=0))
+        weight /= weight.sum(axis=0)
+        mean = np.einsum("sw,dsw->wd", weight, x)
+        centred = x.transpose(2, 1, 0) - mean[:, None, :]
+        return mean, np.einsum("sw,wsd,wse->wde", weight, centred, centred), self.axes
+
+    @property
     def axes(self) -> Array:
         """Orthonormal directions of e that the rows near their edge depend on, shape (w, d, q): x = axes e."""
-        return solve_lower(self._lower, np.take_along_axis(self._spread, self._core[:, :, None], axis=1))
+        return self._solved[1]
 
     def draw(self, rng: np.random.Generator, *, most: int = 12_800) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw of x = axes e given u ≥ 0 for each of the batch (w, d), by tilted rejection, and where one was accepted
         in about ``most`` proposals; elsewhere x is the last one."""
-        x = np.zeros_like(self._bound)
-        open_ = np.ones(len(x), dtype=bool)
-        limit = self.log_bound
+        d, w = self._tilted.bound.shape
+        x, open_ = np.zeros((d, w)), np.arange(w)
         tries, tried = 2, 0
-        while tried < most and open_.any():
-            index = np.flatnonzero(open_)
-            part = self._subset(index)
-            log_weight, proposal = part._propose(rng.random((index.size, tries, x.shape[1])))
-            accept = np.log(rng.random(log_weight.shape)) <= log_weight - limit[index, None]
-            accept &= part._rest_holds(proposal)
-            x[index] = proposal[np.arange(index.size), np.argmax(accept, axis=1)]
-            open_[index[accept.any(axis=1)]] = False
+        while tried < most and open_.size:
+            part = self._tilted.take(open_)
+            log_weight, proposal = part.propose(rng.random((open_.size, tries, d)).transpose(2, 1, 0))
+            accept = log_weight - part.log_bound >= np.log(rng.random(log_weight.shape[::-1])).T
+            x[:, open_] = proposal[:, np.argmax(accept, axis=0), np.arange(open_.size)]
+            open_ = open_[~accept.any(axis=0)]
             tries, tried = min(2 * tries, _MOST_TRIES), tried + tries
-        return x, ~open_
+        return x.T, ~np.isin(np.arange(w), open_)
 
     def draw_spread(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """One exact draw of the coordinates e of u = mean + spread e, e ~ N(0, I) given u ≥ 0, shape (w, q)."""
@@ -153,104 +158,200 @@ class Orthant:
     def propose_spread(self, uniform: Array, normal: Array) -> tuple[Array, Array]:
         """A tilted, nearly exact draw of the same e, and ln (exact density / density it was drawn with), up to ln P, from uniform
         numbers (w, m), of which those beyond the rows near their edge are not used, and normal ones (w, q)."""
-        log_weight, x = self._propose(uniform[:, None, : self._bound.shape[1]])
-        return self._complete(x[:, 0], normal), log_weight[:, 0]
+        log_weight, x = self._tilted.propose(uniform.T[: len(self._tilted.bound), None])
+        return self._complete(x[:, 0].T, normal), log_weight[0]
 
     def log_weight_of(self, white: Array) -> Array:
         """ln (exact density / density it would be drawn with) of given e (w, q), up to ln P; e inside the truncation."""
-        return self._log_weight(np.einsum("wiq,wq->wi", self.axes, white))
-
-    def _log_weight(self, x: Array) -> Array:
-        """ψ, shape (w,)."""
-        edge = self._bound - np.einsum("wij,wj->wi", np.tril(self._unit, -1), x) - self._tilt
-        return np.asarray((log_ndtr(-edge) + 0.5 * self._tilt**2 - x * self._tilt).sum(axis=1))
+        return self._tilted.log_weight(np.einsum("wiq,wq->iw", self.axes, white)[:, None])[0]
 
     def _complete(self, x: Array, normal: Array) -> Array:
         """Standard normal e (w, q) given the standard-normal coordinates x behind the rows near their edge."""
         return normal + np.einsum("wiq,wi->wq", self.axes, x - np.einsum("wiq,wq->wi", self.axes, normal))
 
-    def _subset(self, index: Array) -> Orthant:
-        part = object.__new__(Orthant)
-        part.__dict__.update({name: value[index] for name, value in vars(self).items()})
-        return part
+    def _by_points(self, tolerance: float, seed: int) -> tuple[Array, Array]:
+        """ln P and its error by quasi-random points, four times as many until the error is within the tolerance."""
+        tilted = self._tilted
+        value, error = tilted.log_bound.copy(), np.zeros(len(self._mean))
+        if len(tilted.bound) + len(tilted.rest) > 1:
+            error[:] = np.inf
+        for size in _SIZES:
+            points = _points(max(len(tilted.bound) - 1, 1), size, seed).reshape(-1, _SCRAMBLES * size, 1)
+            every = np.flatnonzero(error > tolerance)
+            for index in np.array_split(every, -(-every.size * points.shape[1] // _TOGETHER) or 1):
+                log_weight = tilted.take(index).propose(points, last=False)[0].reshape(_SCRAMBLES, size, -1)
+                top = log_weight.max(axis=(0, 1))
+                weight = np.exp(log_weight - np.where(np.isfinite(top), top, 0.0))
+                mean, scatter = weight.mean(axis=(0, 1)), weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
+                scatter = np.maximum(_STUDENT * scatter, _LUCK * weight.std(axis=(0, 1)) / np.sqrt(_SCRAMBLES * size))
+                seen = mean > 0.0
+                value[index[seen]] = top[seen] + np.log(mean[seen])
+                error[index[seen]] = scatter[seen] / mean[seen] + _ROUNDING
+        return value, error
 
-    def _counts(self, full: int) -> tuple[int, ...] | None:
-        """Nodes of the product rule for every row but the last; None where it would need too many or rows nearly repeat others.
+    @property
+    def _tilted(self) -> _Tilted:
+        return self._solved[0]
 
-        The integrand depends on a row only through those after it, and hardly where these hold anyway.
-        """
-        d = self._bound.shape[1]
-        if d != self._mean.shape[1]:
-            return None
-        if d <= 1:
-            return ()
-        slack = self._distance.min(axis=0)
-        near = d if slack[0] < _PUSHED else int(np.sum(slack <= _HOLDS))
-        steep = near > 1 and np.abs(np.tril(self._unit, -1)[:, :near]).max() > _STEEP
-        if steep or near > _MOST_NEAR:
-            return None
-        return tuple(full if j < near else 1 if slack[j] > 1.5 * _HOLDS else 3 for j in range(1, d))
+    @cached_property
+    def _solved(self) -> tuple[_Tilted, Array]:
+        """The tilted problem, and the axes. Rows that hold with certainty in the whole batch are left out."""
+        open_ = _uncertain(self._mean, self._spread)
+        mean, spread = self._mean[:, open_], self._spread[:, open_]
+        core = _core_rows(mean, spread)
+        core_mean, core_spread = np.take_along_axis(mean, core, axis=1), np.take_along_axis(spread, core[:, :, None], axis=1)
+        lower = np.swapaxes(np.linalg.qr(np.swapaxes(core_spread, 1, 2), mode="r"), 1, 2)
+        diagonal = np.diagonal(lower, axis1=1, axis2=2)
+        lower = lower * np.where(diagonal < 0, -1.0, 1.0)[:, None, :]
+        unit, bound = lower / np.abs(diagonal)[:, :, None], -core_mean / np.abs(diagonal)
+        x, tilt = _saddle_point(unit, bound)
+        axes = solve_lower(lower, core_spread)
+        beyond = np.ones(mean.shape, dtype=bool)
+        np.put_along_axis(beyond, core, values=False, axis=1)
+        others = np.nonzero(beyond)[1].reshape(len(core), -1)
+        rest = np.take_along_axis(spread, others[:, :, None], axis=1) @ np.swapaxes(axes, 1, 2)
+        size = np.linalg.norm(rest, axis=2)
+        rest, rest_mean = rest / size[:, :, None], np.take_along_axis(mean, others, axis=1) / size
+        last = np.where(np.abs(rest) > _DEPENDENT, np.arange(core.shape[1]), -1).max(axis=2, initial=-1)
+        parts = (unit.transpose(1, 2, 0), bound.T, x.T, tilt.T, rest.transpose(1, 2, 0), rest_mean.T, last.T)
+        return _Tilted(*map(np.ascontiguousarray, parts)), axes
 
-    def _by_product(self, counts: tuple[int, ...]) -> Array:
-        if self._bound.shape[1] <= 1:
-            return self.log_bound
-        points, log_weight = _rule((*counts, 1))
-        return _log_sum(self._propose(points[None])[0] + log_weight)
 
-    def _by_quasi_random(self, size: int, seed: int) -> tuple[Array, Array]:
-        rng = np.random.default_rng(seed)
-        halves = []
-        for _ in range(2):
-            log_weight, x = self._propose(qmc.Sobol(self._bound.shape[1], rng=rng).random(size // 2)[None])
-            halves.append(_log_sum(np.where(self._rest_holds(x), log_weight, -np.inf)) - np.log(size // 2))
-        both = np.stack(halves, axis=1)
-        known = np.isfinite(both).all(axis=1)
-        error = np.full(len(both), np.inf)
-        error[known] = np.abs(both[known, 0] - both[known, 1]) / 2.0
-        return np.where(known, _log_sum(both) - np.log(2.0), self.log_bound), error
+class _Tilted(NamedTuple):
+    """Independent rows, tightest first, in units of their own x: L_jk / L_jj (d, d, w), bounds (d, w); the saddle point x and its
+    tilt (d, w), the last of each zero; rows beyond the rank as unit combinations of x (k, d, w), their means, and the last x that
+    each of them depends on, (k, w)."""
 
-    def _propose(self, uniform: Array) -> tuple[Array, Array]:
-        """Tilted draws x (w, size, d) from uniform numbers (w or 1, size, d), and their log weights (w, size)."""
-        w, d = self._bound.shape
-        log_uniform = np.log(np.clip(uniform, 1e-300, 1.0))
-        x, log_weight = np.zeros((w, uniform.shape[1], d)), np.zeros((w, uniform.shape[1]))
+    unit: Array
+    bound: Array
+    x: Array
+    tilt: Array
+    rest: Array
+    rest_mean: Array
+    last: Array
+
+    def take(self, index: Array) -> _Tilted:
+        """Some of the batch."""
+        return _Tilted(*(part[..., index] for part in self))
+
+    @property
+    def log_bound(self) -> Array:
+        """ψ at the saddle point, shape (w,)."""
+        return self._replace(last=np.full_like(self.last, -1)).log_weight(self.x[:, None])[0]
+
+    def propose(self, uniform: Array, *, last: bool = True) -> tuple[Array, Array]:
+        """Log weights (s, w) and tilted draws x (d, s, w) from uniform numbers (d, s, w or 1), the last of which may be left out:
+        weights do not depend on it."""
+        d, w = self.bound.shape
+        x, log_weight = np.zeros((d, uniform.shape[1], w)), np.zeros((uniform.shape[1], w))
         for j in range(d):
-            # The first row depends on no other: one value for all draws.
-            shift = np.einsum("wk,wsk->ws", self._unit[:, j, :j], x[..., :j]) if j else 0.0
-            tilt = self._tilt[:, j, None]
-            log_tail = log_ndtr(shift + tilt - self._bound[:, j, None])
-            x[..., j] = tilt - ndtri_exp(log_uniform[..., j] + log_tail)
-            log_weight += log_tail + 0.5 * tilt**2 - x[..., j] * tilt
+            edge, far = self._interval(j, x)
+            log_mass, log_tail, ratio, turn = _mass(edge, far)
+            log_weight += log_mass
+            if last or j < d - 1:
+                u = np.clip(uniform[j], 1e-300, 1.0)
+                x[j] = self.tilt[j] - turn * ndtri_exp(np.log(u if ratio is None else u + (1.0 - u) * ratio) + log_tail)
+                log_weight += self.tilt[j] * (0.5 * self.tilt[j] - x[j])
         return log_weight, x
 
-    def _rest_holds(self, x: Array) -> NDArray[np.bool_]:
-        """Whether the rows outside the core hold as well; they are linear combinations of the core rows."""
-        if self._core.shape[1] == self._mean.shape[1]:
-            return np.ones(x.shape[:2], dtype=bool)
-        core_spread = np.take_along_axis(self._spread, self._core[:, :, None], axis=1)
-        core_mean = np.take_along_axis(self._mean, self._core, axis=1)
-        mixing = np.swapaxes(np.linalg.pinv(np.swapaxes(core_spread, 1, 2)) @ np.swapaxes(self._spread, 1, 2), 1, 2)
-        value = np.einsum("wij,wsj->wsi", self._lower, x)
-        every = self._mean[:, None, :] + np.einsum("wmi,wsi->wsm", mixing, value)
-        scale = np.abs(core_mean).max(axis=1)[:, None, None] + np.abs(value).max(axis=2, keepdims=True)
-        return np.all(every >= -1e-9 * scale, axis=-1)
+    def log_weight(self, x: Array) -> Array:
+        """ψ of given x (d, s, w), shape (s, w)."""
+        log_mass = [_mass(*self._interval(j, x))[0] for j in range(len(x))]
+        tilt = self.tilt[:, None]
+        return np.asarray(sum(log_mass, np.zeros(x.shape[1:])) + (tilt * (0.5 * tilt - x)).sum(axis=0))
+
+    def _interval(self, j: int, x: Array) -> tuple[Array, Array | None]:
+        """Edges (s, w) between which x_j, less its tilt, must lie given those before; None where there is no upper one."""
+        # The first row depends on no other: one value for all points.
+        before = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j else 0.0
+        edge = np.atleast_2d(self.bound[j] - before - self.tilt[j])
+        rows = np.flatnonzero((self.last == j).any(axis=1))
+        if not rows.size:
+            return edge, None
+        far = np.full(x.shape[1:], np.inf)
+        for mean, along, last in zip(self.rest_mean[rows], self.rest[rows], self.last[rows], strict=True):
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                place = -(mean + np.einsum("kw,ksw->sw", along[:j], x[:j])) / along[j] - self.tilt[j]
+            edge = np.where((last == j) & (along[j] > 0.0), np.maximum(edge, place), edge)
+            far = np.where((last == j) & (along[j] < 0.0), np.minimum(far, place), far)
+        return edge, far
+
+
+def _mass(low: Array, high: Array | None) -> tuple[Array, Array, Array | None, Array | float]:
+    """ln (Φ(high) − Φ(low)); ln of the larger of the two tails beyond, the ratio of the other to it, and −1 where tails are to
+    the left, 1 else."""
+    if high is None:
+        log_tail = log_ndtr(-low)
+        return log_tail, log_tail, None, 1.0
+    left = low + high < 0.0
+    log_tail = log_ndtr(np.where(left, high, -low))
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        ratio = np.where(high > low, np.exp(log_ndtr(np.where(left, low, -high)) - log_tail), 1.0)
+        return log_tail + np.log1p(-np.minimum(ratio, 1.0)), log_tail, np.minimum(ratio, 1.0), np.where(left, -1.0, 1.0)
+
+
+def _closed_form(distance: Array, spread: Array) -> tuple[Array, Array]:
+    """ln P between two bounds, and how far it may be from either, each (w,): infinite where one of them says nothing."""
+    w, m = distance.shape
+    if m < 2:
+        return (log_ndtr(distance[:, 0]) if m else np.zeros(w)), np.zeros(w)
+    order = np.argsort(distance, axis=1, kind="stable")
+    unit = np.take_along_axis(spread / np.linalg.norm(spread, axis=2, keepdims=True), order[:, :, None], axis=1)
+    d = np.take_along_axis(distance, order, axis=1).T
+    tail = ndtr(-d)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # One row rules.
+        value, lost = log_ndtr(d[0]), tail[1:].sum(axis=0)
+        error = np.where(lost == 0.0, 0.0, lost * np.exp(-value))
+        two = np.flatnonzero(error > 1e-9)
+        d, tail, unit = d[:, two], tail[:, two], unit[two]
+        alike = np.einsum("wmq,wnq->mnw", unit, unit[:, :2])
+        pair, usable = _pair(d[0], d[1], alike[1, 0]), np.abs(alike[1, 0]) < 1.0 - _ALIKE
+        loss = np.zeros(len(two))
+        for j in range(2, m):
+            each = [np.where(np.abs(alike[j, i]) < 1.0 - _ALIKE, _pair(-d[j], d[i], -alike[j, i]), 1.0) for i in (0, 1)]
+            loss += np.maximum(np.minimum(tail[j], np.minimum(*each)), 0.0)
+        middle = pair - 0.5 * loss
+        either = (0.5 * loss + _OWEN * m) / middle
+        good = usable & (pair > _LEAST_PAIR) & (middle > 0.0) & (either < error[two])
+        value[two[good]], error[two[good]] = np.log(middle[good]), either[good]
+    return value, error
+
+
+def _pair(h: Array, k: Array, rho: Array) -> Array:
+    """P(x < h, y < k) of standard normals with correlation ρ (Owen, Ann. Math. Stat. 27, 1075-1090, 1956)."""
+    h, k = (np.where(own == 0.0, 1e-300, own) for own in (h, k))
+    root = np.sqrt((1.0 - rho) * (1.0 + rho))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        apart = owens_t(h, (k / h - rho) / root) + owens_t(k, (h / k - rho) / root)
+    return np.asarray(0.5 * (ndtr(h) + ndtr(k)) - apart - 0.5 * ((h < 0.0) != (k < 0.0)))
 
 
 @cache
-def _rule(counts: tuple[int, ...], *, two_ended: bool = False) -> tuple[Array, Array]:
-    """Points of the unit cube and their log weights: Gauss-Legendre in s, u = s⁴, as u → 0 is the far tail, where the integrand
-    is no polynomial of u; or u = s³ (10 − 15 s + 6 s²) where it changes towards both ends. One node is in the middle."""
-    points, log_weight = np.zeros((1, 0)), np.zeros(1)
-    for count in counts:
-        nodes, weight = np.polynomial.legendre.leggauss(count)
-        s, weight = (nodes + 1.0) / 2.0, weight / 2.0
-        if two_ended:
-            s, weight = s**3 * (10.0 - 15.0 * s + 6.0 * s**2), 30.0 * weight * s**2 * (1.0 - s) ** 2
-        elif count > 1:
-            s, weight = s**4, 4.0 * weight * s**3
-        points = np.column_stack([np.repeat(points, count, axis=0), np.tile(s, len(points))])
-        log_weight = np.add.outer(log_weight, np.log(weight)).ravel()
-    return points, log_weight
+def _points(dimensions: int, size: int, seed: int) -> Array:
+    """A lattice, moved at random and folded: independent scrambles of ``size`` points, shape (dimensions, scrambles, size)."""
+    shift = np.random.default_rng([seed, size]).random((_SCRAMBLES, max(dimensions, 32)))[:, :dimensions].T
+    moved = (_lattice(dimensions, size, seed)[:, None] + shift[:, :, None]) % 1.0
+    return 1.0 - np.abs(2.0 * moved - 1.0)
+
+
+def _lattice(dimensions: int, size: int, seed: int) -> Array:
+    """As many points, shape (dimensions, size), not yet modulo 1."""
+    rng = np.random.default_rng([seed, 1])
+    more = [2 * int(rng.integers(1 << 18)) + 1 for _ in range(dimensions - len(_LATTICE))]
+    return np.arange(size) * np.array([*_LATTICE, *more][:dimensions], dtype=float)[:, None] / size
+
+
+@cache
+def _rule(dimensions: int) -> tuple[Array, Array]:
+    """Points of the unit cube (dimensions, n) and their log weights (n,): Gauss-Legendre in s, u = s³ (10 − 15 s + 6 s²), as the
+    integrand changes towards both ends."""
+    nodes, weight = np.polynomial.legendre.leggauss(_RULE)
+    s, weight = (nodes + 1.0) / 2.0, weight / 2.0
+    s, weight = s**3 * (10.0 - 15.0 * s + 6.0 * s**2), 30.0 * weight * s**2 * (1.0 - s) ** 2
+    points = np.array(np.meshgrid(*[s] * dimensions, indexing="ij")).reshape(dimensions, _RULE**dimensions)
+    weights = np.array(np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij")).reshape(dimensions, _RULE**dimensions)
+    return points, weights.sum(axis=0)
 
 
 def _uncertain(mean: Array, spread: Array) -> Array:
@@ -274,24 +375,27 @@ def _core_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
 
 
 def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
-    """Rows active at the most probable point inside, then the tightest that add a direction.
+    """Rows active at the most probable point inside, then those that follow least from the others, tightest first.
 
     The most probable point is a least-distance problem, solved by non-negative least squares (Lawson and Hanson, ch. 23).
     """
-    force = _least_distance(unit, -distance)
+    force = _least_distance(unit, -distance) if (distance < 0.0).any() else np.zeros(len(unit))
     keep: list[int] = []
-    basis = np.zeros((0, unit.shape[1]))
-    for i in np.lexsort((distance, -force)):
-        rest = unit[i] - basis.T @ (basis @ unit[i])
-        size = np.linalg.norm(rest)
-        if size > _DEPENDENT and len(keep) < rank:
-            keep.append(int(i))
-            basis = np.vstack([basis, rest / size])
+    rest = unit.copy()
+    while len(keep) < rank:
+        size = np.linalg.norm(rest, axis=1)
+        i = int(np.argmax(np.where(size > _DEPENDENT, np.where(force > 0.0, 2.0 + force, size), -1.0)))
+        keep.append(i)
+        force[i] = 0.0
+        rest = rest - np.outer(rest @ rest[i], rest[i]) / size[i] ** 2
+        rest[i] = 0.0
     return sorted(keep, key=lambda i: float(distance[i]))
 
 
 def _least_distance(unit: Array, bound: Array) -> Array:
     """Forces, up to a factor, with which the rows ``unit`` · x ≥ bound hold the point nearest to zero."""
+    from scipy.optimize import nnls
+
     force, _ = nnls(np.vstack([unit.T, bound / max(1.0, float(np.abs(bound).max()))]), np.append(np.zeros(unit.shape[1]), 1.0))
     return np.asarray(force)
 
@@ -372,11 +476,3 @@ def _mills(edge: Array) -> Array:
     """φ(edge) / Φ(−edge)."""
     with np.errstate(over="ignore"):
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))
-
-
-def _log_sum(log_values: Array) -> Array:
-    """ln Σ exp along the last axis."""
-    top = log_values.max(axis=-1, keepdims=True)
-    top = np.where(np.isfinite(top), top, 0.0)
-    with np.errstate(divide="ignore"):
-        return np.asarray(top[..., 0] + np.log(np.exp(log_values - top).sum(axis=-1)))

@@ -2,34 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import pandas as pd
-import xarray as xr
-
+import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
-from ldbb_bayes.analysis.budget import Budget, budgets
-from ldbb_bayes.analysis.circularity import circularity, contributions, measured_circularity
-from ldbb_bayes.analysis.comparison import Comparison, compare
-from ldbb_bayes.analysis.design.design import Design, design
-from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability, identify, verdicts
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.posterior import (
-    bound_of,
-    campaign_of,
-    fit_of,
-    load,
-    model_of,
-    nuisances,
-    record_of,
-    result_json,
-    summarize,
-)
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_of, nuisances, record_of, result_json
 from ldbb_bayes.report.wording import (
     DEGREES,
     alias_sentences,
@@ -41,17 +23,16 @@ from ldbb_bayes.report.wording import (
     standing_words,
 )
 
-__all__ = [
-    "Compared",
-    "Findings",
-    "Recommended",
-    "compare_for_report",
-    "find",
-    "fit_in_words",
-    "full_result",
-    "further_remarks",
-    "sizes_of",
-]
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from ldbb_bayes.analysis.budget import Budget
+    from ldbb_bayes.analysis.comparison import Comparison
+    from ldbb_bayes.analysis.design.design import Design
+    from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability
+
+__all__ = ["Compared", "Findings", "Recommended", "find", "fit_in_words", "full_result", "further_remarks"]
 
 
 def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
@@ -65,19 +46,15 @@ def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
 def fit_in_words(posterior: xr.DataTree) -> dict[str, Any]:
     """Return the state of a fit, the kinds of what to mind, and its verdict, misfits and warnings in words."""
     fit, bound = fit_of(posterior), bound_of(posterior)
-    alike = degeneracies(bound)
+    alike, seen = degeneracies(bound), preview(bound.campaign)
+    concerns = concern_sentences(fit.concerns, record_of(posterior)["sampler"])
+    standing = map(standing_words, standing_degeneracies(bound, alike))
     return {
         "state": str(fit.state),
         "kinds": list(fit.kinds),
         "verdict": fit_verdict(fit),
         "misfits": [check_words(check) for check in fit.misfits],
-        "warnings": [
-            *concern_sentences(fit.concerns, record_of(posterior)["sampler"]),
-            *alias_sentences(alike),
-            *map(standing_words, standing_degeneracies(bound, alike)),
-            *look_sentences(seen := preview(bound.campaign)),
-            *further_remarks(seen),
-        ],
+        "warnings": [*concerns, *alias_sentences(alike), *standing, *look_sentences(seen), *further_remarks(seen)],
     }
 
 
@@ -87,69 +64,54 @@ def further_remarks(seen: CampaignPreview) -> list[str]:
     return [remark_words(remark) for remark in seen.remarks if remark.kind not in own]
 
 
-def sizes_of(posterior: xr.DataTree) -> dict[str, list[float]]:
-    """Means and U (k = 2) of the parameters by inside unit: what units for reading are chosen by."""
-    found: dict[str, list[float]] = {}
-    for entry in result_json(posterior)["parameters"].values():
-        found.setdefault(entry["unit"], []).extend((entry["mean"], 2.0 * entry["sd"]))
-    return found
-
-
-Compared: TypeAlias = Comparison | str
-Recommended: TypeAlias = Design | str
+Compared: TypeAlias = "Comparison | str"
+Recommended: TypeAlias = "Design | str"
 
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """All that a report shows of one posterior.
-
-    Attributes
-    ----------
-    posterior : DataTree
-    ci_prob : float
-    result : dict
-        The JSON of the fit.
-    summary : DataFrame
-        Of the draws.
-    seen : CampaignPreview
-        The campaign without a model.
-    verdicts : mapping of parameter to ParameterIdentifiability
-        What the readings tell of it.
-    identifiability : Identifiability
-        The same of campaign and model, degeneracies included.
-    budgets : mapping of parameter to Budget
-    path : DataFrame
-        Circular-test quantities of the machine.
-    measured : tuple of DataFrame
-        The same of the readings, and of pairs of them.
-    contributions : DataFrame
-        Of every parameter to the reading.
-    comparing : Comparison, str, or a future of either
-    design : Design or str
-        The circles to run next, or why none are recommended.
-    design_given : bool
-        Whether the design was brought, not worked out for the report.
-    """
+    """All that a report shows of one posterior; what the fit did not keep is worked out when it is first asked for. Where a
+    comparison or design is missing stands why."""
 
     posterior: xr.DataTree
     ci_prob: float
-    result: dict[str, Any]
-    summary: pd.DataFrame
-    seen: CampaignPreview
-    verdicts: Mapping[str, ParameterIdentifiability]
-    identifiability: Identifiability
-    budgets: Mapping[str, Budget]
-    path: pd.DataFrame
-    measured: tuple[pd.DataFrame, pd.DataFrame]
-    contributions: pd.DataFrame
-    comparing: Compared | Future[Compared]
+    comparison: Compared
     design: Recommended
-    design_given: bool
 
-    @property
-    def comparison(self) -> Compared:
-        """The comparison, or why there is none; waited for where it is still at work."""
-        return self.comparing.result() if isinstance(self.comparing, Future) else self.comparing
+    @cached_property
+    def result(self) -> dict[str, Any]:
+        """The JSON of the fit."""
+        return full_result(self.posterior, self.ci_prob)
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """Of the draws."""
+        return lb.summarize(self.posterior, ci_prob=self.ci_prob)
+
+    @cached_property
+    def seen(self) -> CampaignPreview:
+        """The campaign without a model."""
+        return preview(campaign_of(self.posterior))
+
+    @cached_property
+    def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
+        """What the readings tell of every parameter."""
+        return lb.verdicts(self.posterior)
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        """The same of campaign and model, degeneracies included."""
+        return lb.identify(model_of(self.posterior), campaign_of(self.posterior))
+
+    @cached_property
+    def budgets(self) -> Mapping[str, Budget]:
+        """Of every parameter."""
+        return lb.budgets(self.posterior)
+
+    @cached_property
+    def path(self) -> pd.DataFrame:
+        """Circular-test quantities of the machine."""
+        return lb.circularity(self.posterior, ci_prob=self.ci_prob)
 
     @property
     def flat(self) -> bool:
@@ -162,71 +124,42 @@ def find(
     *,
     ci_prob: float = 0.95,
     tests: int | None = None,
-    comparison: Compared | Future[Compared] | None = None,
+    comparison: Compared | None = None,
     recommended: Recommended | None = None,
 ) -> Findings:
-    """Return what a report shows of a fit, after a look whether what is brought is of the same readings.
-
-    Parameters
-    ----------
-    tests : int, optional
-        Circles to recommend; default: as many as the campaign has.
-    comparison : Comparison, str or future, optional
-        Of `compare` on the same readings, or what `compare_for_report` returns; default: the latter.
-    recommended : Design or str, optional
-        Of `design` after the same readings, or why there is none; default: worked out.
-    """
-    campaign = campaign_of(posterior)
-    brought = (
-        ("comparison", "of", "Compare", comparison.campaign if isinstance(comparison, Comparison) else None),
-        ("design", "made after", "Design", recommended.pilot if isinstance(recommended, Design) else None),
-    )
-    for what, relation, verb, own in brought:
-        if own is not None and own.sha256 != campaign.sha256:
-            raise InputError(
-                f"{what} must be {relation} the readings of the fit, got one {relation.split()[-1]} {own.name!r} (SHA-256 "
-                f"{own.sha256[:12]}… instead of {campaign.sha256[:12]}…). {verb} again."
-            )
+    """Return what a report shows of a fit, after a look whether what is brought is of the same readings; as `write_report`."""
+    digest = campaign_of(posterior).sha256
+    for what, own in (
+        ("comparison", None if comparison is None or isinstance(comparison, str) else comparison.campaign),
+        ("design", None if recommended is None or isinstance(recommended, str) else recommended.pilot),
+    ):
+        if own is not None and own.sha256 != digest:
+            got = f"got one of {own.name!r} (SHA-256 {own.sha256[:12]}… instead of {digest[:12]}…)"
+            raise InputError(f"{what} must be of the readings of the fit, {got}. Make the {what} again.")
     return Findings(
         posterior,
         ci_prob,
-        full_result(posterior, ci_prob),
-        summarize(posterior, ci_prob=ci_prob),
-        preview(campaign),
-        verdicts(posterior),
-        identify(model_of(posterior), campaign),
-        budgets(posterior),
-        circularity(posterior, ci_prob=ci_prob),
-        measured_circularity(posterior),
-        contributions(posterior, ci_prob=ci_prob),
-        compare_for_report(posterior) if comparison is None else comparison,
+        _compared(posterior) if comparison is None else comparison,
         _next_tests(posterior, tests) if recommended is None else recommended,
-        recommended is not None,
     )
 
 
 def _next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:
     model = model_of(posterior)
     try:
-        return design(model.with_degree(max(model.degree, 1)), pilot=campaign_of(posterior), tests=tests)
+        return lb.design(model.with_degree(max(model.degree, 1)), pilot=campaign_of(posterior), tests=tests)
     except InputError as error:
         if tests is not None:
             raise
         return str(error)
 
 
-def compare_for_report(posterior: xr.DataTree | str | os.PathLike[str]) -> Compared:
-    """Constant against linear compliance (and quadratic where that was fitted) by evidence alone, or why not.
-
-    Parameters
-    ----------
-    posterior : DataTree, or path to one
-    """
-    tree = posterior if isinstance(posterior, xr.DataTree) else load(posterior)
-    model = model_of(tree)
+def _compared(posterior: xr.DataTree) -> Compared:
+    """Constant against linear compliance (and quadratic where that was fitted) by evidence alone, or why not."""
+    model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))
     models = {DEGREES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
     try:
-        return compare(models, campaign_of(tree), evidence_only=True)
+        return lb.compare(models, campaign_of(posterior), evidence_only=True)
     except InputError as error:
         return str(error)

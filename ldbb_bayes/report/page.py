@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,44 +13,30 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
-from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES
+from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, MINIMUM_ZONES, QUANTITIES, contributions, measured_circularity
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design.design import Design
 from ldbb_bayes.analysis.differences import differences
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of, result_json
-from ldbb_bayes.report import figures, wording
-from ldbb_bayes.report.findings import Compared, Findings, Recommended, find, sizes_of
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.findings import Compared, Findings, Recommended, find
 from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
 from ldbb_bayes.result import json_text
-from ldbb_bayes.units import display_unit, typeset, units_for
+from ldbb_bayes.units import display_unit, typeset, units_of
 
-__all__ = ["REPORT_FILES", "Document", "compose", "html_page", "tables", "write_report"]
+__all__ = ["REPORT_FILES", "Document", "check_folder", "compose", "html_page", "tables", "write_report"]
 
 
 @dataclass(frozen=True)
 class Document:
-    """A whole report.
-
-    Attributes
-    ----------
-    title : str
-    lines : tuple of str
-        What it is of, under the title.
-    alerts : tuple of str
-        What a reader must know before any number.
-    sections : tuple of Section
-    further : mapping of name to callable
-        Draws a figure that is not on the page.
-    """
+    """A whole report; its lines say under the title what it is of, its alerts what a reader must know before any number."""
 
     title: str
     lines: tuple[str, ...]
     alerts: tuple[str, ...]
     sections: tuple[Section, ...]
-    further: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
 
     @property
     def pictures(self) -> Iterator[Picture]:
@@ -69,27 +51,13 @@ def compose(
     same_instrument: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Return all sections in order.
-
-    Parameters
-    ----------
-    others : sequence of Beside
-        Campaigns to set beside this one.
-    progress : callable, optional
-        Called with the sections done and their number.
-    """
+    """Return all sections in order, with campaigns to set beside this one; as `write_report`."""
     report = progress or (lambda done, total: None)
     report(0, len(SECTIONS))
-    made = {}
-    # The comparison may still be at work elsewhere: what shows it comes last, and figures are drawn as they come.
-    for k, key in enumerate(sorted(SECTIONS, key=lambda key: key in ("summary", "degree"))):
-        title, write = SECTIONS[key]
-        made[key] = Section(key, title, tuple(write(found)))
-        for part in made[key].parts:
-            if isinstance(part, Picture):
-                _ = part.svg
+    sections = []
+    for k, (key, (title, write)) in enumerate(SECTIONS.items()):
+        sections.append(Section(key, title, tuple(write(found))))
         report(k + 1, len(SECTIONS))
-    sections = [made[key] for key in SECTIONS]
     result, seen = found.result, found.seen
     name = title = str(result["campaign"]["name"])
     if others:
@@ -106,27 +74,7 @@ def compose(
     for other in others:
         converged, conflict = other.result["sampler"]["converged"], other.differences.attrs.get("conflict")
         alerts += wording.difference_doubts(name, other.name, converged, conflict)
-    return Document(f"Loaded double ball bar: {title}", lines, tuple(alerts), tuple(sections), _further(found))
-
-
-def _further(found: Findings) -> dict[str, Callable[[], Figure]]:
-    """The analyses' other figures."""
-    own, compared, chosen = found.identifiability, found.comparison, found.design
-    drawn: dict[str, Callable[[], Figure]] = {
-        "corner": partial(figures.corner, found.posterior),
-        "prior_and_posterior": partial(figures.prior_and_posterior, own),
-        "nuisance_costs": partial(figures.nuisance_costs, own),
-        "alias": partial(figures.alias_map, own),
-        "correlation": partial(figures.correlation_map, own),
-    }
-    if isinstance(compared, Comparison) and compared.tests:
-        drawn["predictive_p_values"] = partial(figures.predictive_p_values, compared)
-    if isinstance(compared, Comparison) and not compared.local_fits.empty:
-        drawn["geometry_with_local_fits"] = partial(figures.geometry_with_local_fits, compared)
-    if isinstance(chosen, Design) and not chosen.sensitivity.empty:
-        drawn["expected_widths"] = partial(figures.expected_widths, chosen)
-        drawn["efficiency"] = partial(figures.efficiency, chosen)
-    return drawn
+    return Document(f"Loaded double ball bar: {title}", lines, tuple(alerts), tuple(sections))
 
 
 def html_page(document: Document) -> str:
@@ -143,11 +91,10 @@ def html_page(document: Document) -> str:
 
 def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
     """Return everything in numbers for files: inside units (mm, N, rad), µm and µm/m for circular-test quantities."""
-    bound = bound_of(found.posterior)
+    bound, (measured, pairs) = bound_of(found.posterior), measured_circularity(found.posterior)
     beta, phi = draws_of(found.posterior, bound)
     names = [*bound.names, *map(str, bound.hyper_prior.names)]
     draws = np.concatenate([beta, phi], axis=1)
-    measured, pairs = found.measured
     every = {
         "results": _results(found).rename_axis("parameter"),
         "covariance": pd.DataFrame(np.cov(draws.T), names, names).rename_axis("parameter"),
@@ -155,7 +102,7 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
         "budget": _budget_lines(found).set_index("parameter"),
         "circularity": found.path.set_index("plane"),
         "measured_circularity": _with_units(measured).rename_axis("test"),
-        "contributions": _with_units(found.contributions).set_index("plane"),
+        "contributions": _with_units(contributions(found.posterior, ci_prob=found.ci_prob)).set_index("plane"),
     }
     if len(pairs):
         every["measured_pairs"] = _with_units(pairs).rename_axis("tests")
@@ -189,13 +136,22 @@ def _budget_lines(found: Findings) -> pd.DataFrame:
 def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
     """Columns that stand for a quantity carry its unit in their names."""
     units = {"µm": "_um", "µm/m": "_um_per_m"}
-    named = {name: f"{name}{units[unit]}" for name, unit in (QUANTITIES | BIDIRECTIONAL).items()}
+    named = {name: f"{name}{units[unit]}" for name, unit in (QUANTITIES | BIDIRECTIONAL | MINIMUM_ZONES).items()}
     sizes = ("maximum", "minimum", "peak_to_peak", "median", "sd", "ci_low", "ci_high")
     return frame.rename(columns=named | {name: f"{name}_um" for name in sizes})
 
 
-_ONLY_SOMETIMES = {"tables/differences.csv", "tables/measured_pairs.csv"}
+_NAMES = "results covariance correlation budget circularity measured_circularity contributions measured_pairs differences"
+_TABLES = tuple(f"{name}.csv" for name in _NAMES.split())
 REPORT_FILES = ("report.html", "report.json", "tables")
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that a report cannot be written to, before any work is done."""
+    if folder.is_dir():
+        check_target(folder / "tables", force=True, ours=_TABLES)
+    else:
+        check_target(folder, force=True)
 
 
 def write_report(
@@ -206,7 +162,7 @@ def write_report(
     same_instrument: bool = False,
     ci_prob: float = 0.95,
     tests: int | None = None,
-    comparison: Compared | Future[Compared] | None = None,
+    comparison: Compared | None = None,
     recommended: Recommended | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
@@ -226,7 +182,7 @@ def write_report(
         Probability of the credible intervals.
     tests : int, optional
         Circles to recommend; default: as many as the campaign has.
-    comparison : Comparison, or a future of one, optional
+    comparison : Comparison, optional
         From `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
     recommended : Design, optional
         From `design` or `read_design` after the same readings; default: as many circles as ``tests``, of the forces tested.
@@ -243,7 +199,9 @@ def write_report(
     InputError
         For a comparison of other readings, results of other machines, or a folder that cannot be written.
     """
-    with units_for(sizes_of(posterior)), _place(Path(folder)) as place:
+    folder = Path(folder)
+    check_folder(folder)
+    with units_of(result_json(posterior)["parameters"].values()):
         apart = tuple(
             Beside(
                 name,
@@ -252,40 +210,16 @@ def write_report(
             )
             for name, other in (beside_it or {}).items()
         )
-        if progress is not None:
-            progress(0, len(SECTIONS))
         found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended)
         document = compose(found, apart, same_instrument=same_instrument, progress=progress)
         frames = tables(found, apart)
-        place |= {f"tables/{name}.csv": frame.to_csv() for name, frame in frames.items()}
-        place["report.json"] = json_text(_record(found, document, frames))
-        place["report.html"] = html_page(document)
+        record, page = json_text(_record(found, document, frames)), html_page(document)
+    with staged_folder(folder / "tables", force=True, ours=_TABLES) as staging:
+        for name, frame in frames.items():
+            frame.to_csv(staging / f"{name}.csv")
+    write_whole(folder / "report.json", record.encode())
+    write_whole(folder / "report.html", page.encode())
     return document
-
-
-@contextmanager
-def _place(folder: Path) -> Iterator[dict[str, str]]:
-    """Texts by path, to be filled in. Every file is written whole beside its place and then moved there, the page last."""
-    made = not folder.exists()
-    try:
-        (folder / "tables").mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".report-", dir=folder) as name:
-            texts: dict[str, str] = {}
-            yield texts
-            staging = Path(name)
-            (staging / "tables").mkdir()
-            for path, text in texts.items():
-                (staging / path).write_text(text, encoding="utf-8")
-            for path in texts:
-                os.replace(staging / path, folder / path)
-            for stale in _ONLY_SOMETIMES - set(texts):
-                (folder / stale).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder} must be writable, got: {error.strerror or error}. Choose another place (--out).") from None
-    finally:
-        for empty in (folder / "tables", *([folder] if made else [])):
-            if empty.is_dir() and not any(empty.iterdir()):
-                empty.rmdir()
 
 
 def _record(found: Findings, document: Document, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:

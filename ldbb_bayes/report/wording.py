@@ -1,54 +1,57 @@
 """Every sentence about findings: templates, and small functions that choose among them and fill them with numbers.
 
-Nothing decides by reading a sentence: what is decided stands in the findings. Where a list is named, `joined` joins it. The
-paragraphs that introduce the page's tables are `prose`, from ``templates/prose.j2``.
+Nothing decides by reading a sentence: what is decided stands in the findings. Kinds of findings are looked up by their values.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache, singledispatch
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
-from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, StandingKind
-from ldbb_bayes.analysis.budget import Budget
-from ldbb_bayes.analysis.calibration import Validation
-from ldbb_bayes.analysis.comparison import Comparison, Sign
-from ldbb_bayes.analysis.design.design import Design, Outcome, RemedyKind
-from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen, Verdict
-from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, SlopeSubset
-from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
-from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit
-from ldbb_bayes.inference.predictive import Check, CheckKind
-from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.likelihood import NOISE, OWN
-from ldbb_bayes.model.terms import Term
+from ldbb_bayes.model.terms import NOISE, OWN, Term
+from ldbb_bayes.result import ByClass
 from ldbb_bayes.units import (
     display_name,
     display_unit,
     is_direct,
     plus_minus,
     ranked,
+    round_uncertainty,
     stiffness,
+    typeset,
     units_for,
-    value_and_uncertainty,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing
+    from ldbb_bayes.analysis.budget import Budget
+    from ldbb_bayes.analysis.calibration import Validation
+    from ldbb_bayes.analysis.comparison import Comparison
+    from ldbb_bayes.analysis.design.design import Design
+    from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen
+    from ldbb_bayes.campaign.preview import CampaignPreview, Remark
+    from ldbb_bayes.inference.posterior import Concern, Fit
+    from ldbb_bayes.inference.predictive import Check
 
 DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
 # Ratios of expected sds that differ by less count as equal.
 _ALIKE = 2e-3
+_NO_NARROWER = 0.98
 
 
-@singledispatch
-def with_words(result: Any) -> dict[str, Any]:
+def _as_dict(result: Any) -> dict[str, Any]:
     """Return a result's JSON, its sentences added."""
     record: dict[str, Any] = result.as_dict()
     return record
+
+
+with_words = ByClass(_as_dict)
 
 
 def joined(parts: Sequence[str], word: str = "and") -> str:
@@ -56,35 +59,33 @@ def joined(parts: Sequence[str], word: str = "and") -> str:
     return f" {word} ".join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])} {word} {parts[-1]}"
 
 
+def _few(names: Sequence[str]) -> str:
+    """The first names, and how many there are beyond."""
+    more = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
 def _shown(names: Sequence[str]) -> str:
     """Parameters as the paper prints them."""
     return joined([display_name(name) for name in names])
 
 
-def _lowered(text: str) -> str:
-    return text[:1].lower() + text[1:]
-
-
 # ---- terms and aliases
 
 _CURES = {
-    Cure.FORCES: "other force levels",
-    Cure.WORK_BALL: "clocking the work ball (0/45/90°)",
-    Cure.TOOL_BALL: "clocking the tool ball (0/45/90°)",
-    Cure.BOTH_BALLS: "clocking both balls (0/45/90°)",
-    Cure.RADIUS: "a second radius",
-    Cure.DIRECTIONS: "both directions of travel at the same forces",
-    Cure.REVERSE_ORDER: "the same tests once more in reverse order",
-    Cure.FULL_CIRCLES: "full circles of more readings",
+    "forces": "other force levels",
+    "work ball": "clocking the work ball (0/45/90°)",
+    "tool ball": "clocking the tool ball (0/45/90°)",
+    "both balls": "clocking both balls (0/45/90°)",
+    "radius": "a second radius",
+    "directions": "both directions of travel at the same forces",
+    "full circles": "full circles of more readings",
 }
 _STANDING = {
-    StandingKind.FRICTION: "Friction in the bar or lost motion in proportion to force looks exactly like {names} in these "
-    "directions. Run both directions at the same forces.",
-    StandingKind.CURVATURE: "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of "
-    "{names}.",
-    StandingKind.LOBES: "{names} and the 4-lobe form of the balls are told apart by force alone.",
-    StandingKind.DRIFT: "The tests record {over}, the model has no drift over it: what changes steadily counts as set-up shift, "
-    "and as compliance where the forces were run in order. Ask for it (--drift {over}).",
+    "friction": "Friction in the bar or lost motion in proportion to force looks exactly like {names} in these directions. Run "
+    "both directions at the same forces.",
+    "curvature": "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {names}.",
+    "lobes": "{names} and the 4-lobe form of the balls are told apart by force alone.",
 }
 
 
@@ -109,57 +110,30 @@ def source_words(term: str) -> str:
     return "prior of the parameters" if term == OWN else term_words(term)
 
 
-def _three(value: float) -> str:
-    """Three significant digits without an exponent."""
-    if value == 0.0 or not np.isfinite(value):
-        return f"{value:g}"
-    decimals = max(2 - int(np.floor(np.log10(abs(float(f"{value:.2e}"))))), 0)
-    return f"{value:.{decimals}f}" if decimals <= 6 else f"{value:.2e}"
-
-
-def _change(name: str, change: float, unit: str) -> str:
+def _amount(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
     """+6.67 µm/m of E_XX1."""
-    factor, label = display_unit(unit)
-    value = abs(change) * factor
-    if value < 0.01 and label.startswith("µ"):
-        value, label = value * 1e3, "n" + label[1:]
-    return f"{'+' if change > 0 else '−'}{_three(value)} {label} of {display_name(name)}"
-
-
-def _company(lead: str, amount: float, name: str, change: float) -> str:
-    """0.5 times as much mount deflection; of another unit, how much."""
-    (_, unit), (own, other) = unit_words(lead), unit_words(name)
-    ratio = change / own if unit != other else change / amount
-    digits = f"{ratio:.2g}".replace("-", "−")
-    if unit != other:
-        return f"{digits} {other} of {nuisance_words(name)}"
-    much = {1.0: "as much", -1.0: "minus as much"}.get(round(ratio, 6), f"{digits} times as much")
-    return f"{much} {nuisance_words(name)}"
+    size = abs(value) * factor
+    if size < 0.01 and label.startswith("µ"):
+        size, label = size * 1e3, "n" + label[1:]
+    return f"{plus if value > 0 else '−'}{round_uncertainty(size, 3)[0]} {label} of {name}"
 
 
 def statement(found: Degeneracy) -> str:
     """Return a degeneracy with its exchange rate: what looks like what, and how much of it."""
+    sign = -1.0 if found.term else 1.0
+    changes = [
+        _amount(sign * found.combination[name], *display_unit(found.units[name]), display_name(name)) for name in found.parameters
+    ]
     left_out = "" if found.modelled else "; the model leaves it out, and the intervals do not cover it"
-    combined, units = found.combination, found.units
+    nuisances = [(name, *unit_words(name)) for name in found.nuisances]
+    parts = [_amount(found.combination[name], 1.0 / one, unit, nuisance_words(name), "") for name, one, unit in nuisances]
+    subject = " with ".join([*parts[:1], *([joined(parts[1:])] if parts[1:] else [])])
+    if len(parts) > 4:
+        subject = f"{parts[0]} in company with {len(parts) - 1} other nuisances"
     if not found.term:
-        subject = joined([_change(name, combined[name], units[name]) for name in found.parameters])
-        company = f" in company with {len(found.nuisances)} nuisances" if found.nuisances else ""
-        return f"{subject}{company} together change no reading{left_out}."
-    lead, *others = found.nuisances
-    amount, (one, unit) = combined[lead], unit_words(lead)
-    subject = f"{f'{amount / one:g}' if unit == '%' else _three(amount / one)} {unit} of {nuisance_words(lead)}"
-    if len(others) > 3:
-        subject += f" in company with {len(others)} other nuisances"
-    elif others:
-        subject += f" with {joined([_company(lead, amount, name, combined[name]) for name in others])}"
-    looks = joined([_change(name, -combined[name], units[name]) for name in found.parameters])
-    if len(found.parameters) == 2:
-        (first, second), (a, b) = found.parameters, (-combined[name] for name in found.parameters)
-        # Two that go opposite ways by as much: their difference.
-        if units[first] == units[second] and abs(a + b) < 1e-6 * abs(a):
-            factor, label = display_unit(units[first])
-            looks += f" ({_three(abs(a - b) * factor)} {label} of {display_name(first)} − {display_name(second)})"
-    return f"{subject} looks exactly like {looks}{left_out}."
+        company = f" in company with {len(parts)} nuisances" if parts else ""
+        return f"{joined(changes)}{company} together change no reading{left_out}."
+    return f"{subject} looks exactly like {joined(changes)}{left_out}."
 
 
 def cure_words(found: Degeneracy, cures: Sequence[Cure]) -> str:
@@ -169,31 +143,33 @@ def cure_words(found: Degeneracy, cures: Sequence[Cure]) -> str:
     return text[0].upper() + text[1:] + "."
 
 
-def alias_sentences(found: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return one sentence per term: what it looks like, and what supplies it."""
-    by_term: dict[str, list[Degeneracy]] = {}
-    for degeneracy in found:
-        by_term.setdefault(degeneracy.term, []).append(degeneracy)
-    sentences = []
-    for term, members in by_term.items():
-        if not term:
-            sentences += [f"{_shown(member.parameters)} cannot be told apart by these readings." for member in members]
-            continue
-        alike: dict[tuple[str, ...], list[str]] = {}
-        for member in members:
-            name = member.nuisances[0]
-            alike.setdefault(member.parameters, []).append(Term.owner(name).pattern(name).strip())
-        looks = "; ".join(f"like {_shown(names)} {', '.join(patterns)}".strip() for names, patterns in alike.items())
-        left_out = "" if members[0].modelled else " The model leaves it out: the intervals do not cover it."
-        remedy = Term.kinds.get(term, Term).remedy
-        words = term_words(term).capitalize()
-        sentences.append(f"{words} looks exactly {looks}: these readings cannot tell them apart.{left_out} {remedy}")
-    return tuple(sentences)
+def degeneracy_items(found: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]) -> tuple[str, ...]:
+    """Return every degeneracy with what would separate it."""
+    pairs = zip(found, cures, strict=True)
+    return tuple(f"{statement(own)} Cure: {cure_words(own, cure)}" for own, cure in pairs)
+
+
+def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
+    """Return what the terms of the model are confounded with, the terms that it leaves out, and parameters that are alike."""
+    alike: dict[bool, dict[str, dict[str, None]]] = {False: {}, True: {}}
+    for own in found:
+        if own.term:
+            alike[own.modelled].setdefault(own.term, {}).update(dict.fromkeys(own.parameters))
+        else:
+            yield f"{_shown(own.parameters)} cannot be told apart by these readings."
+    covers = {
+        False: "The model leaves these out: no interval covers them",
+        True: "The intervals rest on what was assumed of these",
+    }
+    for modelled, terms in alike.items():
+        if terms:
+            pairs = "; ".join(f"{term_words(term)} with {_shown([*names])}" for term, names in terms.items())
+            yield f"Confounded: {pairs}. {covers[modelled]} (more: ldbb-bayes identify)."
 
 
 def standing_words(found: Standing) -> str:
     """Return what holds whatever is measured."""
-    return _STANDING[found.kind].format(names=_shown(found.parameters), over=found.over)
+    return _STANDING[found.kind].format(names=_shown(found.parameters))
 
 
 # ---- fit
@@ -215,18 +191,17 @@ _CONCERNS = {
 
 def check_words(check: Check) -> str:
     """Return what a check looks at: order 4 of f520."""
-    kinds = {CheckKind.NOISE: "white noise", CheckKind.AUTOCORRELATION: "autocorrelation"}
+    kinds = {"noise": "white noise", "autocorrelation": "autocorrelation"}
     return f"{kinds.get(check.kind, f'order {check.order}')} of {check.test}"
 
 
 def fit_verdict(fit: Fit) -> str:
     """Return in one line whether the numbers can be used, and what to look at."""
-    kinds = {concern.kind for concern in fit.concerns}
-    if ConcernKind.NOT_CONVERGED in kinds:
+    if "not-converged" in fit.kinds:
         return "NOT CONVERGED: do not use the numbers."
     moved = f"{len(fit.sensitive)} of {len(fit.sensitivity)} numbers are sensitive to their prior"
     which = ", ".join(fit.sensitive[:_FEW]) + (", …" if len(fit.sensitive) > _FEW else "")
-    doubt = "the readings speak against non-negative compliance" if ConcernKind.TRUNCATION in kinds else expectation(fit)
+    doubt = "the readings speak against non-negative compliance" if "truncation" in fit.kinds else expectation(fit)
     return f"Converged; {doubt}; {moved}{f' ({which})' if which else ''}."
 
 
@@ -242,126 +217,123 @@ def expectation(fit: Fit) -> str:
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
     """Return a sentence or two on every concern; ``sampler`` is that part of the record."""
+    cures = {"independent": "ask for more independent draws (a larger --ess)"}
     for own in concerns:
-        more: dict[str, Any] = {"um": own.value * 1e3, "limit_um": own.limit * 1e3, "degree": own.limit - 2}
-        if own.kind == ConcernKind.NOT_CONVERGED:
-            independent = sampler["kind"] == "independent"
-            more["rhat"] = sampler["target_rhat"]
-            more["cure"] = "ask for more independent draws (a larger --ess)" if independent else "allow more steps (--max-steps)"
-        more["verb"] = "contradict" if own.value < _CONTRADICTED else "speak against"
-        template = _CONCERNS["one-force" if own.kind == ConcernKind.FORCES and own.value == 1 else own.kind]
-        yield template.format(value=own.value, limit=own.limit, name=own.name, **more)
+        template = _CONCERNS["one-force" if own.kind == "forces" and own.value == 1 else own.kind]
+        said = template.format(
+            value=own.value,
+            limit=own.limit,
+            name=own.name,
+            um=own.value * 1e3,
+            limit_um=own.limit * 1e3,
+            degree=own.limit - 2,
+            verb="contradict" if own.value < _CONTRADICTED else "speak against",
+            rhat=sampler.get("target_rhat", 0.0),
+            cure=cures.get(sampler.get("kind", ""), "allow more steps (--max-steps)"),
+        )
+        yield typeset(said)
+
+
+def model_words(model: Mapping[str, Any]) -> str:
+    """Return what was fitted, from that part of a fit's JSON."""
+    idle = f" Without effect here: {joined([*map(term_words, own)])}." if (own := model.get("idle_terms")) else ""
+    flat = " Least squares: the intervals cover white noise alone." if model["preset"] == "paper" else ""
+    truncated = "no compliance is negative" if model["truncated"] else "compliances may be negative"
+    return (
+        f"Compliance {IN_FORCE[model['degree']]}, reference force {model['reference_force_N']:g} N; preset {model['preset']}, "
+        f"priors {model['priors']}, {truncated}; terms: {', '.join(map(term_words, model['terms']))}.{idle}{flat}"
+    )
+
+
+def quality_words(quality: Mapping[str, Any]) -> str:
+    """Return how well the model fits, from that part of a fit's JSON."""
+    return typeset(
+        f"RMSE {quality['rmse_um']:.2f} µm (Eq. 34; machine and shared nuisances); linear for exact geometry costs at most "
+        f"{quality['linearisation_error_um']:.4f} µm. ln P(T | y) = {quality['log_prob_truncation']:.2f}: the log probability "
+        "that no compliance is negative; far below −4 the readings contradict it."
+    )
+
+
+def sampler_words(sampler: Mapping[str, Any]) -> str:
+    """Return whether the sampler reached its target, from that part of a fit's JSON."""
+    state = "" if sampler["converged"] else "NOT CONVERGED, "
+    return (
+        f"Sampler {sampler['kind']}: {state}{sampler['draws']} draws, worth {sampler['ess_bulk_min']:.0f} independent ones (bulk "
+        f"ESS; tail {sampler['ess_tail_min']:.0f}); R-hat {sampler['rhat_max']:.4f} (1 when runs agree)."
+    )
+
+
+def fit_head(result: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the verdict on a fit, and what was fitted."""
+    campaign = result["campaign"]
+    return (
+        f"Verdict: {result['fit']['verdict']}",
+        f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
+    )
 
 
 def fit_sentences(result: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return what was fitted, how well it went, and every warning."""
-    model, sampler = result["model"], result["sampler"]
-    text = (
-        "Verdict: {fit[verdict]}\n"
-        "{campaign[name]}: {campaign[tests]} tests, {campaign[readings]} readings.\n"
-        "Compliance {degree}, preset {model[preset]}{changes}, reference force {model[reference_force_N]:g} N.\n"
-        "RMSE {fit[rmse_um]:.2f} µm (machine and shared nuisances); linear for exact geometry costs at most "
-        "{fit[linearisation_error_um]:.4f} µm. ln P(T | y) = {fit[log_prob_truncation]:.2f}.\n"
-        "Sampler {sampler[kind]}: {state}ESS bulk {sampler[ess_bulk_min]:.0f}, tail {sampler[ess_tail_min]:.0f}, R-hat "
-        "{sampler[rhat_max]:.4f}, {sampler[seconds]:.1f} s."
-    )
-    state = "" if sampler["converged"] else "NOT CONVERGED, "
-    lines = text.format(**result, degree=IN_FORCE[model["degree"]], changes=_changes(model), state=state).split("\n")
-    return (*lines, *(f"Note: {warning}" for warning in result["fit"]["warnings"]))
-
-
-def _changes(model: Mapping[str, Any]) -> str:
-    """How the model differs from its preset."""
-    if model["preset"] == "paper":
-        return " (least squares: the intervals cover white noise alone)"
-    default = HybridModel.default().terms
-    there = (*model["terms"], *model.get("idle_terms", ("Hysteresis",)))
-    missing = [name for name in default if name not in there] + ([] if model["truncated"] else ["truncation"])
-    words = [f"without {', '.join(missing)}"] if missing else []
-    words += [f"with {', '.join(more)}"] if (more := [name for name in model["terms"] if name not in default]) else []
-    words += ["with edited priors"] if model["priors"] == "edited" else []
-    return f" {' and '.join(words)}" if words else ""
-
-
-def two_fits_sentences(constant: Mapping[str, Any], linear: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return what the two fits say, in three sentences."""
-    values = []
-    for name in filter(is_direct, constant["parameters"]):
-        entry = constant["parameters"][name]
-        values.append(f"{name} = {' ± '.join(value_and_uncertainty(entry['mean'] * 1e3, 2e3 * entry['sd']))} µm/N")
-    slopes = {name: entry["ci95"] for name, entry in linear["parameters"].items() if name.endswith("_1")}
-    away = ", ".join(name for name, (low, high) in slopes.items() if low > 0 or high < 0)
-    says = f"the 95 % interval of {away} excludes zero" if away else "the 95 % interval of every force slope contains zero"
-    gain = 100.0 * (1.0 - linear["fit"]["rmse_um"] / constant["fit"]["rmse_um"])
-    errors = {name: entry for name, entry in constant["parameters"].items() if name.startswith("E_")}
-    rough = [display_name(name) for name, entry in errors.items() if abs(entry["mean"]) < 2.0 * entry["sd"]]
-    return (
-        f"With constant compliance {', '.join(values)}: these intervals include what the mount, the force and the balls may "
-        "hide.",
-        f"Linear compliance lowers the RMSE by {gain:.0f} %, but {says}: a lower RMSE alone does not show a slope.",
-        f"Geometric errors not told from zero (k = 2): {', '.join(rough) or 'none'}; most of their uncertainty is the form of "
-        "the balls and the length of the bar, which more readings do not reduce.",
-    )
+    """Return how well the fit went, what is to be minded, and the model."""
+    notes = (f"Note: {warning}" for warning in result["fit"]["warnings"])
+    return (quality_words(result["fit"]), sampler_words(result["sampler"]), *notes, model_words(result["model"]))
 
 
 # ---- campaign
 
 
-def _machine(topology: str, plane: str, radii_mm: Sequence[float]) -> str:
-    several = ", each with a length of its own." if len(radii_mm) > 1 else "."
-    return f"Machine {topology}, plane {plane}, R = {', '.join(f'{r:g}' for r in radii_mm)} mm{several}"
+def assumption_words(assumed: Any) -> str:
+    """Return what an import assumed, why, and the option that says otherwise."""
+    where = f"; {assumed.place}" if assumed.place else ""
+    return f"{assumed.what}: {assumed.value} ({assumed.because}{where}): {assumed.option}"
 
 
-def _frames(frames_mm: Mapping[str, Sequence[float]]) -> str:
-    frames = "; ".join(f"{axis} ({', '.join(f'{x:g}' for x in at)})" for axis, at in frames_mm.items())
-    return f"Joint frames stand at {frames} mm."
-
-
-_REMARKS: Mapping[RemarkKind, str | Callable[..., str]] = {
-    RemarkKind.TRAVEL: "stated {stated}, but the angles run {travel}",
-    RemarkKind.ARC: "arc of {arc_deg:.0f}° only: harmonics mix",
-    RemarkKind.GAP: "gap of {gap_deg:.1f}°",
-    RemarkKind.OPEN: "start and end differ by {start_end_um:+.1f} µm more than the path does there: drift, or a trace that does "
+_REMARKS: Mapping[str, str | Callable[..., str]] = {
+    "travel": "stated {stated}, but the angles run {travel}",
+    "arc": "arc of {arc_deg:.0f}° only: harmonics mix",
+    "gap": "gap of {gap_deg:.1f}°",
+    "open trace": "start and end differ by {start_end_um:+.1f} µm more than the path does there: drift, or a trace that does "
     "not close",
-    RemarkKind.EQUAL: "all readings equal",
-    RemarkKind.SMALL: "readings hardly exceed the resolution: check their unit",
-    RemarkKind.LARGE: "readings span more than 1 mm: check their unit",
-    RemarkKind.FORCE_LAW: "force {force_N:g} N, but the force law gives {law_N:.0f} N at {pressure_bar:g} bar",
-    RemarkKind.SPIKES: lambda reading, angle_deg, off_um, count: (
+    "unit": "{what} is {value:.4g} {unit}: check the unit",
+    "force law": "force {force_N:g} N, but the force law gives {law_N:.0f} N at {pressure_bar:g} bar",
+    "spikes": lambda reading, angle_deg, off_um, count: (
         f"reading {reading} at {angle_deg:g}° stands {off_um:+.1f} µm off its neighbours"
         f"{'' if count == 1 else f'; {count} readings do so'}"
     ),
-    RemarkKind.STEP: "readings go in steps of {step_um:.3g} µm, the campaign states a resolution of {stated_um:g} µm, below "
-    "whose √12th part no noise is looked for: state the step (--resolution-um, or resolution_um in campaign.toml)",
-    RemarkKind.ONE_LEVEL: "One force level: constant compliance and geometry are told apart by their priors alone; degree 0 "
+    "step": "readings go in steps of {step_um:.3g} µm, the campaign states a resolution of {stated_um:g} µm, below "
+    "whose √12th part no noise is looked for: state the step (resolution_um in campaign.toml; for a table --resolution-um)",
+    "one force level": "One force level: constant compliance and geometry are told apart by their priors alone; degree 0 "
     "only. Test a second force.",
-    RemarkKind.TWO_LEVELS: "Two force levels: constant compliance only is checked by the readings; a slope needs a third.",
-    RemarkKind.SMALL_FORCE: "The largest force is {force_N:g} N: check the unit of force_N.",
-    RemarkKind.RADIUS: "A radius is {radius_mm:g} mm: check the unit of radius_mm.",
-    RemarkKind.COPY: "Tests {first} and {second} hold the same readings: a file read twice?",
-    RemarkKind.ONE_WAY: lambda compliance, plane: (
+    "two force levels": "Two force levels: constant compliance only is checked by the readings; a slope needs a third.",
+    "copy": "Tests {first} and {second} hold the same readings: a file read twice?",
+    "one way": lambda compliance, plane: (
         f"One direction of travel (or none stated){f' in plane {plane}' if plane else ''}: friction in the bar cannot be told "
         f"from {compliance}."
     ),
-    RemarkKind.SORTED: "Angles rise in all tests, those stated CW among them: taken as sorted, and the directions as stated.",
-    RemarkKind.NO_DIRECTION: "Test {test} states no direction while others run both ways: a fit will refuse it. State it.",
-    RemarkKind.CENTRES: "Several centres in set-up {setup}: the tool ball's offsets are shared, as if the work ball had been "
-    "moved by exactly what the axes say. If it was mounted anew, number the set-ups.",
-    RemarkKind.PLANES: "Several planes in one set-up: the tool ball's offsets are shared. If the bar was mounted anew, number "
-    "the set-ups.",
-    RemarkKind.MACHINE: _machine,
-    RemarkKind.FRAMES: _frames,
-    RemarkKind.SETUPS: lambda setups: f"Set-ups {', '.join(map(str, setups))}: tool offsets of each; everything else is shared.",
-    RemarkKind.BOTH_WAYS: lambda planes: f"Both directions of travel in {', '.join(planes)}: hysteresis is a term of the model.",
-    RemarkKind.COVARIATE: "Tests record {over}s; a drift over them is modelled only when asked for (--drift {over}).",
-    RemarkKind.READINGS: "Readings are actual ball distance − R; readout resolution {resolution_um:g} µm.",
-    RemarkKind.MOUNT: lambda deflection_um_per_bar, compensated: (
+    "places of one set-up": "Several planes or centres in set-up {setup}: the tool ball's offsets are shared, as if the work "
+    "ball had been moved by exactly what the axes say. If the bar was mounted anew, number the set-ups.",
+    "machine": lambda topology, plane, radii_mm: (
+        f"Machine {topology}, plane {plane}, R = {', '.join(f'{r:g}' for r in radii_mm)} mm"
+        f"{', each with a length of its own' if len(radii_mm) > 1 else ''}."
+    ),
+    "frames": lambda frames_mm: (
+        "Joint frames stand at "
+        + "; ".join(f"{axis} ({', '.join(f'{x:g}' for x in at)})" for axis, at in frames_mm.items())
+        + " mm."
+    ),
+    "set-ups": lambda setups: f"Set-ups {', '.join(map(str, setups))}: tool offsets of each; everything else is shared.",
+    "both ways": lambda planes: f"Both directions of travel in {', '.join(planes)}: hysteresis is a term of the model.",
+    "covariate": "Tests record {over}s; a drift over them is modelled only when asked for (--drift {over}).",
+    "readings": "Readings are actual ball distance − R; readout resolution {resolution_um:g} µm.",
+    "mount": lambda deflection_um_per_bar, compensated: (
         f"Mount (Eq. 32) {deflection_um_per_bar:g} µm/bar, "
         f"{'already compensated' if compensated else 'not compensated: the nominal deflection will be subtracted'}."
     ),
-    RemarkKind.FORCES: "Force law F = {slope_N_per_bar:g} N/bar · P {offset_N:+g} N, where a test gives only one of the two.",
-    RemarkKind.REFERENCE: "Reference force F0 = {force_N:g} N, the middle of the tested range.",
-    RemarkKind.BALLS: lambda clocked: (
+    "forces": lambda slope_N_per_bar, offset_N: (
+        f"Force law F = {slope_N_per_bar:g} N/bar · P {'−' if offset_N < 0 else '+'} {abs(offset_N):g} N, "
+        "where a test gives only one of the two."
+    ),
+    "reference force": "Reference force F0 = {force_N:g} N, the middle of the tested range.",
+    "balls": lambda clocked: (
         "Balls clocked between tests: two forms."
         if clocked
         else "No ball clocked between tests: one form, the sum of both balls."
@@ -376,22 +348,22 @@ def remark_words(remark: Remark) -> str:
 
 
 def look_sentences(seen: CampaignPreview) -> list[str]:
-    """Return a sentence on everything that looks odd in a test."""
-    return [f"Look at {test.name}: {remark_words(remark)}." for test in seen.tests for remark in test.remarks]
+    """Return a sentence on everything that looks odd, with the tests it is of."""
+    odd: dict[str, list[str]] = {}
+    for test in seen.tests:
+        for remark in test.remarks:
+            odd.setdefault(remark_words(remark), []).append(test.name)
+    return [f"Look at {_few(names)}: {words}." for words, names in odd.items()]
 
 
 def preview_sentences(seen: CampaignPreview) -> tuple[str, ...]:
-    """Return remarks on the tests, and what a fit will assume."""
+    """Return what the campaign is, and remarks on its tests; what a fit will assume is apart."""
     unstated = any(test.direction is None and test.travel is not None for test in seen.tests)
     return (
-        "",
-        f"{'Plan' if seen.is_plan else 'Campaign'} {seen.name}, SHA-256 {seen.sha256[:16]}…",
+        f"{'Plan' if seen.is_plan else 'Campaign'} {seen.name}, SHA-256 {seen.sha256}.",
         *(["Directions in brackets are not stated: the angles run so."] if unstated else []),
         *look_sentences(seen),
-        *(f"Note: {remark_words(remark)}" for remark in seen.remarks),
-        "",
-        "A fit will assume:",
-        *(f"- {remark_words(assumed)}" for assumed in seen.assumptions),
+        *(f"Note: {remark_words(remark).rstrip('.')}." for remark in seen.remarks),
     )
 
 
@@ -411,25 +383,18 @@ def _(result: CampaignPreview) -> dict[str, Any]:
 
 def machine_sentences(found: DescribedMachine) -> tuple[str, ...]:
     """Return joints, rank, and what does not show."""
-    centres = []
-    if any(any(centre) for centre in found.centres_mm):
-        listed = "; ".join(f"({', '.join(f'{x:g}' for x in centre)})" for centre in found.centres_mm)
-        several = " Patterns are those at the first; what can be told apart is of all together."
-        centres = [f"Circles centred at {listed} mm.{several if len(found.centres_mm) > 1 else ''}"]
+    centres = "; ".join(f"({', '.join(f'{x:g}' for x in centre)})" for centre in found.centres_mm)
     bounded = [display_name(entry.name) for entry in found.compliances if entry.not_negative]
-    dependent = (
-        f"Combinations of several of those above, left out: {', '.join(found.dependent)}. What they are goes into the others."
-    )
     return (
         f"{found.topology}, plane{'s' if len(found.planes) > 1 else ''} {', '.join(found.planes)}. {'; '.join(found.joints)}.",
         "Patterns: change of the reading per unit, of a compliance per unit and N; c = cos θ, s = sin θ, lengths in mm.",
         "Rotary joints, and slides that no plane here drives, count as rigid.",
-        *centres,
+        *([f"Circles centred at {centres} mm; patterns are those at the first."] if np.any(found.centres_mm) else []),
         f"{found.rank} compliances can be told apart; condition number of their columns {found.condition_number:.6g} (mm, N, R = "
         "150 mm).",
         *([f"Never seen: {', '.join(found.null)}."] if found.null else []),
         f"Cannot be negative: {', '.join(bounded) or 'none'}.",
-        *([dependent] if found.dependent else []),
+        *([f"Left out, as combinations of several of those above: {', '.join(found.dependent)}."] if found.dependent else []),
     )
 
 
@@ -449,17 +414,11 @@ def sum_in_words(seen: Seen) -> str:
 def verdict_words(entry: ParameterIdentifiability) -> str:
     """Return the verdict with the share of the variance that every partner holds."""
     known = entry.partner_shares
-    shares = {p: f"{100.0 * known[p]:.0f} %" if p in known else "left out" for p in entry.partners}
-    if entry.verdict is Verdict.CONFOUNDED:
-        return "confounded with " + " and ".join(f"{term_words(partner)} ({share})" for partner, share in shares.items())
-    plain = ", ".join(f"{term_words(partner)} {share}" for partner, share in shares.items())
+    shares = {term_words(p): f"{100.0 * known[p]:.0f} %" if p in known else "left out" for p in entry.partners}
+    if entry.verdict == "confounded":
+        return "confounded with " + " and ".join(f"{partner} ({share})" for partner, share in shares.items())
+    plain = ", ".join(f"{partner} {share}" for partner, share in shares.items())
     return f"{entry.verdict} ({plain})" if plain else str(entry.verdict)
-
-
-def basis_words(found: Identifiability) -> str:
-    """Return what the numbers rest on."""
-    values = ", ".join(f"{name} = {value:.2g} µm" for name, value in found.hyper_um.items())
-    return f"At {values} ({'posterior mean' if found.measured else 'prior median; no readings'}), without truncation."
 
 
 @with_words.register
@@ -472,19 +431,14 @@ def _(result: Identifiability) -> dict[str, Any]:
 
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
-    """Return what the table rests on, the degeneracies with their cures, and the standing ones."""
-    lines = [
-        basis_words(result),
+    """Return what the numbers rest on, and how much the readings narrow."""
+    values = ", ".join(f"{name} = {value:.2g} µm" for name, value in result.hyper_um.items())
+    return (
+        f"At {values} ({'posterior mean' if result.measured else 'prior median; no readings'}), without truncation.",
         f"Effective number of parameters {result.effective_parameters:.1f} of {len(result.parameters)} (what the readings narrow "
-        "against the priors; a confounded parameter may be narrowed and still not known); condition number of their design "
-        f"{result.condition_number:.2g} as it stands, {result.scaled_condition_number:.2g} in units of the prior sd.",
+        "against the priors; a confounded parameter may be narrowed and still not known).",
         "Contraction 1 − (sd / prior sd)²; a term's share is what knowing it would take from the variance.",
-    ]
-    if result.degeneracies:
-        lines += ["", "No reading of this campaign can tell apart:"]
-        for degeneracy, cure in zip(result.degeneracies, result.cures, strict=True):
-            lines += [f"- {statement(degeneracy)}", f"  What would: {cure_words(degeneracy, cure)}"]
-    return (*lines, *(f"- {standing_words(own)}" for own in result.standing))
+    )
 
 
 # ---- calibration
@@ -510,11 +464,10 @@ def _(result: Validation) -> dict[str, Any]:
 
 _STRENGTHS = ((1.0, "not worth more than a bare mention"), (3.0, "positive evidence"), (5.0, "strong evidence"))
 _SURE = 0.95
-_DISAGREE = 0.05
 _SIGNS = {
-    Sign.OPEN: "The sign is NOT robust: it depends on what is assumed.",
-    Sign.HELD: "The sign holds under every assumption that the readings do not reject.",
-    Sign.FIRM: "The sign holds under every assumption tried.",
+    "depends on assumptions that the readings allow": "The sign is NOT robust: it depends on what is assumed.",
+    "holds but for assumptions that the readings reject": "The sign holds under every assumption that the readings allow.",
+    "holds under every assumption": "The sign holds under every assumption tried.",
 }
 
 
@@ -523,19 +476,10 @@ def strength_words(log_bayes_factor: float) -> str:
     return next((words for limit, words in _STRENGTHS if abs(log_bayes_factor) < limit), "very strong evidence")
 
 
-def subset_words(subset: SlopeSubset) -> list[str]:
-    """C_XYX, C_YYY²: the compliances that vary with force, ² where quadratically."""
-    return [f"{name}{'²' if subset.powers[name] > 1 else ''}" for name in subset.varying] or ["none"]
-
-
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     """The verdict: the evidence, whether its sign is robust, and what else speaks."""
-    parts = (_second_route, _robustness, _left_out, _slopes, _fit)
-    notes = [sentence for part in parts for sentence in part(comparison)]
-    if comparison.differing_priors:
-        listed = joined(comparison.differing_priors)
-        notes.append(f"The models give {listed} different priors: the Bayes factor compares these too.")
-    return (_evidence(comparison), *notes)
+    parts = (_robustness, _left_out, _slopes, _error_sought)
+    return (_evidence(comparison), *(sentence for part in parts for sentence in part(comparison)))
 
 
 @with_words.register
@@ -548,30 +492,12 @@ def _evidence(comparison: Comparison) -> str:
     """What the evidence says, in whose favour."""
     first, second = comparison.pair
     ratio = comparison.sensitivity_of
-    value, error = comparison.log_bayes_factor[ratio], comparison.log_bayes_factor_error[ratio]
+    value = comparison.log_bayes_factor[ratio]
     favour = " either way" if abs(value) < _STRENGTHS[0][0] else f", in favour of {second if value > 0 else first}"
-    shares = joined([f"{name} {_share(model.posterior_probability)}" for name, model in comparison.models.items()])
+    shares = joined([f"{name} {probability_words(model.posterior_probability)}" for name, model in comparison.models.items()])
     says = f"{strength_words(value)}{favour}"
-    return f"ln B({ratio}) = {value:+.2f} ± {_error(error)}: {says}. Probabilities at equal prior odds: {shares}."
-
-
-def _share(probability: float) -> str:
-    return f"{probability:.3f}" if 0.001 <= probability <= 0.999 else f"{probability:.2g}" if probability < 0.5 else "> 0.999"
-
-
-def _error(error: float) -> str:
-    return f"{max(error, 1e-3):.1g}"
-
-
-def _second_route(comparison: Comparison) -> Iterator[str]:
-    for ratio, other in comparison.savage_dickey.items():
-        direct, error = comparison.log_bayes_factor[ratio], comparison.log_bayes_factor_error[ratio]
-        gives = f"gives ln B({ratio}) = {other.log_bayes_factor:+.2f} ± {_error(other.error)}"
-        if abs(other.log_bayes_factor - direct) <= _DISAGREE and other.error <= _DISAGREE:
-            yield f"A second route (Savage-Dickey) {gives}."
-        else:
-            both = f"{gives}, the first {direct:+.2f} ± {_error(error)}"
-            yield f"The second route (Savage-Dickey) {both}: trust no more than they share."
+    shown = typeset(f"{value:+.2f} ± {max(comparison.log_bayes_factor_error[ratio], 1e-3):.1g}")
+    return f"ln B({ratio}) = {shown}: {says}. Probabilities at equal prior odds: {shares}."
 
 
 def _robustness(comparison: Comparison) -> Iterator[str]:
@@ -579,48 +505,25 @@ def _robustness(comparison: Comparison) -> Iterator[str]:
     if scales := comparison.prior_sensitivity:
         values = [scaled.log_bayes_factor for scaled in scales]
         zeros = joined([f"{crossing:.2g}" for crossing in comparison.prior_sensitivity_crossings])
-        yield (
+        yield typeset(
             f"With slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) it "
             f"lies between {min(values):+.1f} and {max(values):+.1f}, {f'changing sign at {zeros}' if zeros else 'of one sign'}."
         )
     if (better := comparison.preferred_assumption()) is not None:
-        yield (
+        yield typeset(
             f"The readings prefer '{better.assumption}' by {comparison.gain(better):.1f} nats to what the models assume: under "
             f"it ln B is {better.log_bayes_factor:+.1f}. Consider making it the model."
         )
-    turning = comparison.turning()
-    for assumed in filter(comparison.allowed, turning):
-        yield (
-            f"With '{assumed.assumption}' it is {assumed.log_bayes_factor:+.1f}, and the readings do not rule that assumption "
-            f"out (its evidence is {comparison.gain(assumed):+.1f} nats against the models' own)."
-        )
-    if rejected := [assumed for assumed in turning if not comparison.allowed(assumed)]:
-        listed = joined([f"'{a.assumption}' ({a.log_bayes_factor:+.0f})" for a in rejected])
-        also, least = "also " if comparison.sign is Sign.OPEN else "", -comparison.gain(rejected[0])
-        yield f"It {also}turns with {listed}, assumptions the readings reject by {least:.0f} nats and more."
-    if (naive := comparison.assumptions.get(WHITE_NOISE)) is not None:
-        away = abs(comparison.white_noise_overstates_by_nats)
-        yield (
-            f"White noise alone, without nuisances and truncation, would say {naive.log_bayes_factor:+.0f}: {away:.0f} nats "
-            "away, because it counts every reading as an independent fact."
-        )
+    for allowed, meant in ((True, "which the readings do not rule out"), (False, "which the readings reject")):
+        turning = [
+            f"'{a.assumption}' ({a.log_bayes_factor:+.1f})" for a in comparison.turning() if comparison.allowed(a) is allowed
+        ]
+        if turning:
+            yield f"It turns with {joined(turning)}, {meant}."
 
 
 def _left_out(comparison: Comparison) -> Iterator[str]:
     tests = comparison.tests
-    if comparison.elpd_difference:
-        found = comparison.elpd_difference[comparison.sensitivity_of]
-        better = comparison.pair[int(found.value > 0)]
-        says = "no difference to speak of" if abs(found.value) < 2.0 * found.se else f"in favour of {better}"
-        yield (
-            f"With one force left out at a time, {better} predicts it better by {abs(found.value):.1f} ± {found.se:.1f} nats: "
-            f"{says} ({len(tests)} tests, so the ± is rough itself)."
-        )
-    if smoothed := [name for name, test in tests.items() if not all(own.trustworthy for own in test.psis_loo.values())]:
-        yield (
-            f"Importance sampling (PSIS-LOO) cannot be trusted for {joined(smoothed)} (Pareto k above "
-            f"{tests[smoothed[0]].psis_loo_good_k:.2g}); all numbers here are the exact ones."
-        )
     flagged = {name: test for name, test in tests.items() if test.flag}
     for name, test in flagged.items():
         yield (
@@ -639,84 +542,55 @@ def _slopes(comparison: Comparison) -> Iterator[str]:
     subsets = comparison.slope_subsets
     if not subsets:
         return
-    if (comparison.slope_subsets_possible or 0) > len(subsets):
-        yield (
-            f"Of {comparison.slope_subsets_possible} sets of slopes the {len(subsets)} found from the best to its neighbours are "
-            "weighed: probabilities are among these."
-        )
-    quadratic = any(slope.quadratic_probability is not None for slope in comparison.slopes.values())
-    prior = "none, linear or quadratic with probability ⅓ each" if quadratic else "there or not with probability ½"
-    share = {name: slope.inclusion_probability for name, slope in comparison.slopes.items()}
-    listed = ", ".join(f"{name} {share[name]:.2f}" for name in ranked(share, lambda name: share[name]))
-    sure = joined([name for name, p in share.items() if p >= _SURE]) or "none"
+    if (possible := 2 ** len(comparison.slopes)) > len(subsets):
+        yield f"Of {possible} sets of slopes the {len(subsets)} likeliest found are weighed."
+    sure = joined([name for name, own in comparison.slopes.items() if own.inclusion_probability >= _SURE]) or "none"
     none = next(subset.probability for subset in subsets if not subset.varying)
     yield (
-        f"Slopes one by one (each {prior} beforehand): {listed}; beyond {_SURE:g}: {sure}. No slope at all has probability "
-        f"{none:.2g}, the likeliest set ({joined(subset_words(subsets[0]))}) {subsets[0].probability:.2g}. "
-        "A single slope asks for less evidence than all of them at once, which is what the models compared above differ by."
+        f"Slopes one by one: beyond probability {_SURE:g}: {sure}. No slope at all has probability {none:.2g}, the likeliest set "
+        f"({joined(subsets[0].varying) or 'none'}) {subsets[0].probability:.2g}. A single slope asks for less evidence than all "
+        "of them at once, which is what the models compared above differ by."
     )
 
 
-def _fit(comparison: Comparison) -> Iterator[str]:
-    smaller, larger = sorted(comparison.pair, key=lambda name: comparison.models[name].degree)
-    low, high = comparison.models[smaller], comparison.models[larger]
-    before, after = low.least_squares.rmse_um, high.least_squares.rmse_um
-    if np.isfinite(before) and np.isfinite(after) and low.degree != high.degree:
-        yield (
-            f"By least squares the RMSE (Eq. 34) goes from {before:.2f} ({smaller}) to {after:.2f} µm ({larger}), "
-            f"{100 * (after / before - 1):+.0f} %: more parameters always lower it, so it is no evidence by itself."
-        )
+def _error_sought(comparison: Comparison) -> Iterator[str]:
     if not comparison.within_tolerance:
         error, asked = comparison.largest_error, comparison.tolerance
-        yield (
-            f"A log evidence has an error of {error:.2g} nats, more than the {asked:g} asked for: read ln B with that error, or "
-            f"ask for a tolerance of {error:.1g} (--tolerance)."
-        )
+        yield f"A log evidence has an error of {error:.2g} nats, more than the {asked:g} asked for (--tolerance)."
 
 
 # ---- design
 
-_HELPING = {
-    RemedyKind.LEVELS: "force levels in between",
-    RemedyKind.WORK_BALL: "the work ball clocked at 0, 45 and 90°",
-    RemedyKind.TOOL_BALL: "the tool ball clocked at 0, 45 and 90°",
-    RemedyKind.BOTH_BALLS: "both balls clocked at 0, 45 and 90°",
-}
-
 
 def place_words(row: Mapping[str, Any]) -> str:
     """Return where a test is run, from one row of a design's table or a part of it."""
-    centre = ", ".join(f"{axis} = {row[f'centre_{axis}_mm']:g} mm" for axis in "xyz" if f"centre_{axis}_mm" in row)
     parts = (
         f"plane {row['plane']}" if row.get("plane") else "",
         str(row.get("direction") or ""),
         f"set-up {row['setup']}" if row.get("setup") else "",
-        f"centre {centre}" if centre else "",
         f"work ball {row['work_ball_deg']:g}°, tool ball {row['tool_ball_deg']:g}°" if "work_ball_deg" in row else "",
         f"R {row['radius_mm']:g} mm" if "radius_mm" in row else "",
     )
     return ", ".join(filter(None, parts))
 
 
-def design_sentences(design: Design, *, aliases: bool = True) -> tuple[str, ...]:
-    """Return the recommendation in words, its notes last; without ``aliases`` those of nuisances are left out."""
-    parts = (_quality, _decision, _over_assumptions)
-    run = f"Run {_tests_to_run(design)}."
-    return (run, *(sentence for part in parts for sentence in part(design)), *design_notes(design, aliases=aliases))
+def design_sentences(design: Design) -> tuple[str, ...]:
+    """Return the recommendation in words, its notes last."""
+    return (f"Run {_tests_to_run(design)}.", *_quality(design), *_decision(design), *design_notes(design))
 
 
-def design_notes(design: Design, *, aliases: bool = True) -> tuple[str, ...]:
-    """Return whether the goal is reached, what the tests do not show and what would, and what the numbers rest on."""
+def design_notes(design: Design) -> tuple[str, ...]:
+    """Return what the tests do not show, what would, and what the numbers rest on."""
     values = ", ".join(f"{name} {value:.2g}" for name, value in design.hyper_um.items())
     source = f"what {design.pilot.name!r} leaves likely" if design.measured else "their prior"
     basis = (
         f"Parameters are at F0 = {design.reference_force_N:g} N. Averaged over the hyper-parameters, {source} (root mean square "
-        f"{values} µm); model.toml beside a written plan keeps F0 and the slopes' prior for its analysis."
+        f"{values} µm)."
     )
-    limits = design.limits
-    pairs = zip(limits.degeneracies, limits.cures, strict=True)
-    cures = dict.fromkeys(f"{statement(own)} Cure: {cure_words(own, cure)}" for own, cure in pairs if aliases or not own.term)
-    return (*_goal(design), *_limits(design), *cures, basis)
+    error = max(own.sd_error / own.sd for own in design.expected.values())
+    if error > 0.0:
+        basis += f" Their number leaves expected u uncertain by at most {100.0 * error:.1f} %."
+    return (*_limits(design), *degeneracy_items(design.limits.degeneracies, design.limits.cures), basis)
 
 
 @with_words.register
@@ -743,79 +617,37 @@ def _ratios(design: Design) -> dict[str, float]:
 
 
 def _quality(design: Design) -> Iterator[str]:
-    best = "1: the best shares; whole tests reach it at most" if design.certificate.is_global else "1: the best found nearby"
-    others = []
-    for own in design.compared:
-        outside = ", more than 1: it uses tests that were not to be chosen from" if own.efficiency > 1.0 + 1e-6 else ""
-        others.append(f"{own.name} {own.efficiency:.3f} ({len(own.tests)} circles{outside})")
-    yield f"Efficiency {design.efficiency:.3f} by criterion {design.criterion} ({best}). For comparison: {joined(others)}."
-    if design.efficiency < 0.5:
-        yield "So few circles come nowhere near the best shares: see what more would bring, or choose among less."
+    best = "the best shares; whole tests reach it at most" if design.certificate.is_global else "the best found nearby"
+    others = joined([f"{own.name} {own.efficiency:.3f} ({len(own.tests)} circles)" for own in design.compared])
+    yield f"Efficiency {design.efficiency:.3f} by criterion {design.criterion} (1: {best}). For comparison: {others}."
+    if design.cost != design.table["count"].sum():
+        yield f"It costs {design.cost:g}, {joined([f'{own.name} {own.cost:g}' for own in design.compared])}."
     if not design.certificate.holds:
         excess = design.certificate.max_sensitivity / design.certificate.bound - 1.0
         yield f"The certificate does NOT hold: a sensitivity exceeds its bound by {excess:.1e}. Better shares may exist."
     ratio = _ratios(design)
     first, last = (ranked(ratio, key, tolerance=_ALIKE)[0] for key in (lambda name: -ratio[name], ratio.__getitem__))
-    factor, unit = display_unit(design.expected[first].unit)
-    narrow = f"{ratio[first]:.2f} times as wide for {display_name(first)} (u = {design.expected[first].sd * factor:.2g} {unit})"
     wide = f" to {ratio[last]:.2f} times for {display_name(last)}" if len(ratio) > 1 else ""
-    yield f"Expected intervals against {design.compared[0].name}: {narrow}{wide}."
+    yield (
+        f"Expected intervals against {design.compared[0].name}: {ratio[first]:.2f} times as wide for {display_name(first)}{wide}."
+    )
 
 
 def _decision(design: Design) -> Iterator[str]:
     found = design.discrimination
     if found is None or not set(found.power) & set(design.parameters):
         return
-    drawn = "their prior sd" if found.size == 1.0 else f"{found.size:g} prior sd"
-    there = "slopes as the tests already run leave them" if found.augmented else f"slopes drawn at {drawn}"
+    misled = joined(["< 0.0005" if p < 5e-4 else f"{p:.2g}" for p in (found.misleading_with, found.misleading_without)])
+    drawn = "slopes as the tests already run leave them" if found.augmented else f"slopes of {found.size:g} prior sd"
     yield (
-        f"With slopes or without (constant): with {there} |ln B| > {found.threshold:g} for them is expected with probability "
-        f"{found.decisive_with:.2f}, for constant if there are none with {found.decisive_without:.2f}; misleading evidence as "
-        f"strong with {found.misleading_with:.2g} and {found.misleading_without:.2g}."
+        f"Constant or not: with {drawn}, |ln B| > {found.threshold:g} is expected for them with probability "
+        f"{found.decisive_with:.2f}; without slopes, for constant with {found.decisive_without:.2f}. Misleading evidence as "
+        f"strong: {misled}."
     )
-    alone = joined([f"{display_name(name)} {power:.2f}" for name, power in found.power.items()])
-    yield f"A single slope of ± {drawn} would be found, all of them in the model, with probability: {alone}."
-
-
-def _over_assumptions(design: Design) -> Iterator[str]:
-    if design.robustness.empty:
-        return
-    over, *single, steps = design.robustness["worst"].tolist()
-    yield (
-        f"Good over {len(single)} assumptions: its efficiency is nowhere below {over:.2f}; that of designs made for one of them "
-        f"falls to {min(single):.2f} under another, that of equal steps to {steps:.2f}."
-    )
-
-
-def _goal(design: Design) -> Iterator[str]:
-    goal = design.goal
-    if goal is None:
-        return
-    aim = f"a probability of {goal.power or 0.0:g} of decisive evidence (|ln B| > {goal.threshold:g})"
-    if goal.power is None:
-        units = {name: display_unit(design.expected[name].unit) for name in goal.targets}
-        sizes = {name: f"{sd * units[name][0]:.3g} {units[name][1]}" for name, sd in goal.targets.items()}
-        aim = joined([f"u({display_name(name)}) ≤ {size}" for name, size in sizes.items()])
-    if goal.outcome is Outcome.ALREADY:
-        yield f"The tests already run reach {aim}: no more are needed."
-    elif goal.outcome is Outcome.REACHED:
-        yield f"{'1 circle is' if goal.tests == 1 else f'{goal.tests} circles are'} the fewest found that reach {aim}."
-    else:
-        yield f"No number of these circles up to {goal.most} reaches {aim}."
-        helping = [
-            f"{_HELPING.get(own.kind, f'a second radius of {own.radius_mm or 0.0:g} mm')} ({own.tests} circles)"
-            for own in goal.remedies
-        ]
-        if helping:
-            yield f"What would reach it: {joined(helping, 'or')}. The design shown is the best without."
-        else:
-            yield "Neither clocking the balls, nor a second radius, nor other levels in this range would."
 
 
 def _limits(design: Design) -> Iterator[str]:
     limits = design.limits
-    if limits.clockings_of_budget:
-        yield "Efficiency and certificate are among the clockings chosen; more of them would not pay for their set-ups."
     if limits.levels is not None:
         yield (
             f"With {limits.levels} different force{'s' if limits.levels > 1 else ''} the readings cannot show that compliance is "
@@ -827,10 +659,7 @@ def _limits(design: Design) -> Iterator[str]:
             "analysis would not have it. Take more circles, or both directions of each."
         )
     if limits.drift:
-        yield (
-            "Drift is taken to have nothing to do with what differs between the new circles: run them in the order given, which "
-            "is at random, and record time and temperature."
-        )
+        yield "Drift is taken to have nothing to do with force: run the circles in the order given; record time and temperature."
     if limits.shared:
         yield (
             f"More circles of this kind, at whatever forces, would narrow {_shown(limits.shared)} by less than a fifth: what is "
@@ -864,52 +693,41 @@ _CAVEATS = {
     "failed": "Left out, for they could not be fitted: {names}.",
     "no-statistics": "Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): {names}.",
     "given-again": "Left out, for their readings are those of campaigns before them: {names}.",
-    "unexpected": "Left out, for the model does not expect their readings (see their verdicts; --include-misfits keeps them): "
-    "{names}.",
+    "unexpected": "Left out, for the model does not expect their readings (--include-misfits keeps them): {names}.",
     "unexpected-kept": "The model does not expect the readings of {names}: kept, as was asked for.",
     "not-converged": "Not converged, refit with more draws: {names}.",
     "not-white": "Noise that is not white, so that uncertainties may be too small: {names}.",
     "models-differ": "The campaigns were fitted with different models or priors; each one's priors are divided out.",
     "no-machines": "No campaign names its machine: all are taken as campaigns of one (machine_id in campaign.toml).",
-    "failed-without-machine": "Left out, for they could not be fitted, and their machine is not named: {names}.",
     "without-machine": "Left out for naming no machine: {names}.",
     "machines-of-their-own": "Naming no machine, each counted as one of its own: {names}. Write machine_id into campaign.toml.",
-    "extrapolated": "The reference force, {0:g} N, was not within the tested forces of every campaign (common to all: {1:g} to "
-    "{2:g} N): compliances are extrapolated.",
-    "no-common-force": "No force was tested in all campaigns: compliances are carried to one force along the slopes that were "
-    "fitted.",
-    "narrow-forces": "Forces that span little (the greatest below {0:g} times the least), so that length and ball form of the "
-    "one bar look like compliances and do not average out: {names}.",
+    "extrapolated": "The reference force, {0:g} N, was not within the tested forces of every campaign: compliances are carried "
+    "there along the slopes that were fitted.",
     "no-dates": "No campaign has a date: the order given is taken as that of time.",
-    "same-dates": "Some campaigns have the same date: of those the order given is taken as that of time. A time of day tells.",
+    "same-dates": "Some campaigns have the same date: of those the order given is taken as that of time.",
     "two-campaigns": "With two campaigns only the assumptions tell a change from what the machine changes every time.",
     "spreads-not-trusted": "The spreads cannot be trusted: Pareto's k = {0:.2f} of their weights is above {1:.2f}. Use fewer "
     "parameters or more machines.",
-    "prior-spreads": "The spread of {parameters} is little more than its prior, HalfNormal({0:g} prior sd).",
     "one-instrument": "Errors of one bar, the same in all campaigns ({text}), are up to {0:.0f} % of the variance of the "
     "population's mean ({parameters}), however many machines. Where the population gives the prior of a campaign with the same "
     "bar they are counted again.",
     "changed-machines": "Campaigns of one machine contradict one another: {names}. Either it changed, or they are of two "
     "machines: its estimate is sure of what neither says, and where one bar is shared the others' move with it. Look at it over "
     "time (trend), then leave it out (--exclude) or what came before the change (--since).",
-    "few-machines": "Whether a machine belongs is not judged with {0:g} machines: at least {1:g} are needed.",
-    "silent-machines": "The readings tell nothing of {names}: whether they belong is not known.",
+    "few-machines": "With {0:g} machines how much they differ rests on what was assumed of it, and whether one belongs is not "
+    "judged: at least {1:g} are needed.",
     "uncertain-p-values": "p-values that cannot be trusted, their weights being too uneven: {names}.",
     "outliers-included": "The population includes the machines that do not belong. Look at what it is without them.",
 }
 _LISTED, _JOINED = 5, 3
 # Three decimals show no less, and never quite 0 or 1.
 _UNLIKELY = 5e-4
-# Family-wise p-value below which the machine farthest out is named though it may belong.
-_NAMED_BELOW = 0.5
 
 
 def caveat_words(caveat: Any) -> str:
     """Return a sentence or two on what is to be minded of a trend or a population."""
-    more = len(caveat.names) - _LISTED
-    names = ", ".join(caveat.names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
     parameters = ", ".join(map(display_name, caveat.names))
-    return _CAVEATS[str(caveat.kind)].format(*caveat.values, names=names, parameters=parameters, text=caveat.text)
+    return _CAVEATS[caveat.kind].format(*caveat.values, names=_few(caveat.names), parameters=parameters, text=caveat.text)
 
 
 def probability_words(probability: float) -> str:
@@ -922,15 +740,14 @@ def probability_words(probability: float) -> str:
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return what a trend says, the most important first; its caveats are apart."""
     with units_for(trend.sizes()):
-        sentences = [*_change_in_time(trend), *_outside(trend), *_prediction(trend)]
+        sentences = [*_change_in_time(trend), *_outside(trend)]
     again = " To watch for the next one, take the campaigns since as a series of their own." if trend.changed else ""
     sentences.append(f"One lasting step of one parameter is looked for, not several and not a slow drift.{again}")
-    if trend.assumptions["one_instrument"]:
-        sentences.append(
-            "Not modelled: that one bar has the same length and ball form in all campaigns. That is conservative for changes, "
-            "not for levels."
-        )
-    return tuple(sentences)
+    return (*sentences, *([_one_bar("changes, not for levels")] if trend.assumptions["one_instrument"] else []))
+
+
+def _one_bar(of_what: str) -> str:
+    return f"Not modelled: that one bar has the same length and ball form in all campaigns. That is conservative for {of_what}."
 
 
 def _change_in_time(trend: Any) -> Iterator[str]:
@@ -938,23 +755,20 @@ def _change_in_time(trend: Any) -> Iterator[str]:
     prior, threshold = trend.assumptions["probability"], trend.assumptions["threshold"]
     yield (
         f"Over {len(trend.campaigns)} campaigns{whose} {'a' if trend.changed else 'no'} change is found: its probability is "
-        f"{probability_words(trend.probability)} (before the readings {prior:g}; found means above {threshold:g})."
+        f"{probability_words(trend.probability)} (before the readings {prior:g}; found means above {threshold:g}, which of "
+        f"a machine that stays as it is has probability {trend.false_alarm:.2g} at most)."
     )
-    if differing := {name: other for name, other in trend.sensitivity.items() if (other > threshold) != trend.changed}:
-        yield f"That hangs on assumptions: {joined([f'{probability_words(p)} with {name}' for name, p in differing.items()])}."
     if not trend.changed:
         return
-    own = trend.most_probable
-    whole = trend.parameters[own.parameter]
-    size, percent = plus_minus(own.change.mean, own.change.sd, own.change.interval, own.unit), ""
-    if own.percent is not None and own.percent_interval is not None:
-        low, high = own.percent_interval
-        percent = f", {own.percent:+.0f} % [{low:.0f}, {high:.0f}] of the level before".replace("-", "−")
+    own = trend.parameters[trend.most_probable]
+    size = plus_minus(own.change.mean, own.change.sd, own.change.interval, own.unit)
+    percent = "" if own.percent is None else f", {own.percent:+.0f} % of the level before".replace("-", "−")
+    when = trend.estimates.loc[trend.estimates["parameter"] == trend.most_probable, "change_here"].iloc[own.place]
     visits = trend.campaigns[own.place - 1 : own.place + 1]
     before, after = (one.campaign if one.date is None else f"{one.date.date().isoformat()} ({one.campaign})" for one in visits)
     yield (
-        f"It is most probably one of {display_name(own.parameter)} ({probability_words(whole.probability)}), then "
-        f"between {before} and {after} (both: {probability_words(own.probability)}): {size}{percent}."
+        f"It is most probably one of {display_name(trend.most_probable)} ({probability_words(own.probability)}), then between "
+        f"{before} and {after} (both: {probability_words(when)}): {size}{percent}."
     )
 
 
@@ -966,36 +780,8 @@ def _outside(trend: Any) -> Iterator[str]:
         yield f"Outside the limits drawn from the campaigns before: {joined([*words[:_JOINED], *more])}."
 
 
-def _prediction(trend: Any) -> Iterator[str]:
-    alarm, asked = trend.false_alarm, trend.assumptions["detect"]
-    slow, horizon = [], len(alarm.within)
-    for name, own in trend.parameters.items():
-        soon = own.detection
-        if np.isnan(soon.found_within[0]):
-            continue
-        needed = soon.campaigns_for_90_percent
-        at = (needed or horizon) - 1
-        share = _counted_share(soon.found_within[at], soon.error[at])
-        step = f"{display_name(name)} {100 * asked:+.0f} %".replace("-", "−")
-        if needed is None:
-            slow.append(f"{step} ({share})")
-            continue
-        what = f"A loosened joint ({step})" if asked > 0.0 and is_direct(name) else f"A change of {step}"
-        yield f"{what} would be found within {needed} campaign{'s' * (needed > 1)} with probability {share}."
-    if slow:
-        yield f"Hardly found within {horizon} campaigns, in brackets with what probability: {joined(slow)}."
-    after = "campaign" if alarm.campaigns_before == 1 else f"{alarm.campaigns_before} campaigns"
-    since, share = "since the change" if trend.changed else "so far", _counted_share(alarm.within[-1], alarm.error[-1])
-    yield f"That counts the {after} {since}; a false alarm within the next {horizon} has probability {share}."
-
-
-def _counted_share(share: float, error: float) -> str:
-    digits = 3 if error < 0.0095 else 2
-    return f"below {share + 2.0 * error:.{digits}f}" if share < error else f"{share:.{digits}f} ± {error:.{digits}f}"
-
-
 def population_sentences(found: Any) -> tuple[str, ...]:
-    """Return what was pooled, which machines do not belong or which is the farthest out; its caveats are apart."""
+    """Return what was pooled, which machines do not belong; its caveats are apart."""
     low, high = found.forces_N
     tested = f", tested from {low:g} to {high:g} N" if low <= high else ""
     sentences = [
@@ -1004,56 +790,58 @@ def population_sentences(found: Any) -> tuple[str, ...]:
     ]
     if found.judged and not found.not_belonging:
         sentences.append("No machine stands out from the others (Holm, 5 %).")
-        farthest = ranked(found.machine.values(), lambda own: -float(np.log(own.p_value)))[0]
-        if farthest.family_wise_p_value is not None and farthest.family_wise_p_value <= _NAMED_BELOW:
-            sentences.append(f"The farthest out: {farthest.name}, {_how_far(farthest)}.")
     return tuple(sentences)
 
 
 def population_doubts(found: Any) -> tuple[str, ...]:
     """Return what is to be minded of a population, and what it does not model."""
-    one_bar = (
-        "Nor that one bar has the same length and ball form in all campaigns. That is conservative for differences between "
-        "machines, not for the population's mean."
-    )
     return (
         *map(caveat_words, found.caveats),
         "Not modelled: that compliances cannot be negative, changes of a machine from campaign to campaign, and correlations of "
         "parameters from machine to machine.",
-        *([one_bar] if found.instrument else []),
+        *([_one_bar("differences between machines, not for the population's mean")] if found.instrument else []),
     )
 
 
 def _how_far(own: Any) -> str:
     """How far out a machine is, and in what."""
-    worst = ranked(own.parameters, lambda name: abs(own.parameters[name].z))[0]
-    p = own.family_wise_p_value
-    value = "–" if p is None else "< 0.0001" if p < 1e-4 else f"= {p:.2g}"
-    return f"p {value} over all machines, most in {display_name(worst)} (z = {own.parameters[worst].z:+.1f})"
+    worst = ranked(own.z, lambda name: abs(own.z[name]))[0]
+    value = "< 0.0001" if own.p_value < 1e-4 else f"= {own.p_value:.2g}"
+    return f"p {value} over all machines, most in {display_name(worst)} (z = {own.z[worst]:+.1f})"
 
 
 # ---- page
 
 _CONFLICT, _WORTH = 0.01, 0.95
-
-
-@cache
-def _paragraphs() -> Any:
-    import jinja2
-
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("ldbb_bayes.report"), undefined=jinja2.StrictUndefined)
-    environment.filters |= {"joined": joined, "names": _shown, "term": term_words}
-    return environment.get_template("prose.j2").module
-
-
-def prose(paragraph: str, **values: Any) -> str:
-    """Return a paragraph of the page from ``templates/prose.j2``, filled with its values."""
-    return " ".join(str(getattr(_paragraphs(), paragraph)(**values)).split())
-
-
-def method_notes() -> tuple[str, ...]:
-    """Return what a reader of the page should know of words and limits."""
-    return tuple(" ".join(note.split()) for note in str(_paragraphs().notes()).split("¶"))
+RESULTS = (
+    "u: standard uncertainty (posterior standard deviation). U = 2u (k = 2, about 95 %); where the distribution is skewed, the "
+    "distances to the ends of the interval. Brackets: {percent} intervals. A compliance stands for the sum of its set. "
+    "Identified? In brackets what knowing a term would take from the variance; such shares overlap."
+)
+BUDGET = (
+    "Shares of the posterior variance; all sources at work together, at the mean hyper-parameters. Type A: from the scatter of "
+    "the readings; type B: from what else is known (GUM). u then: what would be left if the largest term were known exactly; – "
+    "where it is noise or a prior."
+)
+PATH = (
+    "Circular deviation G, radial deviations F_max and F_min about the least-squares circle (ISO 230-4); from the second "
+    "harmonic squareness (in the sense and sign of {squareness}) and scale mismatch (gain of the first axis less that of the "
+    "second), compliance included. Of the machine's own path, without balls, bar, mount and tool offsets: median and {percent} "
+    "interval; 0 N is geometry alone. Where the path is hardly known G is more often too large than too small."
+)
+NOTES = (
+    "Readings are a linear function of joint compliances times force, geometric errors and nuisances (hybrid Jacobian), with "
+    "white noise; nuisances are Gaussian and integrated out. The model is that of 'A Novel Elasto-Geometric Model Exploiting "
+    "Loaded Circular Test on a Machine Tool' (the paper; Eq. and Table are its), with nuisances.",
+    "Intervals are equal-tailed credible intervals: the parameter lies inside with the stated probability.",
+    "ln B: logarithm of the Bayes factor, how much more probable one model makes the readings than the other; in nats, 1 to 3 "
+    "positive, 3 to 5 strong, more very strong evidence.",
+    "Truncation: the condition that compliances are not negative. Discrepancy: what else differs from circle to circle.",
+    "The size of the balls' form is learnt from the orders the machine cannot make. A ball with one strong lobe at order 2 or 3 "
+    "breaks this.",
+    "Compliance is quasi-static and a polynomial of force; thermal drift counts only where it was asked for.",
+    "Joints that no circle of the campaign moves are taken as rigid.",
+)
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
@@ -1075,9 +863,9 @@ def _value(result: Mapping[str, Any], name: str) -> str:
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what forbids or limits the use of the numbers."""
-    grave = tuple(concern for concern in fit.concerns if concern.kind != ConcernKind.FORCES)
+    grave = tuple(concern for concern in fit.concerns if concern.kind != "forces")
     lines = list(concern_sentences(grave, result["sampler"]))
-    if fit.misfits and not {ConcernKind.NOT_CONVERGED, ConcernKind.TRUNCATION} & {concern.kind for concern in grave}:
+    if fit.misfits and not {"not-converged", "truncation"} & set(fit.kinds):
         lines.append(f"Misfit: {expectation(fit)}. Intervals assume that the model holds.")
     if result["model"]["preset"] == "paper":
         lines.append(
@@ -1091,58 +879,40 @@ def compliance_summary(
     result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability], budgets: Mapping[str, Budget]
 ) -> Iterator[str]:
     """Return the direct compliances with their stiffness, and what their uncertainty is made of."""
-    names = [name for name in result["parameters"] if is_direct(name)]
+    names, values = [name for name in result["parameters"] if is_direct(name)], []
     if not names:
         return
-    values = []
     for name in names:
         entry, word = result["parameters"][name], verdicts[name].verdict
         stiff = stiffness(entry["median"], interval_of(entry))
-        doubt = f", {word}" if word is not Verdict.IDENTIFIED else ""
+        doubt = f", {word}" if word != "identified" else ""
         values.append(f"{_value(result, name)} ({f'stiffness {stiff} N/µm' if stiff else 'negative: no stiffness'}{doubt})")
     terms = dict.fromkeys(line.term for name in names for line in budgets[name].contributions)
     share = {term: 100.0 * sum(budgets[name].share(term) for name in names) / len(names) for term in terms}
-    first, *others = ranked(share, lambda term: share[term])
-    second = f", then {source_words(others[0])} ({share[others[0]]:.0f} %)" if others and share[others[0]] > 10.0 else ""
-    model = result["model"]
-    at = f" at {model['reference_force_N']:g} N" if model["degree"] else ""
+    first = ranked(share, lambda term: share[term])[0]
     yield (
-        f"Compliance{at}, {DEGREES[model['degree']]} in force, ± expanded uncertainty U (k = 2), brackets {percent_of(result)} "
-        f"intervals: {joined(values)}. Most of the uncertainty is {source_words(first)} ({share[first]:.0f} % of the "
-        f"variance){second}."
+        f"Compliance at {result['model']['reference_force_N']:g} N, {IN_FORCE[result['model']['degree']]} (± U, k = 2; brackets "
+        f"{percent_of(result)} intervals): {joined(values)}. Most of the uncertainty is {source_words(first)} "
+        f"({share[first]:.0f} % of the variance)."
     )
 
 
 def geometry_summary(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability], flat: bool) -> Iterator[str]:
     """Return which geometric errors differ from zero, and which are confounded with what."""
     entries = {name: own for name, own in result["parameters"].items() if name.startswith("E_") and name[3] != "t"}
-    if not entries:
-        return
-    clear = [name for name, own in entries.items() if abs(own["mean"]) > 2.0 * own["sd"]]
-    confounded = [name for name in entries if verdicts[name].verdict is Verdict.CONFOUNDED]
-    partners = joined(list(dict.fromkeys(term_words(p) for name in confounded for p in verdicts[name].partners)))
-    free, rest = (joined([_value(result, n) for n in clear if (n in confounded) is which]) for which in (False, True))
-    if not confounded:
-        shown = f"different from zero (k = 2): {free}" if clear else "none differs from zero (k = 2)"
-        yield f"Geometric errors ({len(entries)}, without tool offsets): {shown}."
-    elif flat:
-        yield (
-            f"Geometric errors: {_shown(confounded)} look exactly like {partners}, which these intervals leave out: they are not "
-            "known as well as is printed."
-        )
-    else:
-        shown = f" Different from zero (k = 2): {free}." if free else ""
-        shown += f" Beyond what was assumed of these: {rest}." if rest else ""
-        yield (
-            f"Geometric errors: {_shown(confounded)} are confounded with {partners}; their intervals rest on what was assumed of "
-            "these, and more readings of the same kind do not narrow them."
-            f"{shown or ' None differs from zero (k = 2).'}"
-        )
+    if entries:
+        clear = joined([_value(result, name) for name, own in entries.items() if abs(own["mean"]) > 2.0 * own["sd"]])
+        yield f"Geometric errors different from zero (± U, k = 2; tool offsets apart): {clear or 'none'}."
+    confounded = [name for name in entries if verdicts[name].verdict == "confounded"]
+    if confounded:
+        partners = joined(list(dict.fromkeys(term_words(p) for name in confounded for p in verdicts[name].partners)))
+        rest = "these intervals leave that out" if flat else "their intervals rest on what was assumed of these"
+        yield f"{_shown(confounded)} are confounded with {partners}; {rest}, and more readings of the same kind tell no more."
 
 
 def comparison_summary(result: Mapping[str, Any], compared: Comparison | str) -> Iterator[str]:
     """Return whether compliance is constant or linear, and the compliances of a model that the readings prefer."""
-    if not isinstance(compared, Comparison):
+    if isinstance(compared, str):
         yield f"Constant or linear compliance could not be compared: {compared}"
         return
     yield f"Constant or linear compliance: {_evidence(compared)} {_SIGNS[compared.sign]}"
@@ -1155,12 +925,12 @@ def comparison_summary(result: Mapping[str, Any], compared: Comparison | str) ->
             if is_direct(name)
         ]
         yield (
-            f"The numbers of this page are of {DEGREES[degree]} compliance. With {best} compliance, which the readings prefer "
-            f"(probability {model.posterior_probability:.3g}): {joined(values)}; to sign these, fit with --degree {model.degree}."
+            f"The numbers of this page are of {DEGREES[degree]} compliance. With {best} compliance, which the readings prefer: "
+            f"{joined(values)}; to sign these, fit with --degree {model.degree}."
         )
 
 
-def next_summary(budgets: Mapping[str, Budget], flat: bool, design: Design | str, given: bool) -> Iterator[str]:
+def next_summary(budgets: Mapping[str, Budget], flat: bool, design: Design | str) -> Iterator[str]:
     """Return what would help most, and which circles to run next."""
     if flat:
         yield "What would help most: fit with the default preset. Least squares sees nothing but white noise."
@@ -1170,26 +940,15 @@ def next_summary(budgets: Mapping[str, Budget], flat: bool, design: Design | str
         if is_direct(name) or (name.startswith("E_") and name[3] != "t"):
             remedies.setdefault(remedy_words(budget), []).append(name)
     most = ranked(remedies.items(), lambda pair: len(pair[1]))[:2]
-    yield "What would help most: " + " ".join(f"{_shown(names)}: {_lowered(remedy)}" for remedy, names in most)
-    if isinstance(design, str):
-        return
-    ratio = _ratios(design)
-    best = ranked(ratio, lambda name: -ratio[name], tolerance=_ALIKE)[0]
-    run, steps = _tests_to_run(design), design.compared[0].name
-    if ratio[best] > _WORTH and not given:
-        yield (
-            f"Other forces alone would not help: of as many circles the best ({run}) narrow no interval by more than "
-            f"{100 * (1.0 - _WORTH):.0f} % against {steps}."
-        )
-    else:
-        when = "Recommended next" if given else "If the campaign is run anew"
-        yield f"{when}: run {run}; against {steps} the interval of {display_name(best)} is then {ratio[best]:.2f} times as wide."
-
-
-def degeneracy_items(found: Identifiability) -> tuple[str, ...]:
-    """Return every degeneracy with what would separate it."""
-    pairs = zip(found.degeneracies, found.cures, strict=True)
-    return tuple(f"{statement(own)} What would: {_lowered(cure_words(own, cures))}" for own, cures in pairs)
+    yield "What would help most: " + " ".join(f"{_shown(names)}: {remedy[:1].lower()}{remedy[1:]}" for remedy, names in most)
+    if not isinstance(design, str):
+        ratio = _ratios(design)
+        best = ranked(ratio, lambda name: -ratio[name], tolerance=_ALIKE)[0]
+        other = design.compared[0].name
+        width = f"the interval of {display_name(best)} is then {ratio[best]:.2f} times that of {other}"
+        if ratio[best] > _NO_NARROWER:
+            width = f"no interval is then clearly narrower than with {other}"
+        yield f"Recommended tests: {_tests_to_run(design)}; {width}."
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float) -> str:
@@ -1200,10 +959,18 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float)
         f"{display_name(str(name))} {plus_minus(row['difference'], row['sd'], (row['ci_low'], row['ci_high']), row['unit'])}"
         for name, row in clear.iterrows()
     ]
-    differs = (
-        f"differs from {first} (± U, k = 2): {'; '.join(sizes)}" if sizes else f"does not differ from {first} in any parameter"
+    differs = "; ".join(sizes) or "no parameter"
+    return f"{other} differs from {first} (± U, k = 2) in: {differs}. {100 * ci_prob:g} % intervals, each parameter by itself."
+
+
+def instrument_words(reference_force_N: float, *, same: bool) -> str:
+    """Return what differences between campaigns rest on."""
+    rest = (
+        "The instrument was the same (bar, balls, mount, force device): its errors cancel. Truncation is left out."
+        if same
+        else "Instruments are taken as independent. If they were the same, most differences are known better (--same-instrument)."
     )
-    return f"{other} {differs}. {100 * ci_prob:g} % intervals, each parameter by itself."
+    return f"Differences are at {reference_force_N:g} N; offsets of the tool ball are left out. {rest}"
 
 
 def difference_doubts(first: str, other: str, converged: bool, conflict: tuple[str, float] | None) -> Iterator[str]:
@@ -1217,4 +984,13 @@ def difference_doubts(first: str, other: str, converged: bool, conflict: tuple[s
         )
 
 
-__all__ = sorted(name for name, own in globals().items() if getattr(own, "__module__", "") == __name__ and name[0] != "_")
+__all__ = [
+    "BUDGET",
+    "DEGREES",
+    "IN_FORCE",
+    "NOTES",
+    "PATH",
+    "RESULTS",
+    "with_words",
+    *sorted(name for name, own in globals().items() if getattr(own, "__module__", "") == __name__ and name[0] != "_"),
+]

@@ -175,7 +175,7 @@ def campaign_of(harmonics_um: np.ndarray) -> lb.Campaign:
     angle = np.deg2rad(angle_deg)
     readings = harmonics_um.reshape(FORCES_N.size, 8) @ harmonics(angle).T + synthetic_um(angle, np.random.default_rng(SEED))
     tests = tuple(
-        lb.CircularTest(float(force), angle_deg, reading, float(pressure), f"f{force:03.0f}", "CW")
+        lb.CircularTest(float(force), angle_deg, reading, pressure_bar=float(pressure), name=f"f{force:03.0f}", direction="CW")
         for force, pressure, reading in zip(FORCES_N, PRESSURES_BAR, readings, strict=True)
     )
     return lb.Campaign(tests, name="wCAFYXZSt, recovered experiment", feed_mm_per_min=2000.0)

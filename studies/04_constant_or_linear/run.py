@@ -43,16 +43,16 @@ def comparison() -> lb.Comparison:
 def compared() -> dict[str, Any]:
     """What `lb.compare` found; evidence of an assumption less that of the model."""
     record = comparison().as_dict()
-    own = max(record["nuisances"][0]["log_evidence"].values())
-    none = next(s["probability"] for s in record["slope_subsets"] if not any(s["powers"].values()))
-    every = {a["assumption"]: a for a in (*record["nuisances"], *record["discrepancy_sensitivity"])}
+    every = {a["assumption"]: a for a in record["discrepancy_sensitivity"]}
+    own = max(every["as in the model"]["log_evidence"].values())
+    naive = every["white noise only, no truncation"]["log_bayes_factor"]
+    none = next(s["probability"] for s in record["slope_subsets"] if not s["varying"])
     return {
         "log_bayes_factor": record["log_bayes_factor"]["linear/constant"],
         "kappa_um": 1e3 * float(lb.marginals(lb.HybridModel.default(0), undetermined.recovered()).loc["kappa", "mean"]),
-        "savage_dickey": record["savage_dickey"]["linear/constant"]["log_bayes_factor"],
         "probability": {name: model["posterior_probability"] for name, model in record["models"].items()},
-        "least_squares_rmse_um": {name: model["least_squares"]["rmse_um"] for name, model in record["models"].items()},
-        "white_noise_overstates_by_nats": record["white_noise_overstates_by_nats"],
+        "least_squares_rmse_um": {name: model["least_squares_rmse_um"] for name, model in record["models"].items()},
+        "white_noise_overstates_by_nats": naive - record["log_bayes_factor"]["linear/constant"],
         "slope_scale": {f"{s['slope_scale']:g}": s["log_bayes_factor"] for s in record["prior_sensitivity"]},
         "assumptions": {
             label: {"log_bayes_factor": a["log_bayes_factor"], "evidence": max(a["log_evidence"].values()) - own}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import product
 from typing import Any
@@ -21,7 +21,7 @@ PAPER_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 BOTH_BALLS = tuple(product((0.0, 45.0, 90.0), repeat=2))
 RADII_MM = (150.0, 100.0)
 POWER = 0.9
-MOST_TO_SETTLE = 10
+MOST_TO_SETTLE, MOST_TO_FIND = 10, 40
 # Slopes one at a time, and their size in prior sd.
 SOUGHT = {"C_XXX_1": 1.0, "C_XXX_1, half": 0.5, "C_XYX_1": 1.0, "C_CXY_1": 1.0, "C_CCY_1": 1.0}
 NINE: Mapping[str, Mapping[str, Any]] = {
@@ -46,8 +46,8 @@ def paper_levels() -> lb.Plan:
 
 @cache
 def six() -> lb.Design:
-    """Six circles for all parameters, beside the paper's, and under other assumptions."""
-    return lb.design(LINEAR, pilot(), tests=6, forces_N=FINE_N, against={"the paper's six": pilot()}, robust=True)
+    """Six circles for all parameters, beside the paper's."""
+    return lb.design(LINEAR, pilot(), tests=6, forces_N=FINE_N, against={"the paper's six": pilot()})
 
 
 @cache
@@ -68,35 +68,55 @@ def deciding(tests: int) -> lb.Design:
     return lb.design(LINEAR, pilot(), tests=tests, criterion="discriminate", forces_N=LEVELS_N)
 
 
-def decides(tests: int) -> bool:
-    """Whether they settle it with the power wanted, whichever is true."""
-    found = deciding(tests).discrimination
-    return found is not None and min(found.decisive_with, found.decisive_without) >= POWER
+def fewest(made: Callable[[int], lb.Design], good: Callable[[lb.Design], bool], most: int) -> lb.Design:
+    """The design of the fewest circles that is good; more circles are better."""
+    numbers = range(2, most + 1)
+    place = bisect_left(numbers, True, key=lambda number: good(made(number)))
+    if place == len(numbers):
+        raise RuntimeError(f"{most} circles are not enough")
+    return made(numbers[place])
 
 
 def settling() -> lb.Design:
-    """The fewest circles that settle constant or linear; more circles decide better."""
-    numbers = range(3, MOST_TO_SETTLE + 1)
-    place = bisect_left(numbers, True, key=decides)
-    if place == len(numbers):
-        raise RuntimeError(f"{MOST_TO_SETTLE} circles do not settle constant or linear")
-    return deciding(numbers[place])
+    """The fewest circles that settle constant or linear with the power wanted, whichever is true."""
+
+    def settles(found: lb.Design) -> bool:
+        chances = found.discrimination
+        return chances is not None and min(chances.decisive_with, chances.decisive_without) >= POWER
+
+    return fewest(deciding, settles, MOST_TO_SETTLE)
 
 
 @cache
 def finding(slope: str) -> lb.Design:
     """The fewest circles that find one slope with the power wanted."""
     name = slope.partition(",")[0]
-    return lb.design(LINEAR, pilot(), power=POWER, parameters=[name], slope_size=SOUGHT[slope], forces_N=LEVELS_N)
+    options = {"criterion": "discriminate", "parameters": [name], "slope_size": SOUGHT[slope], "forces_N": LEVELS_N}
+
+    @cache
+    def made(tests: int) -> lb.Design:
+        return lb.design(LINEAR, pilot(), tests=tests, **options)
+
+    return fewest(
+        made, lambda found: found.discrimination is not None and found.discrimination.power[name] >= POWER, MOST_TO_FIND
+    )
 
 
 def squareness() -> dict[str, lb.Design]:
     """Squareness: the best six circles by forces alone, the fewest to a target with two radii, and with both balls clocked."""
     coarse, fine = WITHIN["E_C0YX"]
+
+    def six_or_fewest(sd: float | None, **choice: Any) -> lb.Design:
+        @cache
+        def made(tests: int) -> lb.Design:
+            return lb.design(LINEAR, pilot(), tests=tests, criterion="c", parameters=["E_C0YX"], forces_N=FIVE_N, **choice)
+
+        return made(6) if sd is None else fewest(made, lambda found: found.expected["E_C0YX"].sd <= sd, MOST_TO_FIND)
+
     return {
-        "forces alone": lb.design(LINEAR, pilot(), tests=6, criterion="c", parameters=["E_C0YX"], forces_N=FIVE_N),
-        "two radii": lb.design(LINEAR, pilot(), targets={"E_C0YX": coarse}, forces_N=FIVE_N, radii_mm=RADII_MM),
-        "both balls clocked": lb.design(LINEAR, pilot(), targets={"E_C0YX": fine}, forces_N=FIVE_N, clockings_deg=BOTH_BALLS),
+        "forces alone": six_or_fewest(None),
+        "two radii": six_or_fewest(coarse, radii_mm=RADII_MM),
+        "both balls clocked": six_or_fewest(fine, clockings_deg=BOTH_BALLS),
     }
 
 

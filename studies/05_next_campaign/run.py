@@ -86,7 +86,6 @@ def six() -> dict[str, Any]:
         "efficiency": {"recommended": found.efficiency} | {own.name: own.efficiency for own in (found.compared[0], paper)},
         "width_over_the_papers": ratio,
         "narrower": [value for name, value in ratio.items() if name.startswith("C_")],
-        "worst_efficiency": {str(name): float(value) for name, value in found.robustness["worst"].items()},
     }
 
 
@@ -161,9 +160,8 @@ def predicted(kind: str) -> dict[str, float]:
 
 
 def draw(results: dict[str, Any]) -> dict[str, Figure]:
-    """Where a circle tells most; expected intervals; radii against clocking, and the evidence found in simulation."""
+    """Expected intervals; radii against clocking, and the evidence found in simulation."""
     return {
-        "information": lb.figures.information(designs.six()),
         "expected_widths": lb.figures.expected_widths(designs.six()),
         "settling": settling_figure(results),
     }

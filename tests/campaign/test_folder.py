@@ -44,11 +44,9 @@ def test_round_trip(tmp_path: Path) -> None:
     assert back.sha256 == campaign.sha256
     assert back.mount == campaign.mount
     assert lb.read_campaign(folder / "campaign.toml").sha256 == campaign.sha256
-    with pytest.raises(InputError, match="must not exist"):
-        lb.write_campaign(campaign, folder)
     lb.write_campaign(campaign.without("f036"), folder, force=True)
     assert len(lb.read_campaign(folder).tests) == 3
-    assert [p.name for p in tmp_path.iterdir()] == ["c"]
+    assert len([*folder.glob("*.csv")]) == 3
 
 
 @given(
@@ -62,55 +60,29 @@ def test_numbers_read_back_to_the_same_doubles(tmp_path_factory, reading: np.nda
     assert lb.read_campaign(folder).sha256 == campaign.sha256
 
 
-def test_plan(tmp_path: Path) -> None:
-    planned = plan((40, 40, 40, 40), arc_deg=220.0)
+def test_plans_come_back(tmp_path: Path) -> None:
+    """Arcs, and circles in both directions."""
+    angle = 360.0 - np.arange(720) / 2.0
+    arc = 220.0 / 39.0 * np.arange(40) - 20.0
+    planned = lb.Campaign(tuple(lb.CircularTest(100.0, own) for own in (angle, -angle, arc)))
     back = lb.read_campaign(lb.write_campaign(planned, tmp_path / "p"))
     assert back.is_plan
-    np.testing.assert_allclose(back.tests[0].angle_deg, planned.tests[0].angle_deg, atol=1e-9)
+    for ours, theirs in zip(planned.tests, back.tests, strict=True):
+        np.testing.assert_allclose(theirs.angle_deg, ours.angle_deg, atol=1e-9)
     bare = TOML.replace('file = "a.csv"\n', "").replace('file = "b.csv"\n', "")
     (tmp_path / "campaign.toml").write_text(bare)
     assert [len(t.angle_deg) for t in lb.read_campaign(tmp_path).tests] == [720, 720]
-
-
-def test_clockwise_plans_come_back(tmp_path: Path) -> None:
-    angle = 360.0 - np.arange(720) / 2.0
-    planned = lb.Campaign((lb.CircularTest(100.0, angle), lb.CircularTest(700.0, -angle)))
-    back = lb.read_campaign(lb.write_campaign(planned, tmp_path / "p"))
-    for ours, theirs in zip(planned.tests, back.tests, strict=True):
-        np.testing.assert_allclose(theirs.angle_deg, ours.angle_deg, atol=1e-9)
     twice = lb.Campaign((lb.CircularTest(100.0, np.arange(720.0)),))
     with pytest.raises(InputError, match="must span one turn"):
         lb.write_campaign(twice, tmp_path / "q")
 
 
-def test_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
-    rows = "\n".join(f"{a},0,{a},5" for a in range(0, 360, 20))
-    with pytest.raises(InputError, match="with decimal commas separate the cells by semicolons"):
-        lb.read_campaign(write(tmp_path, b=f"angle_deg,reading_um\n{rows}\n"))
-
-
-def test_thousands_separators_are_not_decimals(tmp_path: Path) -> None:
-    rows = "\n".join(f"{a};{a / 7:.3f}" for a in range(0, 360, 20))
-    with pytest.raises(InputError, match=r"b\.csv, line 3: reading_um must be a finite number, got '1,000'"):
-        lb.read_campaign(write(tmp_path, b="angle_deg;reading_um\n" + rows.replace("2.857", "1,000")))
-
-
-def test_unknown_options_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"option must be one of .*Did you mean 'plane'"):
-        lb.read_campaign(write(tmp_path) / "a.csv", plan="XY")
-    with pytest.raises(InputError, match="must hold 'test'"):
-        lb.read_campaign(tmp_path / "a.csv")
-
-
-def test_radians_millimetres_bom_and_crlf(tmp_path: Path) -> None:
+def test_radians_millimetres_bom_crlf_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     rows = "\r\n".join(f"{float(np.deg2rad(a))!r},{a / 7e3!r}" for a in range(0, 360, 20))
     (write(tmp_path) / "b.csv").write_bytes(b"\xef\xbb\xbfangle_rad,reading_mm\r\n" + rows.encode() + b"\r\n\r\n")
     first, second = lb.read_campaign(tmp_path).tests
     np.testing.assert_allclose(first.reading_um, second.reading_um)
     np.testing.assert_allclose(first.angle_deg, second.angle_deg)
-
-
-def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     write(tmp_path, b=CSV.replace(",", ";").replace(".", ","))
     first, second = lb.read_campaign(tmp_path).tests
     np.testing.assert_array_equal(first.reading_um, second.reading_um)
@@ -124,16 +96,14 @@ def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
         ("radius_mm", "radius_um", "got 'radius_um'. Did you mean 'radius_mm'"),
         ("force_N = 36.0", "force = 36.0", r"keys in \[test 1\] must be among .*got 'force'. Did you mean 'force_N'"),
         ("force_N = 36.0", "force_N = '36'", r"'force_N' in \[test 1\] must be valid, got '36'"),
-        ("force_N = 36.0", "force_N = -36.0", "a.csv: test 'a' must have force_N > 0"),
-        ("force_N = 36.0", "force_N = nan", "force_N > 0 N, got nan"),
+        ("force_N = 36.0", "force_N = -36.0", r"'force_N' in \[test 1\] must be greater than 0, got -36.0"),
+        ("force_N = 36.0", "force_N = nan", r"'force_N' in .test 1. must be a finite number, got nan"),
         ("force_N = 36.0\n", "", "force or a pressure, got neither"),
-        ('plane = "XY"', 'plane = "XZ"', "'plane' must be valid, got 'XZ'"),
-        ("wCAFYXZSt", "wCAFZSt", "topology must hold the axes"),
+        ('plane = "XY"', 'plane = "XZ"', "plane must be one of XY, YZ, ZX, got 'XZ'"),
         ('file = "b.csv"', 'file = "a.csv"', "test names must differ, got 'a' twice"),
         ('file = "a.csv"', 'file = "../a.csv"', "test 1: file must lie inside"),
-        ('file = "a.csv"', 'file = "/etc/passwd"', "test 1: file must lie inside"),
         ('file = "a.csv"', 'file = "c.csv"', "test 1: file must exist, got 'c.csv'"),
-        ("force_N = 36.0", 'force_N = 36.0\ndirection = "up"', "'direction' in .* must be valid, got 'up'"),
+        ("force_N = 36.0", 'force_N = 36.0\ndirection = "up"', "'direction' in .* must be 'CW' or 'CCW', got 'up'"),
         ("force_N = 36.0", "force_N = 36.0\nreadings = 99", "readings must stand in planned tests only"),
         ('[[test]]\nfile = "a.csv"', "[[test\nfile", "must be valid TOML"),
         ("force_N = 36.0", "force_N = 36.0\n[mount]\ndeflection = 1.0", r"Did you mean 'deflection_um_per_bar'"),
@@ -154,13 +124,20 @@ def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
             CSV.replace("reading_um", "reading_mum"),
             "b.csv, line 1: columns must be among .*'reading_mum'. Did you mean 'reading_",
         ),
-        (CSV.replace("angle_deg", "angle"), "line 1: columns must be among"),
         ("angle_deg\n1\n2\n", "reading_um or reading_mm, got neither"),
         (CSV.replace("angle_deg,reading_um", "angle_deg,angle_deg"), "line 1: columns must differ, got .angle_deg. twice"),
         (CSV.replace("40,", "forty,"), "b.csv, line 4: angle_deg must be a finite number, got 'forty'"),
         (CSV.replace("\n60,", "\n60,nan\n61,"), "b.csv, line 5: reading_um must be a finite number, got 'nan'"),
-        (CSV.replace("\n60,", "\n60,\n61,"), "b.csv, line 5: reading_um must be a finite number, got ''"),
+        (CSV.replace("\n60,", "\n60,\n61,"), "b.csv, line 5: reading_um must be a finite number, got nothing. Correct or remove"),
         (CSV.replace("\n60,", "\n60,1,2\n61,"), "b.csv, line 5: rows must have 2 cells, got 3"),
+        (
+            "angle_deg,reading_um\n" + "\n".join(f"{a},0,{a},5" for a in range(0, 360, 20)),
+            "with decimal commas separate the cells by semicolons",
+        ),
+        (
+            "angle_deg;reading_um\n" + "\n".join(f"{a};1,000" if a == 20 else f"{a};{a / 7:.3f}" for a in range(0, 360, 20)),
+            r"b\.csv, line 3: reading_um must be a finite number, got '1,000'",
+        ),
         ("\n".join(CSV.splitlines()[:8]), "at least 9 readings, got 7"),
         ("angle_deg,reading_um\n" + "\n".join(f"{a / 10},1" for a in range(20)), "angle_deg must span more than 7°"),
         ("angle_rad,reading_um\n" + "\n".join(f"{a},1" for a in range(0, 360, 5)), "angle_rad must span at most 4 turns"),
@@ -178,20 +155,22 @@ def test_binary_and_missing(tmp_path: Path) -> None:
         (tmp_path / "b.csv").write_bytes(content)
         with pytest.raises(InputError, match=got):
             lb.read_campaign(tmp_path)
-    with pytest.raises(InputError, match="does not exist"):
-        lb.read_campaign(tmp_path / "nowhere")
+    for path, options, message in (
+        ("nowhere", {}, "does not exist"),
+        ("a.csv", {"plan": "XY"}, r"option must be one of .*Did you mean 'plane'"),
+        ("a.csv", {}, "must hold 'test'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            lb.read_campaign(tmp_path / path, **options)
 
 
 def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
-    outside = tmp_path / "outside.csv"
-    outside.write_text(CSV)
-    folder = tmp_path / "c"
-    folder.mkdir()
-    write(folder)
-    (folder / "a.csv").unlink()
-    (folder / "a.csv").symlink_to(outside)
+    (tmp_path / "c").mkdir()
+    write(tmp_path / "c")
+    (tmp_path / "c" / "a.csv").rename(tmp_path / "outside.csv")
+    (tmp_path / "c" / "a.csv").symlink_to(tmp_path / "outside.csv")
     with pytest.raises(InputError, match="must lie inside"):
-        lb.read_campaign(folder)
+        lb.read_campaign(tmp_path / "c")
 
 
 def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
@@ -203,51 +182,37 @@ def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
     toml = tmp_path / "c" / "campaign.toml"
     toml.write_text(toml.read_text().replace('"2026-11-20T14:30"', "2026-11-21"))
     assert lb.read_campaign(toml).date == "2026-11-21"
-    with pytest.raises(lb.InputError, match=r"date must be a date as ISO 8601, got '20\.11\.26'\. For example"):
+    with pytest.raises(lb.InputError, match=r"date must be valid, got '20\.11\.26': it should be a date as ISO 8601"):
         replace(plain, date="20.11.26")
-    with pytest.raises(lb.InputError, match="machine_id must be a name"):
+    with pytest.raises(lb.InputError, match="machine_id must be valid"):
         replace(plain, machine_id=" ")
 
 
 # ---- tidy tables
 
 
-def tidy(campaign: lb.Campaign, extra: str = "") -> str:
-    lines = [f"test,force_N,pressure_bar,work_ball_deg,angle_deg,reading_um{',' + extra if extra else ''}"]
+def test_tidy_is_the_same_campaign(tmp_path: Path) -> None:
+    """An empty column is none; rows of a test must agree."""
+    campaign, path = simulated(plan(work_deg=20.0)), tmp_path / "all.csv"
+    lines = ["test,force_N,pressure_bar,work_ball_deg,angle_deg,reading_um,direction"]
     for test in campaign.tests:
         for angle, reading in zip(test.angle_deg, test.reading_um, strict=True):
-            cells = [test.name, test.force_N, test.pressure_bar, test.work_ball_deg, angle, reading]
-            lines.append(",".join(str(cell) for cell in cells) + ("," if extra else ""))
-    return "\n".join(lines) + "\n"
-
-
-def test_tidy_is_the_same_campaign(tmp_path: Path) -> None:
-    campaign = simulated(plan(work_deg=20.0))
-    path = tmp_path / "all.csv"
-    path.write_text(tidy(campaign, "direction"))
+            lines.append(f"{test.name},{test.force_N},{test.pressure_bar},{test.work_ball_deg},{angle},{reading},")
+    path.write_text("\n".join(lines))
     assert lb.read_campaign(path).sha256 == campaign.sha256
     assert lb.read_campaign(path, radius_mm=100.0).tests[0].radius_mm == 100.0
-
-
-def test_rows_of_a_test_must_agree(tmp_path: Path) -> None:
-    path = tmp_path / "all.csv"
-    path.write_text(tidy(simulated(plan())).replace("f036,36.0", "f036,37.0", 1))
+    path.write_text(path.read_text().replace("f036,36.0", "f036,37.0", 1))
     with pytest.raises(InputError, match=r"all\.csv: force_N must be the same in all rows of a test, got 36.0 to 37.0 in 'f036'"):
         lb.read_campaign(path)
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (",".join(["a"] * 1_000_000) + "\n", "line 1: a line must hold at most 100000 signs"),
-        (",".join(["a"] * 2000) + "\n1\n", "at most 1000 columns, got 2000"),
-        ("angle_deg,reading_um\n1,2\n" + ",".join([""] * 4_000_001), "at most 4000000 cells"),
-        ("angle_deg,reading_um\n1," + "1" * 99_000 + "x\n", "reading_um must be a finite number, got '1111"),
-    ],
-)
-def test_tables_of_no_sensible_shape_are_refused_at_once(content: str, said: str, tmp_path: Path) -> None:
+def test_tables_of_no_sensible_shape_are_refused_at_once(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text(content)
-    with pytest.raises(InputError, match=said) as refused:
-        lb.read_campaign(path)
-    assert len(str(refused.value)) < 400
+    for content, said in (
+        (",".join(["a"] * 2000) + "\n1\n", "at most 1000 columns, got 2000"),
+        ("angle_deg,reading_um\n1," + "1" * 99_000 + "x\n", "reading_um must be a finite number, got '1111"),
+    ):
+        path.write_text(content)
+        with pytest.raises(InputError, match=said) as refused:
+            lb.read_campaign(path)
+        assert len(str(refused.value)) < 400

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -33,11 +34,12 @@ def table(path: Path, header: str = HEADER, rows: list[str] = CIRCLE, above: str
     return path
 
 
-def book(path: Path, sheets: dict[str, list[list[Any]]]) -> Path:
+def book(path: Path, sheets: dict[str, list[list[Any]]], hidden: str = "") -> Path:
     made = Workbook()
     del made["Sheet"]
     for name, rows in sheets.items():
         sheet = made.create_sheet(name)
+        sheet.sheet_state = "hidden" if name == hidden else "visible"
         for row in rows:
             sheet.append(row)
     made.save(path)
@@ -115,9 +117,8 @@ def test_times_of_day(cells: list[str], since: list[float]) -> None:
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le", "utf-16-be", "cp1252"])
 def test_encodings_and_separators_are_found(encoding: str, mark: bytes, separator: str, tmp_path: Path) -> None:
     encoding = {b"\xef\xbb\xbf": "utf-8", b"\xfe\xff": "utf-16-be"}.get(mark, encoding)
-    path = table(
-        tmp_path / "own.csv", f"Winkel °{separator}Messwert µm", [r.replace(",", separator) for r in CIRCLE], "", encoding
-    )
+    rows = [row.replace(",", separator) for row in CIRCLE]
+    path = table(tmp_path / "own.csv", f"Winkel °{separator}Messwert µm", rows, "", encoding)
     path.write_bytes(mark + path.read_bytes())
     (sheet,) = read_sheets(path)
     assert (sheet.encoding, sheet.separator, sheet.rows[0]) == (encoding, separator, (1, ["Winkel °", "Messwert µm"]))
@@ -139,16 +140,18 @@ def test_log_over_time() -> None:
     assert np.ptp(angle[kept]) == pytest.approx(360.0, abs=0.26)
 
 
-def test_laps_are_averaged_at_the_same_angles() -> None:
-    """The second lap lies between the angles of the first; a straight line is interpolated exactly."""
+def test_laps_are_averaged_at_the_same_angles(tmp_path: Path) -> None:
+    """The second lap lies between the angles of the first; then twice at the same, the closing angle and an end mark too."""
     first, second = np.arange(0.0, 360.0, 5.0), np.arange(362.0, 722.0, 5.0)
     averaged, mean = average_laps(np.concatenate([first, second]), np.repeat([1.0, 2.0], 72))
     np.testing.assert_array_equal(averaged, first)
     np.testing.assert_allclose(mean[1:], 1.5)
+    path = table(tmp_path / NAME, rows=lines(count=73) * 2)
+    path.write_bytes(path.read_bytes() + b"\x1a")
+    assert len(imported(path, {"laps": "average"}).campaign.tests[0].angle_deg) == 72
 
 
-@pytest.mark.parametrize("lead", [0, 9])
-@pytest.mark.parametrize("laps", [2, 3])
+@pytest.mark.parametrize(("laps", "lead"), [(2, 0), (3, 9)])
 def test_laps_without_their_closing_reading_are_all_kept(laps: int, lead: int, tmp_path: Path) -> None:
     """With and without run-in; times rounded to 0.01 s."""
     step = np.deg2rad(5.0) * 150.0 / (2000.0 / 60.0)
@@ -156,13 +159,6 @@ def test_laps_without_their_closing_reading_are_all_kept(laps: int, lead: int, t
     path = table(tmp_path / NAME, "t (s),reading_um", rows, f"Overshoot {5 * lead} deg")
     (test,) = imported(path, {"feed_mm_per_min": 2000.0, "laps": "keep"}).campaign.tests
     assert len(test.angle_deg) == 72 * laps
-
-
-def test_repeated_angles_and_end_marks(tmp_path: Path) -> None:
-    """0 to 360° twice over, the closing angle read twice, and the end mark of old systems."""
-    path = table(tmp_path / NAME, rows=lines(count=73) * 2)
-    path.write_bytes(path.read_bytes() + b"\x1a")
-    assert len(imported(path, {"laps": "average"}).campaign.tests[0].angle_deg) == 72
 
 
 # ---- the layout
@@ -179,7 +175,7 @@ def test_the_layout_that_was_found_out_leaves_nothing_to_guess(tmp_path: Path) -
     assert {"separator", "decimal mark", "columns", "unit of the angle"} <= {own.what for own in first.assumptions}
     assert {own.what for own in again.assumptions if own.place} == {"force_N", "radius_mm"}, "what the file says of its test"
     assert (first.campaign.tests[0].force_N, first.campaign.tests[0].radius_mm) == (238.0, 140.0)
-    assert str(first).startswith("own 238N: 1 tests, 72 readings; assumed")
+    assert str(first).startswith("own 238N: 1 tests, 72 readings. Assumed")
     assert first.as_dict()["campaign"] == {"name": "own 238N", "tests": 1, "readings": 72}
 
 
@@ -199,7 +195,7 @@ def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
     [
         ("colums = {}\n", "got 'colums'. Did you mean 'columns'"),
         ("[columns]\nangel = 'a'\n", "got 'angel'. Did you mean 'angle'"),
-        ("laps = 'mean'\n", "'laps' must be valid, got 'mean'"),
+        ("laps = 'mean'\n", "'laps' must be 'keep' or 'average', got 'mean'"),
         ("[[test]]\nfile = 'a'\nforce = 3.0\n", "in [test 1] must be among name, force_N"),
         ("[[test]]\nfile = 'a'\n[[test]]\nfile = 'a'\n", "got two for 'a'"),
         ("reading_unit = 'bar'\n", "it should be one of um, mm"),
@@ -210,10 +206,8 @@ def test_what_is_given_is_not_assumed(tmp_path: Path) -> None:
 def test_layouts_that_are_refused(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "layout.toml"
     path.write_bytes(text.encode("latin-1"))
-    with pytest.raises(lb.InputError) as found:
+    with pytest.raises(lb.InputError, match=f"{path}.*{re.escape(said)}"):
         lb.read_layout(path)
-    assert str(path) in str(found.value)
-    assert said in str(found.value)
 
 
 def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_path: Path) -> None:
@@ -236,25 +230,12 @@ def test_a_layout_of_last_week_does_not_speak_over_this_weeks_files_unheard(tmp_
 def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
     entry = {"file": "a.csv", "force_N": 5.0, "direction": "CCW"}
     layout = lb.Layout.model_validate({"forces_N": [36.0, 742.0], "test": [entry]})
-    assert layout.with_given({"direction": "CW"}).test[0].model_dump(exclude_none=True) == {"file": "a.csv", "force_N": 5.0}
-    found = lb.import_campaign(
-        [table(tmp_path / "a.csv"), table(tmp_path / "b.csv")], layout=layout.with_given({"pressures_bar": [2.0, 3.0]})
-    )
+    assert layout.with_given({"direction": "CW"}).test[0].stated() == {"file": "a.csv", "force_N": 5.0}
+    paths = [table(tmp_path / "a.csv"), table(tmp_path / "b.csv")]
+    found = lb.import_campaign(paths, layout=layout.with_given({"pressures_bar": [2.0, 3.0]}))
     assert [round(float(test.force_N or 0.0), 2) for test in found.campaign.tests] == [237.88, 363.92]
     with pytest.raises(lb.InputError, match="the angle must be one column"):
         lb.Layout().with_given({"columns": {"angle": ["A", "B"]}})
-
-
-def test_units_found_in_one_file_do_not_beat_the_header_of_another(tmp_path: Path) -> None:
-    paths = [
-        table(tmp_path / "a 36N.csv", "angle_deg,reading"),
-        table(tmp_path / "a 742N.csv", "angle,reading [mm]", lines("{a},0.00{r}")),
-    ]
-    units = table(tmp_path / "a 86N.csv", "angle,reading", ["deg,mm", *CIRCLE])
-    first = imported([*paths, units])
-    again = lb.import_campaign([*paths, units], layout=first.layout)
-    assert again.campaign.sha256 == first.campaign.sha256
-    assert [float(test.reading_um[1]) for test in first.campaign.tests] == pytest.approx([1.25, 1.0, 1250.0])
 
 
 # ---- what is told
@@ -264,66 +245,58 @@ def test_units_found_in_one_file_do_not_beat_the_header_of_another(tmp_path: Pat
     ("header", "form", "above", "layout", "expected"),
     [
         ("angle_deg,reading_um,humidity", "{a},{r},0.4", "", {}, ("columns not used", "humidity")),
-        ("angle_deg,reading_um,T [°C]", "{a},{r},04.03.2026", "", {}, ("columns not used", "T [°C]")),
-        ("angle_deg,reading_um,time stamp", "{a},{r},04.03.2026", "", {}, ("columns not used", "time stamp")),
         ("angle_deg,reading_um,Test temperature", "{a},{r},21", "", {}, ("columns not used", "Test temperature")),
-        ("time_s,angle_deg,reading_um", "{t},{a},{r}", "", {}, ("columns not used", "time_s")),
         ("temperature_C,angle_deg,reading_um", "{t},{a},{r}", "", {}, ("columns not used", "temperature_C")),
         (HEADER, "{a},{r}", "", {"test": [{"file": "other.csv", "force_N": 742.0}]}, ("[[test]] not used", "other.csv")),
         (HEADER, "{a},{r}", "", {"overshoot_deg": 45.0}, ("not used", "--overshoot-deg")),
         (HEADER, "{a},{r}", "", {"direction": "CW"}, ("direction", "CW, as stated")),
-        (HEADER, "{a},{r}", "", {"header_line": 0, "columns": {"angle": 1, "reading": 2}}, ("header", "none, as given")),
         ("angle_deg;reading_nm", "{a};12,{k}10", "", {}, ("decimal mark", ",")),
         ("angle_deg;reading_um", "{a};{r}.250", "", {"decimal": ","}, ("decimal mark", ",, as given")),
         ("force_N,angle [deg],reading [um]", "36,{a},{r}", "", {"forces_N": [400.0]}, ("force_N", "400 N, as given")),
         ("direction,angle,reading_um", "CCW,{a},{r}", "", {"direction": "CW"}, ("direction", "CW, as given")),
-        ("direction,angle,reading_um", "CW,{a},{r}", "Direction: CCW", {}, ("direction", "CW, its column")),
         ("angle,reading [um]", "{a},{r}", "", {"reading_unit": "nm"}, ("unit of the reading", "nm, as given")),
-        ("Force [V],angle,reading_um", "5,{a},{r}", "", {"forces_N": [36.0]}, ("column of the force", "not used")),
-        ("pressure_bar,angle,reading_um", "6,{a},{r}", "", {}, ("force and pressure", "36 N and 6 bar")),
-        ("radius_mm,plane,angle,reading_um", "100,YZ,{a},{r}", "Radius: 150 mm", {}, ("radius_mm", "100.0, as given")),
-        ("radius_mm,plane,angle,reading_um", "100,YZ,{a},{r}", "", {}, ("plane", "YZ")),
+        ("radius_mm,plane,angle,reading_um", "100,YZ,{a},{r}", "Radius: 150 mm", {}, ("radius_mm", "100 mm, its column")),
         ("Load step,angle_deg,reading_um", "3,{a},{r}", "", {}, ("force_N", "36 N")),
         ("test,angle_deg,reading_um", "../evil,{a},{r}", "", {"forces_N": [36.0]}, ("name of the test", "_._evil")),
-        (
-            "time_s,reading_um",
-            "{t:.1f},{r}",
-            "",
-            {"feed_mm_per_min": 2e3, "angle_sign": -1},
-            ("not used", "--angle-sign, --angle-offset-deg"),
-        ),
     ],
 )
 def test_told(header: str, form: str, above: str, layout: dict[str, Any], expected: tuple[str, str], tmp_path: Path) -> None:
-    path = table(tmp_path / NAME, header, lines(form, 90 if "{t:" in form else 72), above)
+    path = table(tmp_path / NAME, header, lines(form), above)
     assert expected in told(imported(path, layout, plane="XY"))
 
 
-def test_a_column_or_an_option_that_agrees_is_not_told(tmp_path: Path) -> None:
-    right = table(tmp_path / "a 742N.csv", "pressure_bar,angle_deg,reading_um", lines("6,{a},{r}"))
-    assert "force and pressure" not in {own.what for own in imported(right).assumptions}
-    assert "direction" not in {own.what for own in imported(right, {"direction": "CCW"}).assumptions}
+LEFT_ALONE = ("Raw data", "Temperature;compensated", "Resolution: 5", "Encoder resolution: 1 mm", "Machine;Date", "Plane: XY, YZ")
+SAID = {"Plane;YZ\nMachine: VMC 12\nDatum: 20.11.2026": ("YZ", True, 0.24, "VMC 12", "2026-11-20"),
+        "Plane: ZX\nReadings raw, not compensated for mount\nResolution 0.01 µm": ("ZX", False, 0.01, None, None),
+        **dict.fromkeys(LEFT_ALONE, ("XY", True, 0.24, None, None))}  # fmt: skip
 
 
-def test_marks_and_units_that_may_be_others_are_told(tmp_path: Path) -> None:
-    path = table(tmp_path / NAME, "angle_deg;reading_nm", lines("{a};12,{k}10", 10) + lines("{a};12,{k}0")[10:])
-    assert any("thousands" in own.because for own in imported(path).assumptions if own.what == "decimal mark")
-    assert imported(path, {"decimal": "."}).campaign.tests[0].reading_um[0] == pytest.approx(12.010)
-    gon = table(tmp_path / "b 36N.csv", "angle,reading_um", [f"{k * 400 / 72:.4f},{k % 7}" for k in range(72)])
-    assert "it spans 394.4: gon are as likely" in {own.because for own in imported(gon).assumptions}
+@pytest.mark.parametrize("above", SAID)
+def test_lines_above_say_what_was_measured(above: str, tmp_path: Path) -> None:
+    own = imported(table(tmp_path / NAME, "angle_deg;reading_um", lines("{a};{r}.25"), above)).campaign
+    assert (own.plane, own.mount.compensated, own.resolution_um, own.machine_id, own.date) == SAID[above]
 
 
-def test_rows_and_radii_of_labels(tmp_path: Path) -> None:
-    rows = [
-        f"{name},{force},{radius},{row}"
-        for name, force, radius in (("A", 36, 100), ("B", 742, 150), ("A", 36, 100))
-        for row in CIRCLE
-    ]
-    path = table(tmp_path / "x.csv", "test,force_N,radius_mm,angle_deg,reading_um", rows)
-    found = imported(path, radius_mm=150.0)
-    assert ("rows", "2 blocks joined") in told(found)
-    assert [test.radius_mm for test in found.campaign.tests] == [100.0, 150.0]
-    assert [own.place for own in found.assumptions if own.what == "radius_mm"] == [f"{path}, test 'A'"]
+CONTRADICTIONS = ("Plane: YZ\nPlane: ZX", "Readings raw\nCompensated: yes", "Date: 1.1.2026\nDate: 2.1.2026")
+
+
+@pytest.mark.parametrize(
+    ("above", "given"),
+    [*((own, {}) for own in CONTRADICTIONS), ("Readings raw", {"mount": lb.MountCompensation(3.0)})],
+)
+def test_lines_above_that_contradict_are_refused(above: str, given: dict[str, Any], tmp_path: Path) -> None:
+    """Each other; and a deflection of the mount given without saying that the readings are raw."""
+    with pytest.raises(lb.InputError, match="must be said once"):
+        imported(table(tmp_path / NAME, above=above), **given)
+
+
+def test_what_is_given_wins_over_lines_above_and_is_told(tmp_path: Path) -> None:
+    mount = lb.MountCompensation(3.0, compensated=False)
+    found = imported(table(tmp_path / NAME, above="Plane: YZ\nReadings compensated\nResolution 0.01 µm"), plane="XY", mount=mount)
+    assert (found.campaign.plane, found.campaign.mount, found.campaign.resolution_um) == ("XY", mount, 0.01)
+    assert told(found) >= {("plane", "XY, as given"), ("mount", "raw, as given"), ("resolution_um", "0.01 µm")}
+    same = imported(table(tmp_path / NAME, above="Plane: XY\nReadings raw"), plane="XY", mount=mount)
+    assert not {"plane", "mount"} & {own.what for own in same.assumptions}
 
 
 # ---- what is refused
@@ -343,7 +316,7 @@ def test_rows_and_radii_of_labels(tmp_path: Path) -> None:
          "line 32: work_ball_deg must be the same in all rows of test 'a', got '50' after '45'"),
         ("", lines("{k},{a},{r}.25"), {}, "must be named by number, got 3"),
         *[("", [*CIRCLE[:3], bad, *CIRCLE[4:]], {}, "line [34]") for bad in ("-,-", ",", "pause", "15.0", "15,-3,1")],
-        *[(HEADER, [*CIRCLE[:5], f"25,{bad}", *CIRCLE[6:]], {}, "line 7: reading must be a") for bad in ("---", "NaN", "")],
+        *[(HEADER, [*CIRCLE[:5], f"25,{bad}", *CIRCLE[6:]], {}, r"line 7: reading \(column") for bad in ("---", "NaN", "")],
         *[(HEADER, [*CIRCLE[:3], f"{bad},{bad}", *CIRCLE[3:]], {}, "line 5") for bad in ("NaN", "n/a", "#DIV/0!", "paused")],
         *[(HEADER, [*CIRCLE[:n], HEADER, *CIRCLE[n:]], {}, f"line {n + 2}") for n in (1, 5, 8, 12)],
         *[(f"angle_deg,reading {unit}", CIRCLE, {}, r"line 1\. Correct the header, or give --unit")
@@ -358,22 +331,7 @@ def test_refused(header: str, rows: list[str], layout: dict[str, Any], message: 
         imported(table(tmp_path / NAME, header, rows), layout)
 
 
-def test_distances_on_another_radius_ask_for_it(tmp_path: Path) -> None:
-    path = table(tmp_path / NAME, "angle_deg,radius (mm)", lines("{a},155.00{r}"))
-    (test,) = imported(path, radius_mm=155.0).campaign.tests
-    assert (test.radius_mm, test.reading_um[1]) == (155.0, pytest.approx(1.0, abs=1e-6))
-
-
 # ---- what is read
-
-
-@pytest.mark.parametrize(
-    ("unit", "factor"),
-    [("in 1/1000 mm", 1.0), ("/ 0.1 um", 0.1), ("[mil]", 25.4), ("[thou]", 25.4), ("(millimeters)", 1e3), ("[uinch]", 0.0254)],
-)
-def test_units_with_factors_and_other_names(unit: str, factor: float, tmp_path: Path) -> None:
-    (test,) = imported(table(tmp_path / NAME, f"angle_deg,reading {unit}")).campaign.tests
-    assert test.reading_um[1] == pytest.approx(1.25 * factor)
 
 
 @pytest.mark.parametrize("units", ["°;µm;-", "°;µm;°C", "Grad;µm;"])
@@ -398,7 +356,10 @@ def test_our_own_tables_import_as_they_read(tmp_path: Path, root: Path) -> None:
         np.testing.assert_array_equal([own.angle_deg, own.reading_um], [test.angle_deg, test.reading_um])
 
 
-def test_bare_columns_by_number_and_decimal_commas_between_blanks(tmp_path: Path) -> None:
+def test_marks_that_may_be_of_thousands_bare_columns_and_commas_between_blanks(tmp_path: Path) -> None:
+    path = table(tmp_path / NAME, "angle_deg;reading_nm", lines("{a};12,{k}10", 10) + lines("{a};12,{k}0")[10:])
+    assert any("thousands" in own.because for own in imported(path).assumptions if own.what == "decimal mark")
+    assert imported(path, {"decimal": "."}).campaign.tests[0].reading_um[0] == pytest.approx(12.010)
     path = table(tmp_path / NAME, "", lines("{k},{a},{r}.25"))
     assert imported(path, {"columns": {"angle": 2, "reading": 3}}).campaign.tests[0].reading_um[1] == 1.25
     assert imported(table(tmp_path / "b 36N.txt", "", lines("{a},0 {r},25"))).campaign.tests[0].reading_um[1] == 1.25
@@ -417,12 +378,8 @@ def test_names_of_files_and_labels(tmp_path: Path) -> None:
 def test_a_label_before_its_file(tmp_path: Path) -> None:
     """Both entries speak; the label's word counts; one force for a file of several tests is refused."""
     path = table(tmp_path / "all.csv", "test,angle_deg,reading_um", [f"{label},{line}" for label in "ab" for line in CIRCLE])
-    entries = [
-        {"file": "all.csv", "direction": "CCW"},
-        {"file": "a", "force_N": 36.0},
-        {"file": "b", "force_N": 742.0, "direction": "CW"},
-    ]
-    found = imported(path, {"test": entries})
+    loads = [{"file": "a", "force_N": 36.0}, {"file": "b", "force_N": 742.0, "direction": "CW"}]
+    found = imported(path, {"test": [{"file": "all.csv", "direction": "CCW"}, *loads]})
     assert [(test.force_N, test.direction) for test in found.campaign.tests] == [(36.0, "CCW"), (742.0, "CW")]
     assert "[[test]] not used" not in {own.what for own in found.assumptions}
     with pytest.raises(lb.InputError, match="must be of one test, got several in it"):
@@ -433,10 +390,7 @@ def test_a_label_before_its_file(tmp_path: Path) -> None:
     ("header", "expected"),
     [
         ("Winkel [°];36 N [mm];742 N CW [mm]", [("36 N", 36.0, None), ("742 N CW", 742.0, "CW")]),
-        (
-            "angle;reading 36 N, mm;reading 742 N CW, mm",
-            [("reading 36 N_ mm", 36.0, None), ("reading 742 N CW_ mm", 742.0, "CW")],
-        ),
+        ("angle;reading 36 N, mm;742 N CW, mm", [("reading 36 N_ mm", 36.0, None), ("742 N CW_ mm", 742.0, "CW")]),
         ("angle;F=36N (mm);F=742N CW (mm)", [("F_36N", 36.0, None), ("F_742N CW", 742.0, "CW")]),
         ("angle;36 N (CW) [mm];238 N (CCW) [mm]", [("36 N", 36.0, "CW"), ("238 N", 238.0, "CCW")]),
         ("angle;A (36 N);reading [mm] 238 N", [("A", 36.0, None), ("reading", 238.0, None)]),
@@ -448,13 +402,6 @@ def test_a_column_for_each_force(header: str, expected: list[tuple[str, float, s
     assert loads_of(path) == expected
     np.testing.assert_allclose(found.campaign.tests[1].reading_um, [10 * (k % 5) for k in range(72)], atol=1e-12)
     assert lb.import_campaign(path, layout=found.layout).campaign.sha256 == found.campaign.sha256
-
-
-def test_one_of_the_columns_of_readings(tmp_path: Path) -> None:
-    one = table(tmp_path / "one.csv", "angle;36 N (CW) [um];238 N (CCW) [um]", lines("{a};{r};{q}"))
-    assert loads_of(one, columns={"reading": "238 N (CCW) [um]"}) == [("one", 238.0, "CCW")]
-    bare = table(tmp_path / "bare.csv", "", lines("{a},{r},{q}"))
-    assert len(loads_of(bare, columns={"angle": 1, "reading": [2, 3]}, header_line=0, forces_N=[36.0, 742.0])) == 2
 
 
 # ---- workbooks
@@ -470,24 +417,6 @@ def test_one_force_for_each_sheet(tmp_path: Path) -> None:
         loads_of(path, test=[{"file": "two.xlsx", "force_N": 36.0}])
     with pytest.raises(lb.InputError, match=r"--forces-N must hold one number for each test, got 1 for 2 tests"):
         loads_of(path, forces_N=[36.0])
-    with pytest.raises(lb.InputError, match=r"--forces-N must hold one number for each test, got 3 for 2 tests"):
-        loads_of(path, forces_N=[36.0, 742.0, 9.0])
-    senses = book(tmp_path / "cw and ccw.xlsx", {"36 N CW": SHEET, "36 N CCW": SHEET})
+    senses = book(tmp_path / "cw and ccw.xlsx", {"36 N CW": SHEET, "36 N CCW": SHEET}, hidden="36 N CW")
     assert loads_of(senses) == [("36 N CW", 36.0, "CW"), ("36 N CCW", 36.0, "CCW")]
-
-
-def test_what_a_spreadsheet_hides_is_told(tmp_path: Path) -> None:
-    made = Workbook()
-    for force in (36, 742):
-        sheet = made.create_sheet(f"{force} N")
-        for row in SHEET:
-            sheet.append(row)
-    del made["Sheet"]
-    made["742 N"].sheet_state = "hidden"
-    for row in (5, 6, 40):
-        made["36 N"].row_dimensions[row].hidden = True
-    made.save(tmp_path / "two.xlsx")
-    assert [own.value for own in imported(tmp_path / "two.xlsx").assumptions if own.what == "hidden"] == [
-        "3 rows of the workbook, read like the others",
-        "the sheet and 3 rows of the workbook, read like the others",
-    ]
+    assert [own.place for own in imported(senses).assumptions if own.what == "hidden"] == [f"{senses}, sheet '36 N CW'"]

@@ -10,7 +10,6 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.preview import RemarkKind, resolution_of
-from ldbb_bayes.report.text import preview_table
 from ldbb_bayes.report.wording import preview_sentences, remark_words
 
 ANGLE = np.arange(36) * 10.0
@@ -40,28 +39,20 @@ def test_what_a_fit_will_assume() -> None:
     assert seen.as_dict()["tests"][2]["centre_mm"] == [0.0, 0.0, -30.0]
 
 
-def test_the_table_says_where_circles_differ() -> None:
-    table = preview_table(lb.preview(several())).frame()
-    rows = table[["plane", "set-up", "R (mm)", "centre (mm)"]].to_numpy().tolist()
-    assert ["YZ", "2", "150", "(0, 0, -30)"] in rows
-    assert ["XY", "1", "100", "(0, 0, 0)"] in rows
-    plain = lb.Campaign((lb.CircularTest(100.0, ANGLE), lb.CircularTest(400.0, ANGLE)))
-    assert not {"plane", "set-up", "R (mm)", "centre (mm)"} & set(preview_table(lb.preview(plain)).heads)
-
-
 def test_planes_of_one_set_up_are_remarked() -> None:
     tests = tuple(lb.CircularTest(force, ANGLE, plane=plane) for force in (100.0, 400.0) for plane in ("XY", "ZX"))
     said = preview_sentences(lb.preview(lb.Campaign(tests)))
-    assert any("Several planes in one set-up: the tool ball's offsets are shared" in line for line in said)
+    assert any("Several planes or centres in set-up 1: the tool ball's offsets are shared" in line for line in said)
     assert any("in plane ZX: friction in the bar cannot be told from C_XZX" in line for line in said)
 
 
-@pytest.mark.parametrize("step", [0.24, 0.1, 1.0])
-def test_the_step_of_the_readout_is_found(step: float, rng: np.random.Generator) -> None:
-    """Rounded readings give their step, with an offset too; those of a fine readout none."""
-    reading = 8.0 * np.cos(np.deg2rad(2.0 * np.arange(720.0))) + 0.3 * rng.standard_normal(720)
-    assert resolution_of(step * np.rint(reading / step) + 0.077) == pytest.approx(step, rel=1e-6)
+def test_the_step_of_the_readout_is_found(rng: np.random.Generator) -> None:
+    """Rounded readings give their step, with an offset and on a wide circle too; a fine readout, or its digits, none."""
+    reading = 40.0 * np.cos(np.deg2rad(2.0 * np.arange(720.0))) + 0.3 * rng.standard_normal(720)
+    for step in (0.01, 0.24, 1.0):
+        assert resolution_of(step * np.rint(reading / step) + 0.077) == pytest.approx(step, rel=1e-6)
     assert resolution_of(reading) is None
+    assert resolution_of(np.round(reading, 4)) is None
 
 
 def test_steps_spikes_and_gaps_are_counted(rng: np.random.Generator) -> None:
@@ -69,28 +60,13 @@ def test_steps_spikes_and_gaps_are_counted(rng: np.random.Generator) -> None:
     reading = np.round(5.0 * np.cos(np.deg2rad(2.0 * angle)) + 0.2 * rng.standard_normal(angle.size), 1)
     reading[[40, 300]] += (30.0, -25.0)
     (seen,) = lb.preview(lb.Campaign((lb.CircularTest(100.0, angle, reading),))).tests
-    assert (seen.gaps, seen.spikes) == (2, 2)
+    assert seen.spikes == 2
     assert seen.resolution_um == pytest.approx(0.1)
     assert seen.largest_gap_deg == pytest.approx(15.5)
     said = " ".join(map(remark_words, seen.remarks))
     assert "reading 41 at 20° stands" in said
     assert "2 readings do so" in said
     assert "steps of 0.1 µm, the campaign states a resolution of 0.24 µm" in said
-
-
-def test_steps_that_few_readings_repeat_are_found(rng: np.random.Generator) -> None:
-    """A wide circle read to 0.01 µm; written to 0.0001 µm the digits are no steps."""
-    reading = 40.0 * np.cos(np.deg2rad(2.0 * np.arange(360.0))) + 0.3 * rng.standard_normal(360)
-    assert resolution_of(np.round(reading, 2)) == pytest.approx(0.01)
-    assert resolution_of(np.round(reading, 4)) is None
-
-
-def test_laps_at_the_same_angles_leave_no_gap() -> None:
-    angle = np.arange(3 * 360.0)
-    (seen,) = lb.preview(lb.Campaign((lb.CircularTest(100.0, angle, 5.0 * np.cos(np.deg2rad(2.0 * angle))),))).tests
-    assert seen.gaps == 0
-    assert seen.largest_gap_deg == pytest.approx(1.0)
-    assert RemarkKind.GAP not in [remark.kind for remark in seen.remarks]
 
 
 def odd(**changes: object) -> lb.Campaign:
@@ -106,7 +82,7 @@ def odd(**changes: object) -> lb.Campaign:
         ({"angle_deg": np.linspace(0, 220, 360)}, "arc of 220° only"),
         ({"angle_deg": np.linspace(0, 300, 360)}, "arc of 300° only"),
         ({"reading_um": np.linspace(0, 30, 360)}, "start and end differ by +30.0 µm"),
-        ({"reading_um": np.zeros(360)}, "all readings equal"),
+        ({"reading_um": np.zeros(360)}, "peak to peak is 0 µm: check the unit"),
         ({"pressure_bar": 6.0}, "force 300 N, but the force law gives 742 N at 6 bar"),
     ],
 )
@@ -120,16 +96,14 @@ def test_preview_notices_spikes_copies_and_units() -> None:
     campaign = simulated(plan((720,) * 4))
     reading = campaign.tests[1].reading_um.copy()
     reading[100] += 50.0
-    tests = (campaign.tests[0], campaign.tests[1].with_reading_um(reading), campaign.tests[2], campaign.tests[3])
-    copied = lb.Campaign((*tests[:3], tests[3].with_reading_um(tests[2].reading_um)))
-    seen = lb.preview(copied)
+    a, b, c, d = campaign.tests
+    seen = lb.preview(lb.Campaign((a, b.with_reading_um(reading), c, d.with_reading_um(c.reading_um))))
     (remark,) = seen.tests[1].remarks
-    found = re.fullmatch(r"reading 101 at 50° stands \+(\d+\.\d) µm off its neighbours", remark_words(remark))
-    assert found
-    assert float(found[1]) == pytest.approx(50.0, abs=3.0)
+    assert re.fullmatch(r"reading 101 at 50° stands \+(4[89]|5[012])\.\d µm off its neighbours", remark_words(remark))
     assert "Tests f520 and f742 hold the same readings: a file read twice?" in map(remark_words, seen.remarks)
-    kilo = lb.preview(plan(forces_N=(0.036, 0.3, 0.52, 0.742)))
-    assert any("check the unit of force_N" in remark_words(remark) for remark in kilo.remarks)
+    for forces, largest in (((0.036, 0.3, 0.52, 0.742), "0.742"), ((36.0, 300.0, 520.0, 5e4), "5e+04")):
+        remarks = map(remark_words, lb.preview(plan(forces_N=forces)).remarks)
+        assert any(f"the largest force is {largest} N: check the unit" in words for words in remarks)
 
 
 @pytest.mark.parametrize("step", [1.0, 5.0, 10.0])
@@ -150,8 +124,7 @@ def test_a_step_of_the_path_is_no_drift_and_a_spike_is_one_reading(step: float, 
 @pytest.mark.parametrize(("radius_mm", "asked"), [(0.15, [0.15]), (100_000.0, [100_000.0]), (50.0, []), (1350.0, [])])
 def test_a_radius_that_no_bar_has_is_asked_about(radius_mm: float, asked: list[float]) -> None:
     seen = lb.preview(lb.Campaign((lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0)),), radius_mm=radius_mm))
-    assert [own.values["radius_mm"] for own in seen.remarks if own.kind is RemarkKind.RADIUS] == asked
-    assert all(f"A radius is {r:g} mm: check the unit of radius_mm." in map(remark_words, seen.remarks) for r in asked)
+    assert [own.values["value"] for own in seen.remarks if own.kind is RemarkKind.UNIT] == asked
 
 
 def test_preview_is_silent_on_a_good_campaign() -> None:

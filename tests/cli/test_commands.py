@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,11 +12,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from campaigns import Invoke, plan, simulated
+from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.cli.options import model_from
 from ldbb_bayes.fleet.population import digest_of
 from ldbb_bayes.model.specification import model_to_toml
+from ldbb_bayes.report.figures import style
 
 FIT = ("--degree", 0, "--sampler", "independent")
 
@@ -27,6 +33,19 @@ def drawn(text: str) -> set[str]:
     return {f"{name}.{kind}" for name in text.split() for kind in ("png", "svg")}
 
 
+@pytest.fixture(autouse=True)
+def blank(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn in tests/report; here they are asked for with what they are functions of, and written."""
+
+    def empty(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+        return lambda *given: [inspect.signature(draw).bind(*given), style.new_figure(1.0, 1.0)][1]
+
+    for name in set(lb.figures.__all__) - set(dir(style)):
+        draw = getattr(lb.figures, name)
+        if inspect.isfunction(draw) and name != "save_figures":
+            monkeypatch.setattr(lb.figures, name, empty(draw))
+
+
 def tidy(campaign: lb.Campaign, path: Path) -> Path:
     columns = [
         pd.DataFrame({"test": t.name, "force_N": t.force_N, "angle_deg": t.angle_deg, "reading_um": t.reading_um})
@@ -34,6 +53,16 @@ def tidy(campaign: lb.Campaign, path: Path) -> Path:
     ]
     pd.concat(columns).to_csv(path, index=False)
     return path
+
+
+def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
+    """--degree, --without and --drift beside --model, one by one."""
+    file, own = tmp_path / "m.toml", lb.HybridModel.default(1)
+    file.write_text(model_to_toml(own), encoding="utf-8")
+    assert model_from(model=file) == own
+    assert model_from(model=file, degree=0) == own.with_degree(0)
+    assert model_from(model=file, without=("mount", "truncation")) == own.without("mount", "truncation")
+    assert model_from(model=file, drift="time") == own.including(lb.Drift("time"))
 
 
 def refuse(name: str) -> None:
@@ -54,8 +83,10 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     wide = result["parameters"]["C_XXX"]["ci95"]
     assert wide[0] < narrow[0] < narrow[1] < wide[1]
     table = invoke("summarize", out)[1]
-    for words in ("C_XXX", "µm/N", "E_C(0Y)X", "looks exactly like"):
-        assert words in table
+    assert table.startswith("Verdict: ")
+    assert table.count("\n") < 40
+    for words in ("C_XXX", "nm/N", "E_C(0Y)X", "bar length with E_XX1 and E_YY1; mount with C_XXX and C_YYY"):
+        assert words in table.replace("\n", " ")
 
 
 def test_fit_that_misses_its_target(folder: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,15 +98,11 @@ def test_fit_that_misses_its_target(folder: Path, tmp_path: Path, invoke: Invoke
 
 
 def test_fit_of_nearly_equal_forces_with_flat_priors(tmp_path: Path, invoke: Invoke) -> None:
-    """Two thousandths apart: answered, with an uncertainty that says the number is worth nothing. Closer: the same force."""
+    """Two thousandths apart: answered, with an uncertainty that says the number is worth nothing."""
     campaign = simulated(plan((40, 40), forces_N=(100.0, 100.2)))
     code, shown, _ = invoke("fit", lb.write_campaign(campaign, tmp_path / "c"), "--preset", "paper", *FIT, "--json")
     assert code == 0
     assert json.loads(shown)["parameters"]["C_XXX"]["sd"] > 1e-3  # mm/N, a hundred times the compliance of a soft machine
-    close = lb.Campaign(tuple(replace(t, force_N=100.0 + 1e-3 * i) for i, t in enumerate(campaign.tests)))
-    code, _, err = invoke("fit", lb.write_campaign(close, tmp_path / "d"), "--preset", "paper", "--degree", 0)
-    assert code == 2
-    assert "flat priors must have at least two force levels" in err
 
 
 def test_fit_of_dead_circles_gives_valid_json(tmp_path: Path, invoke: Invoke) -> None:
@@ -92,7 +119,10 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
         "reference_force_N": 389.0,
         "machines": 4,
         "campaigns": 9,
-        "forces_N": [36.0, 742.0],
+        "compliances": {},
+        "machine": {},
+        "readings_sha256": [],
+        "doubts": ["With 4 machines how much they differ rests on what was assumed."],
     }
     record |= {"topology": "wCAFYXZSt", "next": {"C_XXX": {"unit": "mm/N", "mean": 5.1e-5, "sd": 4e-6}}}
     population, out = tmp_path / "population.json", tmp_path / "out"
@@ -103,7 +133,7 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
     result = json.loads(shown)
     assert (result["prior_from"]["sha256"], result["prior_from"]["machines"]) == (digest_of(record), 4)
     (doubt,) = result["prior_from"]["doubts"]
-    assert doubt.startswith("The population has 4 machines, fewer than 6")
+    assert doubt == "The population says: With 4 machines how much they differ rests on what was assumed."
     assert f"--prior-from: {doubt}" in err
     entry = result["parameters"]["C_XXX"]
     assert (entry["prior_mean"], entry["prior_sd"], result["model"]["reference_force_N"]) == (5.1e-5, 4e-6, 389.0)
@@ -138,13 +168,14 @@ def test_a_table_made_elsewhere(tmp_path: Path, invoke: Invoke) -> None:
 
 
 def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
-    """Its options are fields of the campaign; what it answers is held by its golden."""
-    rows = "\n".join(f"a;2;{angle};1" for angle in range(0, 360, 10))
+    """Its options are fields of the campaign; what looks odd in several tests is said once. The rest is held by its golden."""
+    rows = "\n".join(f"{test};2;{angle};{angle // 20 % 5}" for test in "ab" for angle in range(0, 360, 10))
     (tmp_path / "all.csv").write_text("test;pressure_bar;angle_deg;reading_um\n" + rows)
     options = ("--raw", "--mount-um-per-bar", 1.5, "--force-slope", 100, "--force-offset", 0, "--plane", "YZ", "--json")
     seen = json.loads(invoke("check", tmp_path / "all.csv", *options)[1])
     assert (seen["tests"][0]["force_N"], seen["plane"]) == (200.0, "YZ")
     assert any("1.5 µm/bar, not compensated" in text for text in seen["assumptions"])
+    assert invoke("check", tmp_path / "all.csv", *options[:-1])[1].count("Look at a, b: readings go in steps of 1 µm") == 1
 
 
 def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
@@ -179,7 +210,7 @@ def test_identify(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its goldens."""
     out = tmp_path / "i"
     record = json.loads(invoke("identify", planned, "--degree", 0, "--json", "--out", out)[1])
-    figures = drawn("correlation prior_and_posterior alias nuisance_costs compliance_atlas geometric_atlas")
+    figures = drawn("prior_and_posterior compliance_atlas geometric_atlas")
     assert names(out) == {"identify.json", "parameters.csv", "alias.csv", "correlation.csv"} | figures
     assert json.loads((out / "identify.json").read_text()) == record
     assert np.isfinite(pd.read_csv(out / "alias.csv", index_col="parameter").to_numpy()).all()
@@ -200,15 +231,12 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
     code, shown, _ = invoke("compare", three, *options, "--out", out)
     record = json.loads(shown)
     assert (code, set(record["models"])) == (0, {"constant", "linear", "one slope"})
-    assert set(record["savage_dickey"]) == set(record["log_bayes_factor"]) == {"linear/constant", "one slope/constant"}
-    for ratio, second in record["savage_dickey"].items():
-        assert second["log_bayes_factor"] == pytest.approx(record["log_bayes_factor"][ratio], abs=0.1)
+    assert set(record["log_bayes_factor"]) == {"linear/constant", "one slope/constant"}
     assert (record["seed"], record["sensitivity_of"]) == (2, "linear/constant")
     assert json.loads((out / "comparison.json").read_text()) == record
-    assert set(pd.read_csv(out / "tests.csv")["model"]) == set(record["models"])
-    assert (len(pd.read_csv(out / "local_fits.csv")), len(pd.read_csv(out / "slope_subsets.csv"))) == (2 * 13, 64)
-    figures = drawn("evidence compliance_with_local_fits geometry_with_local_fits predictive_p_values")
-    assert names(out) == {"comparison.json", "sensitivity.csv", "slope_subsets.csv", "tests.csv", "local_fits.csv"} | figures
+    assert len(pd.read_csv(out / "local_fits.csv")) == 2 * 13
+    figures = drawn("evidence compliance_with_local_fits geometry_with_local_fits")
+    assert names(out) == {"comparison.json", "local_fits.csv"} | figures
 
 
 def test_compare_that_misses_its_tolerance(
@@ -223,11 +251,11 @@ def test_compare_that_misses_its_tolerance(
 def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     """Identify asks it, simulate runs it, design judges it; an existing one is kept."""
     out = tmp_path / "next"
-    arguments = ("design", folder, "--tests", 3, "--forces", "36:742:353", "--clockings", "0/0,45/90", "--robust")
+    arguments = ("design", folder, "--tests", 3, "--forces", "36:742:353", "--clockings", "0/0,45/90")
     record = json.loads(invoke(*arguments, "--against", f"own={folder}", "--json", "--out", out)[1])
     assert record == json.loads((out / "design.json").read_text())
-    tables = {"expected.csv", "sensitivity.csv", "trade_off.csv", "robustness.csv"}
-    figures = drawn("information efficiency trade_off expected_widths")
+    tables = {"expected.csv", "sensitivity.csv"}
+    figures = drawn("expected_widths")
     assert names(out) == {"campaign.toml", "model.toml", "design.json"} | tables | figures
     next_tests = lb.read_campaign(out)
     assert next_tests.is_plan
@@ -238,26 +266,10 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert [entry["name"] for entry in record["compared"]] == ["equal steps", "own"]
     assert len(pd.read_csv(out / "expected.csv")) == 19
     assert len(pd.read_csv(out / "sensitivity.csv")) == 6
-    assert set(pd.read_csv(out / "trade_off.csv")) >= {"tests", "cost", "efficiency", "efficiency_equal_steps", "sd_C_XXX"}
-    assert "worst" in set(pd.read_csv(out / "robustness.csv"))
     assert json.loads(invoke("identify", out, "--model", out / "model.toml", "--json")[1])["measured"] is False
     assert invoke("simulate", out, "--out", tmp_path / "run")[0] == 0
     assert not lb.read_campaign(tmp_path / "run").is_plan
     assert "must not exist" in invoke(*arguments, "--out", out)[2]
-
-
-@pytest.mark.usefixtures("few_states")
-def test_design_by_goal(folder: Path, invoke: Invoke) -> None:
-    forces = ("--forces", "36,742")
-    code, shown, _ = invoke("design", folder, "--forces", "36,400,742", "--target", "C_XYX=1e-6", "--cost-circle", 10)
-    assert code == 0
-    for words in ("expected u", "recommended", "no less than", "Run ", "fewest found that reach u(C_XYX) ≤ 0.001 µm/N"):
-        assert words in " ".join(shown.split())
-    assert "Run 4 circles" in " ".join(invoke("design", folder, "--budget", 40, "--cost-circle", 10, *forces)[1].split())
-    code, shown, _ = invoke("design", folder, "--target", "E_C0YX=1e-9", *forces, "--json")
-    record = json.loads(shown)
-    assert (code, record["reached"]) == (1, False)
-    assert any("No number of these circles" in note for note in record["notes"])
 
 
 @pytest.mark.usefixtures("few_states")
@@ -292,13 +304,11 @@ def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert "must not exist" in invoke(*common, "--out", out)[2]
 
 
-@pytest.mark.slow
-def test_validate_of_a_wrong_model(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
-    (tmp_path / "truth.toml").write_text(model_to_toml(lb.HybridModel.default(0)))
-    arguments = ("--degree", 0, "--without", "discrepancy,ball-form", "--data-model", tmp_path / "truth.toml", "--draws", 49)
-    code, shown, _ = invoke("validate", planned, *arguments, "--replicates", 40, "--workers", 1)
-    assert code == 1
-    assert "NOT CALIBRATED" in shown
+def test_validate_that_is_not_calibrated(planned: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = Validation(("C_XXX", LOG_LIKELIHOOD), np.zeros((10, 2), dtype=int), 19, "joint", 0.95, ())
+    monkeypatch.setattr(lb, "validate", lambda *_, **__: wrong)
+    code, shown, _ = invoke("validate", planned)
+    assert (code, "NOT CALIBRATED" in shown) == (1, True)
 
 
 def test_machine(tmp_path: Path, invoke: Invoke) -> None:

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +21,8 @@ from typer.testing import CliRunner
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.dataset import Job, Settings, fit_row
-from ldbb_bayes.fleet.population_prior import digest_of
-from ldbb_bayes.fleet.trend import detection
+from ldbb_bayes.fleet.batch import Job, Settings, fit_row
+from ldbb_bayes.fleet.population import digest_of
 from ldbb_bayes.report.wording import population_doubts
 
 pytest.importorskip("pyarrow")
@@ -44,7 +41,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
         planned, truth = plan((60,) * 3, forces_N=(36.0, 400.0, 742.0)), {**TRUTH, "C_XXX": truths[machine]}
         campaign = CONSTANT.simulate(planned, seed=k + 1, parameters=truth, hyper_um={"sigma": 0.3, "tau": 2.0}).campaign
         lb.write_campaign(replace(campaign, machine_id=None if k == 4 else f"M{machine}"), folder / "all" / f"c{k}")
-    (folder / "list.txt").write_text(f"{folder}/all  # all seven\n{folder}/all/c1/campaign.toml\n{folder}/c9\n")
+    (folder / "list.txt").write_text(f"# all seven\n{folder}/all\n{folder}/all/c1/campaign.toml\n{folder}/c9\n")
     arguments = ["batch", f"@{folder}/list.txt", "--out", folder / "b", "--workers", 1, *MODEL]
     return folder / "b", CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "200"})
 
@@ -68,7 +65,7 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
     out, done = finished
     shop = out.parent
     assert done.exit_code == 0, done.stderr
-    assert done.stderr == f"{shop}/all/c1/campaign.toml was given more than once: kept once.\n"
+    assert done.stderr == ""
     assert f"  {shop}/c9: campaign must be a folder with campaign.toml" in done.stdout
     for part in ("fitted", "failed", "in all", "which does not exist", "--resume --retry", "8 campaigns in", "a second"):
         assert part in done.stdout
@@ -89,17 +86,16 @@ def test_a_finished_batch_is_resumed_only_as_it_was(rows: Path, anew: Any) -> No
         assert (code, stdout, message in stderr) == (2, "", True)
 
 
-def test_json_on_processes_and_only_the_first_of_many_repeats(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
-    given = (rows.parent / "all" / "c0", rows.parent / "all" / "c1", *[f"{rows.parent}/all/c1/../c0"] * 13, rows.parent / "c9")
+def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
+    given = (rows.parent / "all" / "c0", rows.parent / "all" / "c1", f"{rows.parent}/all/c1/../c0", rows.parent / "c9")
     code, stdout, stderr = invoke("batch", *given, "--out", tmp_path / "b", "--workers", 2, "--json", *MODEL)
     found = json.loads(stdout)
-    assert (code, found["schema"], found["campaigns"], found["done"], found["failures"]) == (0, 1, 3, 2, 1)
+    assert (code, stderr) == (0, "")
+    assert [found[key] for key in ("schema", "campaigns", "done", "failures")] == [1, 3, 2, 1]
     assert [own["campaign"] for own in found["failed"]] == [f"{rows.parent}/c9"]
     assert found["dataset"] == f"{tmp_path}/b/campaigns.parquet"
     first, here = lb.read_batch(rows).iloc[:2], lb.read_batch(tmp_path / "b").iloc[:2]
     assert here["C_XXX.mean"].tolist() == first["C_XXX.mean"].tolist()
-    assert stderr.count("kept once") == 10
-    assert stderr.endswith("\n… and 3 more.\n")
 
 
 def test_a_missed_target_is_exit_code_1(rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +112,7 @@ def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypa
     """Ctrl-C after the first row: 130, one message; with --resume the same table."""
 
     def interrupted(settings: Settings, job: Job) -> dict[str, Any]:
-        if job.index == 1:
+        if job.number == 1:
             raise KeyboardInterrupt
         return fit_row(settings, job)
 
@@ -135,24 +131,20 @@ def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypa
     [
         ("batch nowhere", "a batch must have campaigns that exist, got none among 1 (nowhere)"),
         ("batch @nowhere", "nowhere must be a list of campaigns, one path a line, got nothing"),
-        ("batch SHOP --sampler x", "sampler must be one of joint, independent, got 'x'"),
         ("batch SHOP --executor x", "--executor must be one of process, dask, got 'x'"),
         ("batch SHOP --scheduler tcp://x", "--scheduler must"),
-        ("batch SHOP --ci 2", "ci_prob must lie between 0 and 1"),
-        ("batch SHOP --retry", "must come with resume (--resume)"),
+        ("batch SHOP --retry", "retry must come with resume"),
         ("batch SHOP --preset x", "preset must be one of default, paper"),
-        (f"batch SHOP --seed {2**63}", "Invalid value for '--seed'"),
+        (f"batch SHOP --seed {2**63}", "--seed must be a whole number ≥ 0"),
         ("batch SHOP --radius-mm 0", "--radius-mm must be above zero"),
         ("population ROWS --parameters C_XX", "Did you mean 'C_XYX'?"),
         ("population ROWS --parameters ,", "parameters must be given once each, got none"),
         ("population ROWS --spread-scale 0", "spread_scale must be a finite number above zero, got 0"),
         ("population ROWS --exclude M9", "must be a campaign or machine of the batch, got 'M9'"),
         ("population ROWS --since yesterday", "since must be a date or time in ISO 8601"),
-        ("population ROWS --ci 95", "ci_prob must lie between 0 and 1"),
-        ("population ROWS --reference-force nan", "reference_force_N must be a finite number"),
+        ("population ROWS --reference-force nan", "--reference-force must be a finite number"),
         ("trend ROWS", "Choose one: --machine M"),
         ("trend ROWS --machine M7", "machine must be one of"),
-        ("trend ROWS --machine M5 --detect -1.5", "not below -1"),
         ("trend ROWS --machine M5 --parameters force_gain", "got 'force_gain'"),
         ("trend ROWS --machine M5 --parameters ,", "got none"),
     ],
@@ -176,7 +168,7 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
     assert list(record["next"]) == ["C_XXX", "C_YYY"]
     assert (record["machine"]["M5"]["campaigns"], record["not_belonging"]) == (2, ["M0"])
     stiff = record["machine"]["M0"]
-    assert max(stiff["parameters"], key=lambda name: abs(stiff["parameters"][name]["z"])) == "C_XXX"
+    assert max(stiff["z"], key=lambda name: abs(stiff["z"][name])) == "C_XXX"
     assert abs(stiff["estimate"]["C_XXX"]["mean"] - STIFF) < 4.0 * stiff["estimate"]["C_XXX"]["sd"]
     doubts = " ".join(record["doubts"])
     assert "Left out, for they could not be fitted: " in doubts
@@ -214,9 +206,8 @@ def test_a_trend_and_its_files(tmp_path: Path, invoke: Invoke, monkeypatch: pyte
     """Of a machine that has loosened; its options are those of the answer."""
     drawn = drawn_rows(6, np.random.default_rng(4), step_at=4)
     monkeypatch.setattr("ldbb_bayes.fleet.dataset.read_batch", lambda *_: drawn)
-    monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "detection", partial(detection, replicates=50, further=3))
     out = tmp_path / "out"
-    given = ("--out", out, "--seed", 3, "--parameters", "C_XXX, C_YYY", "--detect", "0.3", "--ci", 0.9)
+    given = ("--out", out, "--parameters", "C_XXX, C_YYY", "--threshold", "0.9", "--ci", 0.9)
     record = json.loads(invoke("trend", tmp_path, *given, "--json")[1])
     assert (record["schema"], record["machine"], record["changed"], list(record["parameters"])) == (
         1,
@@ -224,10 +215,10 @@ def test_a_trend_and_its_files(tmp_path: Path, invoke: Invoke, monkeypatch: pyte
         True,
         ["C_XXX", "C_YYY"],
     )
-    assert [record["assumptions"][name] for name in ("detect", "seed", "ci")] == [0.3, 3, 0.9]
+    assert [record["assumptions"][name] for name in ("threshold", "ci")] == [0.9, 0.9]
     assert sorted(path.name for path in out.iterdir()) == ["control_chart.png", "control_chart.svg", "trend.csv", "trend.json"]
     assert json.loads((out / "trend.json").read_text()) == record
     assert len(pd.read_csv(out / "trend.csv")) == 12
     assert "must not exist" in invoke("trend", tmp_path, *given)[2]
     code, shown, _ = invoke("trend", tmp_path, *given, "--force", "--own-instruments")
-    assert (code, "control_chart.png" in shown, "a change is found" in shown) == (0, True, True)
+    assert (code, f"Written: {out}" in shown, "a change is found" in shown) == (0, True, True)

@@ -30,6 +30,8 @@ def files(tmp_path: Path) -> list[Path]:
 def test_it_says_what_it_assumed_and_what_to_do_next(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
     code, shown, _ = invoke("import", *files, "--out", tmp_path / "c")
     assert code == 0
+    for option in ("--pressures-bar", "--topology", "--resolution-um"):
+        assert re.search(rf" {option}$", shown, re.MULTILINE), "an option must not be cut"
     shown = " ".join(shown.split())
     for word in ("separator: ';'", "decimal mark: ,", "pressure_bar: 3.5", "topology: wCAFYXZSt", "3 places", "ldbb-bayes check"):
         assert word in shown
@@ -56,33 +58,27 @@ def test_every_option_that_is_named_exists(tmp_path: Path, invoke: Invoke) -> No
                 assert option in known, (name, assumed)
 
 
-def test_loads_names_and_options_that_cannot_apply(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
-    given = ("--forces-N", "100,200,300", "--name", "machine 7", "--raw", "--force-unit", "kN", "--json")
-    record = json.loads(invoke("import", *files, "--out", tmp_path / "c", *given)[1])
+def test_loads_and_names(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
+    given = ("--forces-N", "100,200,300", "--name", "machine 7", "--raw", "--json")
+    assert invoke("import", *files, "--out", tmp_path / "c", *given)[0] == 0
     campaign = lb.read_campaign(tmp_path / "c")
     assert campaign.forces_N.tolist() == [100.0, 200.0, 300.0]
     assert (campaign.name, campaign.mount.compensated) == ("machine 7", False)
-    assert [own["value"] for own in record["assumptions"] if own["what"] == "not used"] == ["--force-unit"]
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ("--forces-N 1,2", "one number for each test, got 2 for 3 tests"),
-        ("--pressures-bar 1;2;3", "numbers separated by commas"),
         ("--sign 3", "sign must be valid, got 3"),
-        ("--start-deg nan", "--start-deg must be valid, got nan"),
-        ("--separator dot", "separator must be one of comma, semicolon"),
-        ("--layout none.toml", "none.toml must be a readable TOML file, got nothing"),
+        ("--start-deg nan", "--start-deg must be a finite number, got 'nan'"),
+        ("--separator dot", "--separator must be valid, got 'dot': it should be one of comma, semicolon"),
+        ("--encoding zlib", "--encoding must be valid, got 'zlib': it should be one that Python knows"),
         ("--plane AB", "plane must be one of XY, YZ, ZX"),
         ("--header-line 70", "line 70"),
         ("--unit furlong", "--unit must be valid, got 'furlong': it should be one of um"),
-        ("--mount-um-per-bar nan", "--mount-um-per-bar must be a finite number"),
-        ("--force-slope 0", "--force-slope must be above zero, got 0"),
         ("--radius-mm -1", "--radius-mm must be above zero, got -1"),
-        ("--name ", "--name must not be empty"),
         ("--angle-column Winkel", "column of the angle must be one of"),
-        ("--overshoot-deg -5", "--overshoot-deg must be valid"),
     ],
 )
 def test_wrong_options(options: str, said: str, files: list[Path], tmp_path: Path, invoke: Invoke) -> None:

@@ -38,7 +38,8 @@ def test_help_and_version_import_nothing_heavy() -> None:
 
 
 def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
-    """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code 130."""
+    """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code 130. Before it loads
+    anything it says that it is at work."""
     ours, theirs = pty.openpty()
     fit = ["fit", str(folder), "--json", "--ess", "1e7", "--max-steps", "1000000", "--out", str(tmp_path / "r")]
 
@@ -60,6 +61,7 @@ def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
         assert process.stdout.read() == ""
     os.close(ours)
     assert process.returncode == 130
+    assert shown.startswith(b"\rldbb-bayes fit: at work")
     assert shown.decode().rstrip().endswith("ldbb-bayes: interrupted; nothing was written.")
     assert list(tmp_path.iterdir()) == []
 
@@ -83,26 +85,17 @@ def test_demo(tmp_path: Path) -> None:
     done = run("demo", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     words = " ".join(done.stdout.split())
-    for expected in (
-        "Constant compliance",
-        "Linear compliance",
-        "(k = 2)",
-        "N/µm",
-        "confounded with ball form",
-        "identified",
-    ):
+    for expected in ("Constant compliance", "Linear compliance", "(k = 2)", "N/µm", "confounded with ball form", "identified"):
         assert expected in words
-    assert "With constant compliance C_XXX = 0.05" in words
-    assert "E_XX1 =" not in words
+    assert "With constant compliance, which the readings prefer: C_XXX = 5" in words
     out = tmp_path / "ldbb_demo"
     assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]
-    figures = {path.name for path in (out / "figures").iterdir()}
-    assert figures == {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")}
-    assert all((out / "figures" / name).stat().st_size > 5000 for name in figures)
+    assert {path.name for path in (out / "figures").iterdir()} == {
+        f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")
+    }
     assert "<svg" in (out / "linear" / "report.html").read_text(encoding="utf-8")
     linear = json.loads((out / "linear" / "summary.json").read_text())
     assert linear["sampler"]["converged"]
     assert linear["campaign"]["sha256"] == lb.read_campaign(out / "campaign").sha256
     again = run("demo", cwd=tmp_path)
-    assert again.returncode == 2
-    assert "--force" in again.stderr
+    assert (again.returncode, "--force" in again.stderr) == (2, True)

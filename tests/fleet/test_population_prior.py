@@ -1,4 +1,4 @@
-"""The prior of one more machine from a population's result: what it sets, what it doubts, what it refuses."""
+"""The prior of one more machine from a population's result; what compliances stand for, against the wrench Jacobian."""
 
 from __future__ import annotations
 
@@ -13,8 +13,12 @@ import pytest
 from campaigns import plan
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.population_prior import digest_of, stands_for
+from ldbb_bayes.fleet.population import digest_of
+from ldbb_bayes.fleet.statistics import same_meaning, stands_for
+from ldbb_bayes.machine.chain import ComplianceName
+from ldbb_bayes.machine.forward import compliance_jacobian
 
 RESULT: dict[str, Any] = {
     "schema": 1,
@@ -22,14 +26,16 @@ RESULT: dict[str, Any] = {
     "reference_force_N": 300.0,
     "machines": 24,
     "campaigns": 60,
-    "forces_N": [36.0, 742.0],
     "topology": "wCAFYXZSt",
     "next": {
         "C_XXX": {"unit": "mm/N", "mean": 5.1e-5, "sd": 4e-6},
         "C_XYX": {"unit": "mm/N", "mean": 0.0, "sd": 1e-6},
         "C_CCY": {"unit": "rad/(N mm)", "mean": 4e-10, "sd": 2e-10},
     },
-    "more": "of no concern here",
+    "compliances": {},
+    "machine": {"M07": {}},
+    "readings_sha256": [],
+    "doubts": [],
 }
 
 
@@ -42,7 +48,7 @@ def written(folder: Path, **changes: Any) -> Path:
 def test_sets_means_and_sds_at_the_populations_force(tmp_path: Path) -> None:
     prior = lb.prior_from(written(tmp_path))
     assert prior == lb.prior_from(tmp_path / "population.json")
-    assert (prior.machines, prior.campaigns, prior.sha256, prior.forces_N) == (24, 60, digest_of(RESULT), (36.0, 742.0))
+    assert (prior.machines, prior.campaigns, prior.sha256) == (24, 60, digest_of(RESULT))
     model = lb.HybridModel.default(1)
     found, usual = prior.model(model).bind(plan()), model.bind(plan())
     assert found.setting.reference_force_N == 300.0
@@ -58,21 +64,12 @@ def test_sets_means_and_sds_at_the_populations_force(tmp_path: Path) -> None:
 
 
 def test_doubts(tmp_path: Path) -> None:
-    prior = lb.prior_from(written(tmp_path, machines=5))
-    doubts = prior.doubts(plan((40, 40), forces_N=(400.0, 742.0)))
-    assert doubts[0].startswith("The population's compliances are meant at 300 N, outside this campaign's forces (400 to 742 N)")
-    assert doubts[1].startswith("The population has 5 machines, fewer than 6")
-    assert len(doubts) == 2
-
-
-def test_a_population_that_doubts_itself(tmp_path: Path) -> None:
-    prior = lb.prior_from(written(tmp_path, trusted=False, not_belonging=["M07"]))
-    assert pickle.loads(pickle.dumps(prior)) == prior
-    untrusted, odd = prior.doubts(plan())
-    assert untrusted.startswith("The population says that its spreads cannot be trusted")
-    assert odd.startswith("The population includes 1 machine that does not belong with the others (M07)")
-    (several,) = lb.prior_from(written(tmp_path, not_belonging=[f"M{m}" for m in range(7)])).doubts(plan())
-    assert "7 machines that do not belong with the others (M0, M1, M2, M3, M4 and 2 more)" in several
+    """Forces elsewhere, the machine itself, what the population says of itself."""
+    prior = lb.prior_from(written(tmp_path, doubts=["Its spreads cannot be trusted."]))
+    force, own = prior.doubts(plan((40, 40), forces_N=(400.0, 742.0)))
+    assert force.startswith("The population's compliances are meant at 300 N, outside this campaign's forces (400 to 742 N)")
+    assert own == "The population says: Its spreads cannot be trusted."
+    assert "has campaigns of this machine (M07)" in prior.doubts(replace(plan(), machine_id="M07"))[0]
 
 
 def test_an_edited_file_is_refused(tmp_path: Path) -> None:
@@ -106,8 +103,6 @@ def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
     higher = replace(plan(), tests=tuple(replace(test, centre_z_mm=100.0) for test in plan().tests))
     with pytest.raises(InputError, match=r"must mean by C_XXX what the population does, got circles or joints' frames"):
         prior.doubts(higher)
-    with pytest.raises(InputError, match=r"compliances\.C_XXX\.C_X"):
-        lb.prior_from(written(tmp_path, compliances={"C_XXX": {"C_X": 1.0}}))
 
 
 def test_models_it_does_not_go_with(tmp_path: Path) -> None:
@@ -123,33 +118,12 @@ def test_models_it_does_not_go_with(tmp_path: Path) -> None:
         prior.model(replace(model, reference_force_N=389.0))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"schema": 2}, r"schema = 2 \(Input should be 1\)"),
-        ({"kind": "fit"}, r"kind = 'fit'"),
-        ({"machines": 0}, r"machines = 0"),
-        ({"machines": 2.5}, r"machines = 2\.5"),
-        ({"reference_force_N": float("nan")}, r"reference_force_N = nan"),
-        ({"next": {}}, r"next = \{\}"),
-        ({"next": {"C_XXX": {"unit": "mm/N", "mean": 5e-5}}}, r"next\.C_XXX\.sd = nothing"),
-        ({"next": {"C_XXX": {"unit": "mm/N", "mean": 5e-5, "sd": 0.0}}}, r"next\.C_XXX\.sd = 0\.0"),
-        ({"next": {"C_XXX_1": {"unit": "mm/N/N", "mean": 0.0, "sd": 1e-8}}}, r"'C_XXX_1' among the compliances"),
-        ({"next": {"C_XXX": {"unit": "µm/N", "mean": 0.05, "sd": 0.004}}}, r"C_XXX in 'µm/N' instead of 'mm/N'"),
-    ],
-)
-def test_files_that_are_none(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
-    folder = written(tmp_path, **changes)
-    with pytest.raises(InputError, match=message) as refused:
-        lb.prior_from(folder)
-    text = str(refused.value)
-    assert text.startswith(f"{folder}/population.json must be a population's result, got ")
-    assert text.endswith("Give the folder that held the result, or its population.json, unchanged.")
-
-
 def test_what_is_no_file_or_no_json(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"population\.json must be a population's result, got nothing\. Check the path"):
         lb.prior_from(tmp_path)
+    for changes in ({"schema": 2}, {"kind": "fit"}):
+        with pytest.raises(InputError, match=r"must be a population's result, got something else.*population\.json, unchanged"):
+            lb.prior_from(written(tmp_path, **changes))
     for content in (b"{", b"\xff\xfe\x00", b"[" * 100_000, b"[]", b"1" * 5000):
         (tmp_path / "population.json").write_bytes(content)
         with pytest.raises(InputError, match=r"must be a population's result, got .*unchanged\."):
@@ -157,3 +131,48 @@ def test_what_is_no_file_or_no_json(tmp_path: Path) -> None:
     (tmp_path / "population.json").write_bytes(b" " * (128 * 2**20 + 1))
     with pytest.raises(InputError, match="must be at most 128 MB, got more"):
         lb.prior_from(tmp_path)
+
+
+# ---- what a compliance stands for
+
+FRAMES = {"X": (10.0, 300.0, -200.0), "Y": (-50.0, 20.0, 400.0)}
+
+
+def placed(centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), radius_mm: float = 150.0, **fields: Any) -> Campaign:
+    """A plan whose circles lie there."""
+    x, y, z = centre_mm
+    own = {"centre_x_mm": x, "centre_y_mm": y, "centre_z_mm": z, "radius_mm": radius_mm}
+    made = plan()
+    return replace(made, tests=tuple(replace(test, **own) for test in made.tests), **fields)
+
+
+def test_the_sum_is_what_readings_see(rng: np.random.Generator) -> None:
+    """Joints' compliances drawn, the kept ones made of them: the same readings of a circle off the centre."""
+    made = placed((120.0, -40.0, 90.0), frames_mm=FRAMES)
+    meant = stands_for(made)
+    members = sorted({label for parts in meant.values() for label in parts})
+    truth = dict(zip(members, rng.standard_normal(len(members)), strict=True))
+    names = [ComplianceName(*label[2:]) for label in (*members, *meant)]
+    circle = next(iter(made.tests)).circle
+    jacobian = compliance_jacobian(made.machine(), circle, np.linspace(0.0, 6.0, 40), names)
+    kept = [sum(weight * truth[label] for label, weight in parts.items()) for parts in meant.values()]
+    every = jacobian[:, : len(members)] @ list(truth.values())
+    assert np.linalg.norm(jacobian[:, len(members) :] @ kept - every) < 1e-6 * np.linalg.norm(every)
+
+
+@pytest.mark.parametrize("frames", [{}, FRAMES])
+def test_a_radius_does_not_matter(frames: dict[str, Any]) -> None:
+    meant = stands_for(placed((0.0, 0.0, 80.0), frames_mm=frames))
+    assert meant == stands_for(placed((0.0, 0.0, 80.0), radius_mm=50.0, frames_mm=frames))
+    assert meant["C_XXX"]["C_BXX"] == (280.0 if frames else 80.0)
+
+
+def test_a_millimetre_counts_for_nothing_and_a_decimetre_does() -> None:
+    """Along the wrench; in the frames' plane nothing does."""
+    one, near, far = (stands_for(placed((0.0, 0.0, z))) for z in (0.0, 1.0, 100.0))
+    assert one["C_XXX"] == {"C_XXX": 1.0, "C_XXY": 1.0}
+    assert stands_for(placed((100.0, -30.0, 0.0))) == one
+    assert far["C_XXX"]["C_BXX"] == pytest.approx(100.0)
+    assert near["C_XXX"] != one["C_XXX"]
+    assert all(same_meaning(name, one[name], near[name]) for name in one)
+    assert [name for name in one if not same_meaning(name, one[name], far[name])] == ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-from importlib import import_module
 from itertools import pairwise
 
 import numpy as np
@@ -18,18 +16,8 @@ from trends import doubts, drawn_rows, one_campaign, row, verdict, with_prior
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.statistics import deviating, fleet_statistics, sufficient_statistics
-from ldbb_bayes.fleet.trend import (
-    Trend,
-    _log_odds,
-    chart_of,
-    detection,
-    hypotheses,
-    instrument_moments,
-    levels_of,
-    scatter_rule,
-    weigh,
-)
+from ldbb_bayes.fleet.statistics import deviating, sufficient_statistics
+from ldbb_bayes.fleet.trend import Trend, chart_of, hypotheses, instrument_moments, levels_of, scatter_rule, weigh
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.report.wording import probability_words
@@ -37,7 +25,6 @@ from ldbb_bayes.report.wording import probability_words
 Array = NDArray[np.float64]
 P, S = 3, 2
 Q = P + S
-OPTIONS = {"change_scale": 0.2, "repeatability": 0.01, "probability": 0.5, "threshold": 0.95}
 
 
 def informations(rng: np.random.Generator, n: int, size: float = 300.0) -> Array:
@@ -155,9 +142,8 @@ def test_probability_by_brute_force() -> None:
     np.testing.assert_allclose(prior, np.repeat([[0.3 / 9]] * 3 + [[0.7 / 3]], 3, axis=1))
 
 
-@pytest.mark.parametrize("step", [0.12, 0.25, 0.35])
-def test_scatter_rule_is_a_half_normal(step: float) -> None:
-    nodes, weight = scatter_rule(0.01, step=step)
+def test_scatter_rule_is_a_half_normal() -> None:
+    nodes, weight = scatter_rule(0.01)
     assert weight.sum() == pytest.approx(1.0)
     assert weight @ nodes == pytest.approx(0.01 * np.sqrt(2.0 / np.pi), rel=2e-3)
     assert weight @ nodes**2 == pytest.approx(1e-4, rel=2e-3)
@@ -166,9 +152,9 @@ def test_scatter_rule_is_a_half_normal(step: float) -> None:
 
 @pytest.mark.slow
 def test_probabilities_are_calibrated() -> None:
-    """Series drawn from the model: of those said to have changed with probability 0.8, 0.8 have."""
+    """Series drawn from the model: of those that changed with probability 0.8, 0.8 have, and false alarms are bounded."""
     rng = np.random.default_rng(11)
-    rule = scatter_rule(0.02, step=0.25)
+    rule = scatter_rule(0.02)
     said, true = [], []
     for _ in range(1200):
         n = int(rng.integers(3, 9))
@@ -185,8 +171,9 @@ def test_probabilities_are_calibrated() -> None:
         expected, spread = np.mean(np.array(said)[own]), np.sqrt(np.sum(np.array(said)[own] * (1.0 - np.array(said)[own])))
         assert own.sum() > 20
         assert abs(np.mean(np.array(true)[own]) - expected) < 3.5 * max(spread, 1.0) / own.sum()
-    false_alarms = np.mean(np.array(said)[~np.array(true)] > 0.95)
-    assert false_alarms < 0.05
+    for threshold in (0.5, 0.8, 0.95):
+        bound = (1.0 - threshold) / threshold
+        assert np.mean(np.array(said)[~np.array(true)] > threshold) < bound + 2.0 * np.sqrt(bound / 600)
 
 
 # ---- points, limits, levels
@@ -231,19 +218,6 @@ def test_limits_cover_as_they_say(limits: float) -> None:
     assert share.mean() == pytest.approx(limits, abs=3.0 * error / np.sqrt(3))
 
 
-@pytest.mark.slow
-def test_too_narrow_limits_would_be_seen() -> None:
-    """Of a machine that changes ten times as much as the prior has it."""
-    rng = np.random.default_rng(6)
-    inside = []
-    for _ in range(60):
-        series = visited(rng, 3, r=10 * SCALE)
-        nodes, prior, carried, _, moments = analysed(series)
-        chart = chart_of(series, carried, nodes, prior, moments, limits=0.8)
-        inside.append((chart.own[1:, 0] > chart.limits[0, 1:, 0]) & (chart.own[1:, 0] < chart.limits[1, 1:, 0]))
-    assert np.mean(inside) < 0.65
-
-
 def test_limits_are_of_what_the_next_campaign_would_say() -> None:
     """r known: the estimate of the third campaign, b known, drawn from its predictive distribution."""
     rng, r = np.random.default_rng(9), 0.05
@@ -260,13 +234,13 @@ def test_limits_are_of_what_the_next_campaign_would_say() -> None:
 
 
 def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
-    """Draws of (c, Δ | b at its mean) and of b from each hypothesis, by its dense system."""
+    """Draws of (c, b, Δ) from each hypothesis, by its dense system."""
     rng = np.random.default_rng(7)
     n, p, q = 5, 2, 3
     series = visited(rng, n, r=0.02, step=(3, 0, 0.12))
     nodes, _, carried, weights, (mean, covariance) = analysed(series)
-    levels = levels_of(series, nodes, weights, mean, CHANGE)
-    seen, level, total = [], [], []
+    level, sd, ends = levels_of(hypotheses(carried, p, CHANGE), weights)
+    seen, now, total = [], [], []
     for i in range(len(nodes)):
         for k, j in [(k, j) for k in range(1, n + 1) for j in range(p)]:
             weight = weights[i, k - 1, j]
@@ -276,26 +250,18 @@ def test_instrument_and_levels_by_drawing_from_every_hypothesis() -> None:
             take[:, :, :q] = np.eye(q)
             take[k:, j, q] = 1.0
             precision = np.einsum("tai,tab,tbj->ij", take, carried.precision[i], take) + np.diag([*np.ones(q), CHANGE**-2])
-            pull = np.einsum("tai,ta->i", take, carried.shift[i])
             inside = np.linalg.inv(precision)
-            count = 200
-            seen.append(rng.multivariate_normal(inside @ pull, inside, count)[:, p:q])
-            keep = [*range(p), q]
-            given = np.linalg.inv(precision[np.ix_(keep, keep)])
-            centre = given @ (pull[keep] - precision[np.ix_(keep, range(p, q))] @ mean)
-            draws = rng.multivariate_normal(centre, given, count)
-            level.append(draws[:, None, :p] + draws[:, None, p:] * take[:, :p, q])
-            total.append(np.full(count, weight / count))
-    weight = np.concatenate(total)
-    b, c = np.concatenate(seen), np.concatenate(level)
+            draws = rng.multivariate_normal(inside @ np.einsum("tai,ta->i", take, carried.shift[i]), inside, 200)
+            seen.append(draws[:, p:q])
+            now.append(draws[:, :p] + draws[:, q:] * take[-1, :p, q])
+            total.append(np.full(200, weight / 200))
+    weight, b, c = np.concatenate(total), np.concatenate(seen), np.concatenate(now)
     assert weight.sum() == pytest.approx(1.0, abs=1e-3)
     assert weight @ b[:, 0] / weight.sum() == pytest.approx(mean[0], abs=0.1 * np.sqrt(covariance[0, 0]))
     assert weight @ (b[:, 0] - mean[0]) ** 2 == pytest.approx(covariance[0, 0], rel=0.1)
-    sd = np.sqrt(np.einsum("h,hta->ta", weight, (c - levels.mean) ** 2))
-    np.testing.assert_allclose((np.einsum("h,hta->ta", weight, c) - levels.mean) / sd, 0.0, atol=0.1)
-    np.testing.assert_allclose(sd, levels.sd, rtol=0.08)
-    within = np.einsum("h,hta->ta", weight, (c > levels.interval[0]) & (c < levels.interval[1]))
-    np.testing.assert_allclose(within, 0.95, atol=0.02)
+    np.testing.assert_allclose((weight @ c - level) / sd, 0.0, atol=0.1)
+    np.testing.assert_allclose(np.sqrt(weight @ (c - level) ** 2), sd, rtol=0.08)
+    np.testing.assert_allclose(weight @ ((c > ends[0]) & (c < ends[1])), 0.95, atol=0.02)
 
 
 def test_points_are_posteriors_of_campaigns_alone() -> None:
@@ -315,87 +281,6 @@ def test_points_are_posteriors_of_campaigns_alone() -> None:
     np.testing.assert_allclose(other.limits[:, 1:] - other.own[1:], chart.limits[:, 1:] - chart.own[1:], atol=1e-9)
 
 
-# ---- how soon a change is found
-
-
-@pytest.fixture(scope="module")
-def information() -> Array:
-    rng = np.random.default_rng(2)
-    root = rng.standard_normal((3, 4)) * np.array([60.0, 10.0, 30.0])[:, None]
-    return np.asarray(root @ root.T)
-
-
-def test_odds_are_those_of_the_analysis(information: Array) -> None:
-    rng = np.random.default_rng(3)
-    weighted = rng.standard_normal((12, 6, 3)) @ np.linalg.cholesky(information).T + information @ [0.4, -0.1, 0.3]
-    weighted[4:8, 4:] += 0.1 * information[0]
-    weighted[8:, 1:] -= 0.3 * information[1]
-    rule = scatter_rule(0.01, step=0.25)
-    found = _log_odds(weighted, information, 2, rule, 0.2, 0.4)
-    for own, odds in zip(weighted, found, strict=True):
-        none = no_change(Gaussian(np.tile(information, (6, 1, 1)), own), rule, 0.4, 2)
-        assert odds == pytest.approx(np.log1p(-none) - np.log(none), abs=1e-6)
-
-
-def test_a_larger_change_is_found_sooner(information: Array) -> None:
-    level = np.array([0.5, 0.1, 0.0])
-    every = [
-        detection(information, level, np.array([size, np.nan]), before=5, scatter=scatter_rule(0.01), **OPTIONS)
-        for size in (0.0, 0.05, 0.4)
-    ]
-    (nothing, unasked), alarm = every[0]
-    found = [own.found_within for (own, _), _ in every]
-    assert np.all(np.diff(found[2]) >= 0.0)
-    assert found[0] == pytest.approx(alarm.within)
-    assert every[2][0][0].campaigns_for_90_percent is not None
-    assert found[2][0] > found[1][0] > found[0][0]
-    assert np.isnan(unasked.found_within).all()
-    assert unasked.campaigns_for_90_percent is None
-    share = np.clip(nothing.found_within, 0.5 / alarm.replicates, 1.0)
-    np.testing.assert_allclose(nothing.error, np.sqrt(share * (1.0 - share) / alarm.replicates))
-
-
-def test_a_sure_change_and_a_machine_at_rest(information: Array) -> None:
-    """A change of many standard uncertainties is found at once; false alarms of one look stay below what the threshold allows."""
-    changes = np.array([0.5, 0.5])
-    one, alarm = detection(1e4 * information, np.zeros(3), changes, before=8, scatter=scatter_rule(0.001), **OPTIONS)
-    assert [own.found_within[0] for own in one] == pytest.approx([1.0, 1.0])
-    assert alarm.within[0] < 0.05
-    assert one[0].campaigns_for_90_percent == 1
-
-
-@pytest.mark.slow
-def test_found_as_soon_as_predicted() -> None:
-    """Whole rows, prior divided out and all, campaign after campaign."""
-    rng = np.random.default_rng(6)
-    before, replicates, size = 5, 120, 0.2
-    rule = scatter_rule(0.01, step=0.35)
-    first = fleet_statistics(drawn_rows(1, rng))
-    truth = one_campaign()
-    level = np.array([truth.mean[truth.names.index(name)] for name in first.parameters]) / first.prior_sd[:6]
-    changes = np.full(6, np.nan)
-    changes[0] = size * level[0]
-    soon, _ = detection(
-        first.likelihood.precision[0],
-        np.concatenate([level, np.array([1e-4, 0.005]) / first.prior_sd[6:]]),
-        changes,
-        before=before,
-        scatter=(np.array([0.003]), np.ones(1)),
-        **OPTIONS,
-        further=3,
-        replicates=2000,
-    )
-    seen = np.zeros((replicates, 4), dtype=bool)
-    for own in seen:
-        whole = fleet_statistics(drawn_rows(before + 3, rng, step_at=before, step=size)).likelihood
-        for further in range(4):
-            part = Gaussian(whole.precision[: before + further], whole.shift[: before + further])
-            own[further] = no_change(part, rule, parameters=6) < 0.05
-    share = np.logical_or.accumulate(seen[~seen[:, 0], 1:], axis=1).mean(axis=0)
-    assert 0.1 < soon[0].found_within[0] < 0.97
-    np.testing.assert_allclose(share, soon[0].found_within, atol=3.5 * np.sqrt(0.25 / replicates))
-
-
 # ---- the whole
 
 
@@ -407,12 +292,6 @@ def rows() -> pd.DataFrame:
 @pytest.fixture(scope="module")
 def found(rows: pd.DataFrame) -> Trend:
     return lb.trend(rows)
-
-
-@pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where predictions do not matter."""
-    monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "detection", partial(detection, replicates=20, further=2))
 
 
 def by_time(found: Trend) -> list[float]:
@@ -434,8 +313,11 @@ def test_a_loosened_joint(found: Trend) -> None:
     assert abs(own.change.mean - truth) < 3.0 * own.change.sd
     assert own.change.interval[0] < own.change.mean < own.change.interval[1]
     assert own.percent == pytest.approx(20.0, abs=8.0)
-    assert own.level_now - own.level_before == pytest.approx(own.change.mean, rel=0.05)
-    assert found.false_alarm.campaigns_before == 4
+    assert own.place == 6
+    assert found.most_probable == "C_XXX"
+    assert own.level_now.mean - own.level_before == pytest.approx(own.change.mean, rel=0.05)
+    assert own.level_now.sd > own.common_sd > 0.0
+    assert found.false_alarm == pytest.approx(1.0 / 19.0)
     table = found.estimates
     for side, end in ((-1.0, "ci_low"), (1.0, "ci_high")):
         np.testing.assert_allclose(table[end], table["estimate"] + side * norm.ppf(0.975) * table["sd"])
@@ -443,11 +325,10 @@ def test_a_loosened_joint(found: Trend) -> None:
     assert "Over 10 campaigns of M1 a change is found" in said
     assert "one of C_XXX" in said
     assert "between 2025-06-14 (c06) and 2025-07-14 (c07)" in said
-    assert "A loosened joint (C_XXX +20 %) would be found within" in said
-    assert "the 4 campaigns since the change" in said
+    assert "a machine that stays as it is has probability 0.053 at most" in said
     assert doubts(found) == []
     for shown in (str(found), found._repr_html_()):
-        for part in ("M1, 10 campaigns", "nm/N", "+20 %", "a change is found"):
+        for part in ("M1, 10 campaigns", "nm/N", f"{own.percent:+.0f} %", "a change is found"):
             assert part in shown
     assert (probability_words(1e-9), probability_words(1.0), probability_words(0.25)) == ("< 0.001", "> 0.999", "0.250")
     told = {name: one.percent is not None for name, one in found.parameters.items()}
@@ -456,7 +337,6 @@ def test_a_loosened_joint(found: Trend) -> None:
     for one in found.parameters.values():
         if one.percent is not None:
             assert one.percent == pytest.approx(100.0 * one.change.mean / one.level_before)
-            assert abs(one.level_before) > 5.0 * one.level_now_sd
 
 
 def test_a_machine_at_rest() -> None:
@@ -464,13 +344,12 @@ def test_a_machine_at_rest() -> None:
     assert not quiet.changed
     assert quiet.probability < 0.5
     assert "no change is found" in verdict(quiet)
-    assert quiet.false_alarm.campaigns_before == 9
-    assert quiet.sensitivity["a prior probability of 0.1"] < quiet.probability < quiet.sensitivity["a prior probability of 0.9"]
     odds = quiet.probability / (1.0 - quiet.probability)
-    assert quiet.sensitivity["a prior probability of 0.9"] == pytest.approx(9.0 * odds / (1.0 + 9.0 * odds), rel=1e-9)
+    other = lb.trend(drawn_rows(9, np.random.default_rng(5)), probability=0.9, threshold=0.99)
+    assert other.probability == pytest.approx(9.0 * odds / (1.0 + 9.0 * odds), rel=1e-9)
+    assert other.false_alarm == pytest.approx(1.0 / 11.0)
 
 
-@pytest.mark.usefixtures("quick")
 def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
     """A worse bar widens what is common, not points, limits or the step."""
     one, other = (lb.trend(own) for own in (rows, with_prior(rows, {"force_gain": (0.0, 0.03)})))
@@ -486,44 +365,18 @@ def test_the_instruments_error_is_in_no_point(rows: pd.DataFrame) -> None:
     assert apart.parameters["C_XXX"].common_sd == 0.0
 
 
-@pytest.mark.usefixtures("quick")
-def test_when_is_that_of_the_parameter_that_is_named(rows: pd.DataFrame, monkeypatch: pytest.MonkeyPatch) -> None:
-    """C_XXX before c02 0.30 or c03 0.25, C_YYY before c03 0.40: C_XXX before c02, though a change before c03 is more probable."""
-
-    def weights(log_evidence: np.ndarray, scatter_weight: np.ndarray, probability: float) -> np.ndarray:
-        made = np.zeros(log_evidence.shape)
-        made[:, :2, 0], made[:, :2, 2] = scatter_weight[:, None] * [0.30, 0.25], scatter_weight[:, None] * [0.0, 0.40]
-        made[:, 2, 0] = 0.05 * scatter_weight
-        return made
-
-    monkeypatch.setattr(import_module("ldbb_bayes.fleet.trend"), "weigh", weights)
-    found = lb.trend(rows[:3], threshold=0.9)
-    likely = found.most_probable
-    assert (likely.parameter, likely.just_before, likely.place) == ("C_XXX", "c02", 1)
-    assert likely.probability == pytest.approx(0.30)
-    said = verdict(found)
-    assert "one of C_XXX (0.550), then between 2025-01-15 (c01) and 2025-02-14 (c02) (both: 0.300): " in said
-    assert found.false_alarm.campaigns_before == 2
-    nodes, prior = scatter_rule(0.01)
-    steps = found_in(fleet_statistics(rows[:3]).likelihood, nodes, 0.2, 6)
-    assert likely.change.mean == pytest.approx(1e-4 * float(prior @ steps.mean[:, 0, 0, -1]))
-
-
-@pytest.mark.usefixtures("quick")
 def test_the_prior_of_the_fits_does_not_matter(rows: pd.DataFrame, found: Trend) -> None:
     """The same likelihoods from fits that were told of the machine: the same step, as probable."""
     truth = one_campaign()
     told = {name: (1.1 * truth.mean[truth.names.index(name)], 0.04 * 1e-4) for name in ("C_XXX", "C_YYY")}
     other = lb.trend(with_prior(rows, told))
     assert other.probability == pytest.approx(found.probability, rel=1e-6)
-    assert other.sensitivity["half the change_scale"] == pytest.approx(found.sensitivity["half the change_scale"], rel=1e-6)
     for name, own in found.parameters.items():
         assert other.parameters[name].change.mean == pytest.approx(own.change.mean, rel=1e-5)
-        assert other.parameters[name].level_now == pytest.approx(own.level_now, rel=1e-5)
+        assert other.parameters[name].level_now.mean == pytest.approx(own.level_now.mean, rel=1e-5)
     np.testing.assert_allclose(other.estimates["limit_high"], found.estimates["limit_high"], rtol=1e-5)
 
 
-@pytest.mark.usefixtures("quick")
 def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
     """By date, whatever the order of rows; without dates as given; equal dates as given."""
     mixed = lb.trend(rows.sample(frac=1.0, random_state=3))
@@ -543,7 +396,6 @@ def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
         lb.trend(some)
 
 
-@pytest.mark.usefixtures("quick")
 def test_which_machine(rows: pd.DataFrame) -> None:
     two = pd.concat([rows, rows.assign(machine_id="M2", campaign="other/" + rows["name"])])
     with pytest.raises(InputError, match=r"of one machine, got those of M1, M2. Choose one: --machine M1"):
@@ -559,14 +411,11 @@ def test_which_machine(rows: pd.DataFrame) -> None:
         lb.trend(rows.assign(machine_id=None), machine="M1")
     some = lb.trend(rows.assign(machine_id=[None, *["M1"] * 9]))
     assert (len(some.campaigns), doubts(some)[0]) == (9, "Left out for naming no machine: c01.")
-    unread = rows.assign(machine_id=[None, *["VMC 07"] * 9], status=["failed", *["done"] * 9])
-    assert doubts(lb.trend(unread))[0] == "Left out, for they could not be fitted, and their machine is not named: c01."
     with pytest.raises(InputError, match="--machine 'VMC 07'"):
         lb.trend(two.assign(machine_id=["VMC 07"] * 10 + ["VMC 08"] * 10))
     assert list(lb.trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
 
 
-@pytest.mark.usefixtures("quick")
 def test_doubts(rows: pd.DataFrame) -> None:
     """What is to be minded of campaigns, of one bar's length and balls, of two campaigns."""
     doubtful = rows.assign(
@@ -584,28 +433,19 @@ def test_doubts(rows: pd.DataFrame) -> None:
     assert "different models or priors" in said
     assert "20 N, was not within the tested forces" in said
     assert "With two campaigns" in doubts(lb.trend(rows[:2]))[-1]
-    few = rows.assign(force_min_N=[300.0, *[36.0] * 9])
-    one, own = lb.trend(few), lb.trend(few, one_instrument=False)
-    assert [doubt for doubt in doubts(one) if "span little" in doubt] == [
-        "Forces that span little (the greatest below 3 times the least), so that length and ball form of the one bar look like "
-        "compliances and do not average out: c01."
-    ]
-    assert "conservative for changes, not for levels" in verdict(one)
-    assert "span little" not in " ".join(doubts(own))
-    assert "not for levels" not in verdict(own)
-    assert "span little" not in " ".join(doubts(lb.trend(few, parameters=["E_XX1"])))
+    assert "conservative for changes, not for levels" in verdict(lb.trend(rows))
+    assert "not for levels" not in verdict(lb.trend(rows, one_instrument=False))
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"change_scale": 0.0}, "change_scale must be above zero"),
-        ({"repeatability": float("nan")}, "repeatability must be above zero"),
-        ({"probability": 1.0}, "probability must lie between 0 and 1"),
-        ({"threshold": 0.0}, "threshold must lie between 0 and 1"),
-        ({"detect": -1.01}, r"not below -1 \(-100 %\), got -1.01"),
-        ({"detect": 0.0}, "other than 0"),
+        ({"change_scale": 0.0}, "change_scale must be above 0"),
+        ({"repeatability": float("nan")}, "repeatability must be above 0"),
+        ({"probability": 1.0}, "probability must be above 0 and below 1"),
+        ({"threshold": 0.0}, "threshold must be above 0 and below 1"),
         ({"ci_prob": 1.5}, "ci_prob must lie between 0 and 1"),
+        ({"reference_force_N": -5.0}, "reference_force_N must be a finite number, zero or more, got -5"),
         ({"parameters": ["C_XXXX"]}, "got 'C_XXXX'. Did you mean 'C_XXX'"),
         ({"parameters": ["C_XXX", "C_XXX"]}, "once each"),
         ({"parameters": ["mount"]}, "parameter must be one of .*, got 'mount'"),
@@ -616,13 +456,11 @@ def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], said: s
         lb.trend(rows, **options)
 
 
-@pytest.mark.usefixtures("quick")
 def test_geometric_errors_and_another_force(rows: pd.DataFrame) -> None:
-    chosen = lb.trend(rows, parameters=["C_XXX", "E_YX2"], reference_force_N=500.0, detect=-0.3, seed=2)
+    chosen = lb.trend(rows, parameters=["C_XXX", "E_YX2"], reference_force_N=500.0)
     assert tuple(chosen.parameters) == ("C_XXX", "E_YX2")
     assert chosen.reference_force_N == 500.0
     assert chosen.parameters["C_XXX"].probability > 0.9
-    assert "A change of C_XXX −30 %" in verdict(chosen)
 
 
 @pytest.mark.slow
@@ -641,10 +479,9 @@ def test_from_readings() -> None:
     assert own.probability > 0.95
     assert np.argmax(by_time(found)) == 4
     assert abs(own.change.mean - 0.2 * TRUTH["C_XXX"]) < 3.0 * own.change.sd
-    assert abs(own.level_before - TRUTH["C_XXX"]) < 3.0 * own.common_sd
+    assert abs(own.level_before - TRUTH["C_XXX"]) < 3.0 * own.level_now.sd
 
 
-@pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("case", ["many", "no dates", "one day", "one parameter"])
 def test_the_figure(case: str) -> None:
     """Units on its axes, text inside the page and clear of other text; campaigns of one day side by side."""

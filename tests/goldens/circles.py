@@ -62,31 +62,17 @@ def readings_um(circle: Circle, random: np.random.RandomState, *, slope: float, 
     return np.round(um + random.normal(0.0, NOISE_UM, len(theta)), 2)
 
 
-def arcs() -> list[Circle]:
-    return [Circle(force, uneven(k)) for k, force in enumerate(FORCES_N)]
-
-
-def clocked() -> list[Circle]:
-    turns = ((0.0, 0.0), (45.0, 0.0), (90.0, 45.0), (0.0, 90.0), (135.0, 135.0))
-    said = [{"work_ball_deg": work, "tool_ball_deg": tool} for work, tool in turns]
-    return [Circle(force, full(), said=own) for force, own in zip(FORCES_N, said, strict=True)]
-
-
-def two_radii() -> list[Circle]:
-    forces, radii = (36.0, 389.0, 742.0, 36.0, 389.0, 742.0), (150.0, 150.0, 150.0, 100.0, 100.0, 100.0)
-    return [Circle(force, full(), radius_mm=radius) for force, radius in zip(forces, radii, strict=True)]
-
-
-def both_ways() -> list[Circle]:
-    ways = ("CCW", "CW")
-    return [Circle(force, full(), said={"direction": way}) for force in (36.0, 389.0, 742.0) for way in ways]
-
-
-def three_planes() -> list[Circle]:
-    return [Circle(force, full(), plane=plane) for plane in ("XY", "YZ", "ZX") for force in (100.0, 700.0)]
-
-
-CAMPAIGNS = {"arcs": arcs, "clocked": clocked, "two_radii": two_radii, "both_ways": both_ways, "three_planes": three_planes}
+_TURNS = ((0.0, 0.0), (45.0, 0.0), (90.0, 45.0), (0.0, 90.0), (135.0, 135.0))
+CAMPAIGNS = {
+    "arcs": [Circle(force, uneven(k)) for k, force in enumerate(FORCES_N)],
+    "clocked": [
+        Circle(force, full(), said={"work_ball_deg": work, "tool_ball_deg": tool})
+        for force, (work, tool) in zip(FORCES_N, _TURNS, strict=True)
+    ],
+    "two_radii": [Circle(force, full(), radius_mm=radius) for radius in (150.0, 100.0) for force in (36.0, 389.0, 742.0)],
+    "both_ways": [Circle(force, full(), said={"direction": way}) for force in (36.0, 389.0, 742.0) for way in ("CCW", "CW")],
+    "three_planes": [Circle(force, full(), plane=plane) for plane in ("XY", "YZ", "ZX") for force in (100.0, 700.0)],
+}
 
 
 def write_campaign(
@@ -99,15 +85,8 @@ def write_campaign(
     said: Sequence[str] = (),
     measured: bool = True,
 ) -> Path:
-    """campaign.toml and, where it is measured, one CSV per test; returns the folder.
-
-    Parameters
-    ----------
-    slope, factor
-        How compliance grows with force, and what C along the first axis is multiplied with.
-    said
-        Further lines of campaign.toml.
-    """
+    """campaign.toml and, where it is measured, one CSV per test; ``slope``: how compliance grows with force, ``factor``: what
+    C along the first axis is multiplied with, ``said``: further lines of campaign.toml."""
     folder.mkdir(parents=True)
     random = np.random.RandomState(seed)
     lines = ["schema = 1", 'topology = "wCAFYXZSt"', f'plane = "{circles[0].plane}"', "radius_mm = 150.0"]

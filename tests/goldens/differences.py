@@ -18,11 +18,6 @@ NUMBER = re.compile(r"(?<![\w.])[−+-]?\d+(?:\.\d+)?(?:e[−+-]?\d+)?(?![\w.]*\
 # A number beside a standard uncertainty is compared on that scale; other keys on their own.
 SPREADS = ("sd", "u")
 _LONGEST, _MOST_ROWS = 16, 20
-# Of the draws rather than of what they are drawn from; budgets are ordered by size.
-_DIAGNOSTICS = re.compile(
-    r"^ess|rhat|acceptance|steps|p_value|pareto|sensitivity|largest_error|_error$|_se$|verdict|warnings|misfits"
-    r"|^worst$|converged|doubts|^budgets$|^probability_of_increase$"
-)
 
 
 class Difference(NamedTuple):
@@ -111,30 +106,23 @@ def compact(value: Any, depth: int = 0) -> str:
     return "[\n" + ",\n".join(pad + compact(own, depth + 1) for own in value) + f"\n{' ' * depth}]"
 
 
-def differences(
-    old: Any, new: Any, *, relative: float = 1e-10, monte_carlo: float = 0.0, rules: Sequence[Rule] = ()
-) -> list[Difference]:
+def differences(old: Any, new: Any, *, relative: float = 1e-10, rules: Sequence[Rule] = ()) -> list[Difference]:
     """Everything that differs by more than rounding.
 
     Parameters
     ----------
     relative
-        Largest difference of two numbers, of the larger one, the largest in its list, or the standard uncertainty beside it;
-        0: bit for bit, whatever the rules. Numbers in sentences may differ by one in their last place, if not bit for bit.
-    monte_carlo
-        Where positive, draws differ: numbers may differ by so many standard uncertainties where one stands beside them (four
-        times as many for interval ends), by this share of the largest in their list else; diagnostics of sampling and sentences
-        are not compared.
+        Largest difference of two numbers, of the larger one, the largest in its list, or the standard uncertainty beside it.
+        Numbers in sentences may differ by one in their last place.
     rules
         The first that fits a path or sentence holds for it.
     """
-    return list(_Comparison(relative, monte_carlo, tuple(rules) if relative else ()).walk(old, new, "", 0.0))
+    return list(_Comparison(relative, tuple(rules)).walk(old, new, "", 0.0))
 
 
 @dataclass(frozen=True)
 class _Comparison:
     relative: float
-    monte_carlo: float
     rules: tuple[Rule, ...]
 
     def rule(self, *texts: str) -> Rule | None:
@@ -142,8 +130,6 @@ class _Comparison:
 
     def walk(self, old: Any, new: Any, path: str, scale: float) -> Iterator[Difference]:
         """Differences of two values at a path; scale: of what stands around them."""
-        if self.monte_carlo and _DIAGNOSTICS.search(path.rpartition("/")[2]):
-            return
         if isinstance(old, dict) and isinstance(new, dict):
             spread = next((abs(old[key]) for key in SPREADS if _is_number(old.get(key))), 0.0)
             for key in [*old, *(key for key in new if key not in old)]:
@@ -152,8 +138,6 @@ class _Comparison:
                 else:
                     own = old.get(f"{key.rpartition('.')[0]}.sd")  # of C_XXX.mean, in a row of a table
                     yield from self.walk(old[key], new[key], f"{path}/{key}", abs(own) if _is_number(own) else spread)
-            if self.relative == 0.0 and list(old) != list(new) and set(old) == set(new):
-                yield Difference(f"{path} (order)", list(old), list(new), math.inf)
         elif isinstance(old, list) and isinstance(new, list):
             if len(old) != len(new):
                 yield Difference(f"{path} (length)", len(old), len(new), math.inf)
@@ -177,21 +161,15 @@ class _Comparison:
             return
         found = self.rule(path)
         largest = max(abs(old), abs(new), scale, found.scale if found else 0.0)
-        if self.monte_carlo:
-            allowed = self.monte_carlo * (scale or largest) * (4.0 if "/ci" in path or "quantile" in path else 1.0)
-        else:
-            allowed = max(self.relative, found.relative if found else 0.0) * largest
-        if self.relative == 0.0 or abs(old - new) > allowed:
+        if abs(old - new) > max(self.relative, found.relative if found else 0.0) * largest:
             yield Difference(path, old, new, abs(old - new) / largest)
 
     def sentences(self, old: str, new: str, path: str) -> Iterator[Difference]:
         """At most one difference."""
-        if old == new or self.monte_carlo:
-            return
         found = self.rule(path, old)
-        if found and found.tie:
+        if old == new or (found and found.tie):
             return
-        if self.relative == 0.0 or not _same_but_for_rounding(old, new, found.relative if found else 0.0):
+        if not _same_but_for_rounding(old, new, found.relative if found else 0.0):
             yield Difference(path, old, new, math.inf)
 
 

@@ -91,8 +91,8 @@ def test_diagnostics_are_arvizs(either: xr.DataTree) -> None:
     record = record_of(either)["sampler"]
     assert record["converged"]
     assert record["ess_bulk_min"] == pytest.approx(table["ess_bulk"].min())
-    # The two middle draws are equally far from the median but for rounding, which orders them one way or the other.
-    assert record["rhat_max"] == pytest.approx(table["rhat"].max(), abs=1e-5)
+    # The chain is judged in ln φ: folded about its median, as R-hat does for scales, κ has other ranks than ln κ.
+    assert record["rhat_max"] == pytest.approx(table["rhat"].max(), abs=1e-4)
     assert table[["ess_bulk", "ess_tail"]].to_numpy().min() >= 300.0
 
 
@@ -163,7 +163,7 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
 
 
 @pytest.mark.parametrize(("sampler", "rule", "words"), [
-    ("joint", StoppingRule(ess=1e6, max_steps=60), r"ESS ≥ 1e\+06 and R-hat ≤ 1.01 was not reached in 60 steps.*--max-steps"),
+    ("joint", StoppingRule(ess=1e6, max_steps=60), r"ESS ≥ 1·10⁶ and R-hat ≤ 1.01 was not reached in 60 steps.*--max-steps"),
     ("independent", StoppingRule(ess=10.0, rhat=1.0), "ask for more independent draws"),
 ])  # fmt: skip
 def test_a_run_that_misses_its_target_says_so(sampler: str, rule: StoppingRule, words: str) -> None:
@@ -176,7 +176,7 @@ def test_contradiction_and_misfit_are_warned_of(recovered: lb.Campaign) -> None:
     tree = lb.sample(CONSTANT.without("ball-form"), recovered, sampler="independent", seed=1, rule=QUICK)
     assert fit_of(tree).log_prob_truncation < -10.0
     assert "truncation" in fit_of(tree).kinds
-    assert fit_in_words(tree)["warnings"][0].startswith("The readings contradict non-negative compliance: ln P(T | y) = -")
+    assert fit_in_words(tree)["warnings"][0].startswith("The readings contradict non-negative compliance: ln P(T | y) = −")
     loud = [t.with_reading_um(t.reading_um + 30.0 * np.sin(7 * t.angles_rad() + i)) for i, t in enumerate(FEW.tests)]
     tree = lb.sample(CONSTANT, lb.Campaign(tuple(loud)), sampler="independent", seed=1, rule=QUICK)
     assert any(warning.startswith("Misfit: sigma = 1") for warning in fit_in_words(tree)["warnings"])
@@ -209,7 +209,6 @@ def test_noise_at_the_floor_is_sampled_without_strays() -> None:
 
 @pytest.mark.parametrize(("arguments", "message"), [
     ({"sampler": "nuts"}, "sampler must be one of joint, independent, got 'nuts'"),
-    ({"sampler": "quadrature"}, "sampler must be one of joint, independent, got 'quadrature'. It is now called 'independent'"),
     ({"ensembles": 2}, "ensembles must be at least 4, got 2"),
     ({"walkers": 10}, "walkers must be even and at least"),
     ({"campaign": FEW.plan()}, "must have readings to be sampled, got a plan"),

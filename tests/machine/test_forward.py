@@ -25,17 +25,13 @@ MACHINES = [
     ("wCAFYXZSt", "XY", {}),
     ("wCAFYXZSt", "YZ", {"Y": (0.0, 0.0, 12.0)}),
     ("wCAFYXZSt", "ZX", FRAMES),
-    ("wXFYZt", "XY", FRAMES),
-    ("wXFYZt", "ZX", FRAMES),
     ("wYXFZt", "XY", FRAMES),
     ("wYXFZt", "YZ", FRAMES),
-    ("wYFXZt", "XY", FRAMES),
     ("wFXYZt", "ZX", FRAMES),
-    ("wFXYZt", "YZ", {}),
-    ("wCBXFZYSt", "YZ", FRAMES),
     ("wCBXFZYSt", "XY", FRAMES),
     ("wFYXt", "XY", {"X": (1.0, 2.0, 3.0)}),
     ("wXFYZt", ("XY", "YZ", "ZX"), FRAMES),
+    ("wXYFZt", ("XY", "YZ", "ZX"), FRAMES),
     ("wCAFYXZSt", ("XY", "YZ", "ZX"), FRAMES),
 ]
 
@@ -71,12 +67,8 @@ def test_table_4(root) -> None:
     wrench = wrench_jacobian(machine, circle, ANGLE)[:, [labels.index(name) for name in kept]]
     geometric = geometric_jacobian(machine, circle, ANGLE) * flip
     jacobian = np.vstack([np.hstack([force * wrench, geometric]) for force in FORCES_N])
-    reading = np.concatenate(
-        [
-            exact_reading_mm(machine, circle, ANGLE, force_N=force, compliances=compliances, geometric_errors=errors)
-            for force in FORCES_N
-        ]
-    )
+    given = {"compliances": compliances, "geometric_errors": errors}
+    reading = np.concatenate([exact_reading_mm(machine, circle, ANGLE, force_N=force, **given) for force in FORCES_N])
     scale = np.linalg.norm(jacobian, axis=0)
     estimate = np.linalg.lstsq(jacobian / scale, reading, rcond=None)[0] / scale
     exceptions = {"E_YY1": "-2.1995E-04", "C_CCY": "6.6000E-08"}
@@ -98,21 +90,16 @@ def rigid_body_reading(machine: Machine, circle: Circle, angle: np.ndarray, erro
     """ρ by moving points: each joint, from the ball inwards, turns and shifts what it carries. Own code: vectors, no matrices,
     branches read from the string, error names spelled out. Nothing of the package but its data is used."""
     work, tool = machine.topology[1:-1].split("F")
-    order = {
-        "w": [c for c in work if c in "XYZ"],
-        "t": [c for c in reversed(tool) if c in "XYZ"],
-    }  # from the ball to the foundation
+    # From the ball to the foundation.
+    order = {"w": [c for c in work if c in "XYZ"], "t": [c for c in reversed(tool) if c in "XYZ"]}
     first, second = ("XYZ".index(c) for c in circle.plane)
     result = []
     for theta in angle:
         here = np.array(circle.centre_mm)
         here[first] += circle.radius_mm * np.cos(theta)
         here[second] += circle.radius_mm * np.sin(theta)
-        ends = {
-            "w": np.array(circle.centre_mm),
-            "t": np.array([0.0 if c in machine.topology else here[k] for k, c in enumerate("XYZ")])
-            + [errors.get(f"E_{c}t0", 0.0) for c in "XYZ"],
-        }
+        stands = [(0.0 if c in machine.topology else here[k]) + errors.get(f"E_{c}t0", 0.0) for k, c in enumerate("XYZ")]
+        ends = {"w": np.array(circle.centre_mm), "t": np.array(stands)}
         for branch, letters in order.items():
             point = ends[branch]
             for place, letter in enumerate(letters):
@@ -147,9 +134,8 @@ def test_against_moving_points(topology: str, planes: str, frames: dict, plane: 
     errors = {name.label: SIZE[name.kind] * (1.0 + 0.1 * k) for k, name in enumerate(geometric_names(machine))}
     for chosen in (errors, *({label: value} for label, value in errors.items())):
         expected = rigid_body_reading(machine, circle, ANGLE, chosen)
-        np.testing.assert_allclose(
-            geometric_reading_mm(machine, circle, ANGLE, chosen), expected, atol=1e-10, err_msg=str(chosen)
-        )
+        found = geometric_reading_mm(machine, circle, ANGLE, chosen)
+        np.testing.assert_allclose(found, expected, atol=1e-10, err_msg=str(chosen))
     assert np.abs(geometric_reading_mm(machine, circle, ANGLE, errors)).max() > 1e-3
 
 
@@ -187,12 +173,9 @@ def test_compliances_deflect_a_chain_of_springs(topology: str, planes: str, fram
             for name, v, s in zip(names, value, scale, strict=True):
                 if name.joint == letter:
                     matrix["XYZABC".index(name.twist), "XYZABC".index(name.wrench)] = v / s
-            lever = _lever(machine.topology, letter, here, np.array(circle.centre_mm)) - machine.frames_mm.get(
-                letter, np.zeros(3)
-            )
-            moment = np.array([lever[1] * bar[2] - lever[2] * bar[1], lever[2] * bar[0] - lever[0] * bar[2], 0.0])
-            moment[2] = lever[0] * bar[1] - lever[1] * bar[0]
-            twist = matrix @ np.concatenate([bar, moment])
+            lever = _lever(machine.topology, letter, here, np.array(circle.centre_mm))
+            lever = lever - machine.frames_mm.get(letter, np.zeros(3))
+            twist = matrix @ np.concatenate([bar, np.cross(lever, bar)])
             total += bar @ (twist[:3] + np.cross(twist[3:], lever))
         np.testing.assert_allclose(linear[row] @ (value / scale), total, rtol=1e-9, atol=1e-9)
 
@@ -203,10 +186,6 @@ def _lever(topology: str, letter: str, here: np.ndarray, centre: np.ndarray) -> 
     if place > foundation:
         return np.array([here[k] if topology.find(c) > place or c not in topology else 0.0 for k, c in enumerate("XYZ")])
     return np.array([centre[k] - (here[k] if 0 < topology.find(c) < place else 0.0) for k, c in enumerate("XYZ")])
-
-
-def test_no_error_no_reading() -> None:
-    np.testing.assert_allclose(exact_reading_mm(Machine(), Circle(), ANGLE), 0.0, atol=1e-12)
 
 
 def test_unknown_parameter_is_named() -> None:

@@ -14,7 +14,7 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.machine.chain import geometric_names
 from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.terms import Columns, Drift
+from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.report.wording import standing_words
 
 FORCES_N = (100.0, 400.0, 700.0)
@@ -129,23 +129,9 @@ def test_against_a_dense_model(arc_deg: float) -> None:
     np.testing.assert_allclose((spread @ spread.T - after) / np.outer(bound.prior_sd, bound.prior_sd), 0.0, atol=1e-7)
 
 
-def test_names_of_what_is_shared_and_what_is_not() -> None:
-    bound = HybridModel.default(1).including(Drift("temperature")).bind(everything())
-    names = bound.names
-    assert len(set(names)) == len(names)
-    assert [n for n in names if "t0" in n] == ["E_Xt0", "E_Yt0", "E_Yt0_2", "E_Zt0", "E_Zt0_2"]
-    assert names.count("C_XXX") == names.count("E_XX1") == 1
-    shared = [name for own in bound.nuisance_columns if isinstance(own, Columns) and not own.private for name in own.names]
-    assert {
-        "bar_length_100",
-        "bar_length_150",
-        "drift_temperature_length",
-        *(f"drift_temperature_{axis}" for axis in "XYZ"),
-    } < set(shared)
-    assert {"hysteresis_XY_0", "hysteresis_force_YZ_sin2"} < set(shared)
-    assert not any(name.startswith("hysteresis") and "ZX" in name for name in shared)
-    assert {"work_form_ZX_cos2", "tool_form_XY_sin12"} < set(shared)
-    assert bound.terms[-2:] == ("Hysteresis", "Drift")
+def test_clockwise_is_positive() -> None:
+    setting = HybridModel.default(1).bind(everything()).setting
+    assert [{"CW": 1.0, "CCW": -1.0}[test.direction or ""] for test in everything().tests] == setting.travel.tolist()
 
 
 def test_one_direction_leaves_the_model_as_it_was() -> None:
@@ -159,16 +145,6 @@ def test_one_direction_leaves_the_model_as_it_was() -> None:
     assert any("looks exactly like C_XZX " in note for note in both)
 
 
-def test_one_plane_of_three_is_that_plane_alone() -> None:
-    """What a plane shows does not depend on the others' being modelled: same columns, same names, for a chain in one line."""
-    three = replace(everything(), topology="wFXYZt", frames_mm={})
-    xy = replace(three, tests=tuple(replace(t, centre_z_mm=0.0) for t in three.tests if t.plane == "XY"))
-    alone, together = HybridModel.default(1).bind(xy), HybridModel.default(1).bind(three)
-    for name in alone.names:
-        mine = alone.interest[0, :, alone.names.index(name)]
-        np.testing.assert_allclose(together.interest[0, :, together.names.index(name)], mine, atol=1e-9 * np.abs(mine).max())
-
-
 def test_refused() -> None:
     plain = everything()
     silent = replace(plain, tests=(replace(plain.tests[0], direction=None), *plain.tests[1:]))
@@ -179,18 +155,6 @@ def test_refused() -> None:
         _ = HybridModel.default(1).including(Drift("time")).bind(timeless).terms
     with pytest.raises(lb.InputError, match="Drift over must be one of time, temperature"):
         Drift("pressure")  # type: ignore[arg-type]
-    with pytest.raises(lb.InputError, match=r"must have a setup of 1, 2, …, got 0"):
-        CircularTest(100.0, ANGLE, setup=0)
-
-
-def test_linearisation_error_knows_the_set_up() -> None:
-    bound = HybridModel.default(0).bind(everything())
-    beta = np.zeros(len(bound.names))
-    beta[bound.names.index("E_Zt0_2")] = 0.5
-    errors = {t.name: np.abs(bound.linearisation_error_mm(t, beta)).max() for t in bound.campaign.tests}
-    for t in bound.campaign.tests:
-        seen = t.setup == 2
-        assert (errors[t.name] > 1e-4) == seen, t.name
 
 
 def test_drift_of_a_sorted_campaign_is_stated() -> None:
@@ -203,5 +167,3 @@ def test_drift_of_a_sorted_campaign_is_stated() -> None:
     assert set(lengthwise[0].parameters) >= {"C_XXX", "C_YYY"}
     mixed = tuple(replace(t, time_s=60.0 * k) for t, k in zip(tests, (2, 0, 3, 1), strict=True))
     assert not [d for d in degeneracies(model.bind(Campaign(mixed))) if d.term == "Drift"]
-    notes = tuple(map(standing_words, standing_degeneracies(HybridModel.default(1).bind(Campaign(tests)), ())))
-    assert any("record time" in note for note in notes)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldbb_bayes.model.fourier import ORDERS, SIZE, basis, coefficients, harmonic_index, reduce_readings
+from ldbb_bayes.model.fourier import ORDERS, SIZE, basis, harmonic_index, reduce_readings
 
 
 def test_basis_is_cosines_and_sines() -> None:
@@ -19,15 +19,6 @@ def test_basis_is_cosines_and_sines() -> None:
         np.testing.assert_allclose(values[:, c], np.cos(n * angle), atol=1e-13)
         np.testing.assert_allclose(values[:, s], np.sin(n * angle), atol=1e-13)
         assert ORDERS[c] == ORDERS[s] == n
-
-
-def test_coefficients_of_known_polynomials() -> None:
-    found = coefficients(lambda a: np.column_stack([np.cos(a) ** 2, np.cos(a) ** 2 * np.sin(a) ** 2, np.sin(12 * a)]))
-    expected = np.zeros((SIZE, 3))
-    expected[0, 0], expected[harmonic_index(2)[0], 0] = 0.5, 0.5
-    expected[0, 1], expected[harmonic_index(4)[0], 1] = 0.125, -0.125
-    expected[harmonic_index(12)[1], 2] = 1.0
-    np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
 @given(n=st.integers(9, 120), arc=st.floats(190.0, 720.0), seed=st.integers(0, 10**6))
@@ -54,13 +45,10 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("n", "arc", "orthogonal"), [(25, 360.0, True), (720, 360.0, True), (24, 360.0, False), (720, 220.0, False)]
+    ("n", "arc", "orthogonal"),
+    [(25, 360.0, True), (720, 360.0, True), (24, 360.0, False), (720, 220.0, False), (721, 360.5, False)],
 )
 def test_uniform_circles_are_recognised(n: int, arc: float, orthogonal: bool) -> None:
     angle = np.deg2rad(33.0 + arc * np.arange(n) / n)
     assert reduce_readings(angle, None).is_orthogonal is orthogonal
     assert reduce_readings(angle, None).projection is None
-
-
-def test_a_repeated_end_point_is_not_uniform() -> None:
-    assert not reduce_readings(np.deg2rad(np.linspace(0.0, 360.0, 721)), None).is_orthogonal

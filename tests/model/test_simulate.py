@@ -46,10 +46,10 @@ def test_exact_readings_come_from_the_forward_model() -> None:
 
 
 def test_covariance_of_the_readings_is_the_oracles() -> None:
-    """800 simulations of one small plan: whitened by the oracle's covariance they are standard normal."""
+    """400 simulations of one small plan: whitened by the oracle's covariance they are standard normal."""
     model, planned = lb.HybridModel.default(0), plan((12, 12), forces_N=(100.0, 700.0), work_deg=30.0)
     readings = []
-    for seed in range(800):
+    for seed in range(400):
         campaign = model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
         readings.append(np.concatenate([test.readings_mm() for test in campaign.tests]))
     oracle = oracle_of(campaign, 0)
@@ -57,9 +57,9 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
     silent = oracle_of(model.simulate(planned, seed=0, parameters=TRUTH, hyper_um=HYPER_UM).campaign, 0)
     phi = np.array([HYPER_UM[name] * 1e-3 for name in silent.hypers])
     white = np.linalg.solve(np.linalg.cholesky(silent.covariance(phi)), (np.array(readings) - oracle.J @ truth).T)
-    assert np.mean(white**2) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(white**2) == pytest.approx(1.0, abs=0.06)
     sample = np.cov(white)
-    assert np.abs(sample - np.eye(24)).max() < 0.25
+    assert np.abs(sample - np.eye(24)).max() < 0.3
 
 
 @pytest.mark.parametrize(
@@ -73,8 +73,3 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
 def test_refused(arguments: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         lb.HybridModel.default(0).simulate(plan(), seed=1, **arguments)
-
-
-def test_flat_priors_cannot_be_drawn_from() -> None:
-    with pytest.raises(InputError, match="must be given when the prior is flat"):
-        lb.HybridModel.paper(0).simulate(plan(), seed=1)

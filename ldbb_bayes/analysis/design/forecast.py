@@ -11,53 +11,38 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
-from ldbb_bayes.model.gaussian import Gaussian, singular_root
+from ldbb_bayes.model.gaussian import Gaussian, Sobol, singular_root
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of, informations_of
 from ldbb_bayes.result import Finite, Result
 
-__all__ = [
-    "DECISIVE",
-    "Discrimination",
-    "Expected",
-    "Forecast",
-    "States",
-    "discrimination_of",
-    "hyper_nodes",
-    "narrowed",
-    "posteriors",
-    "states_before",
-]
+__all__ = ["DECISIVE", "Discrimination", "Expected", "Forecast", "States", "hyper_nodes", "states_before"]
 
 Array = NDArray[Any]
 DECISIVE = 5.0
-_REPEATS, _DRAWS = 4, 2048
+_REPEATS, _EACH, _LEAST = 4, 256, 1e-12
 _VERY_OFTEN, _RANK = 1e6, 1e-6
 _KEPT: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
 class Expected(Result):
-    """Of one parameter, in inside units.
+    """Prior sd of one parameter (infinite when flat), in inside units, and its expected posterior sd.
 
-    Attributes
-    ----------
-    prior_sd : float
-        Infinite when flat.
-    sd, untruncated_sd : float
-        Posterior sd inside the truncation and without it, its square averaged over the hyper-parameters; infinite where flat
-        priors leave something undetermined.
-    floor_sd : float
-        If every test were run a million times: what nuisances shared by all of them leave, narrowed by the truncation as ``sd``.
+    ``sd`` is inside the truncation, ``untruncated_sd`` without it: their squares are averaged over the hyper-parameters; infinite
+    where flat priors leave something undetermined. ``sd_error`` is the standard error of ``sd``, a mean over states of the
+    machine, as if these were independent; they are spread more evenly. ``floor_sd`` is what nuisances shared by all tests leave
+    if every test were run a million times, narrowed by the truncation as ``sd``.
     """
 
     unit: str
     prior_sd: Finite
     sd: Finite
+    sd_error: Finite
     untruncated_sd: Finite
     floor_sd: Finite
 
@@ -95,16 +80,8 @@ class Discrimination(Result):
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Result):
-    """What to expect of tests.
-
-    Attributes
-    ----------
-    information_gain : float
-        Expected Kullback-Leibler divergence of the posterior from the prior, of all parameters of interest [nat]; infinite when
-        the prior is flat.
-    discrimination : Discrimination, optional
-        Of the model with its slopes against the one without; None without slopes or with flat priors.
-    """
+    """What to expect of tests: sd of every parameter; the expected Kullback-Leibler divergence of the posterior from the prior
+    [nat], infinite when that is flat; constant or linear, None without slopes or with flat priors."""
 
     expected: dict[str, Expected]
     information_gain: Finite
@@ -118,17 +95,9 @@ class Forecast(Result):
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """K equally likely states of the machine.
-
-    Attributes
-    ----------
-    phi : ndarray, shape (K, h) [mm]
-    beta : ndarray, shape (K, p)
-        Parameters as they may be, inside the truncation; empty when their prior is flat.
-    before : Gaussian
-        What the analysis of all tests will start from at each φ, truncation aside: the prior, or the posterior of tests that
-        count as run.
-    """
+    """K equally likely states of the machine: hyper-parameters φ (K, h) [mm], and parameters β (K, p) inside the truncation, none
+    when their prior is flat. ``before`` is what the analysis starts from at each φ, truncation aside: the prior, or the posterior
+    of tests that count as run."""
 
     phi: Array
     beta: Array
@@ -143,8 +112,8 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
-        points = scipy.stats.qmc.Sobol(len(prior.names), rng=np.random.default_rng(seed))
-        nodes = np.asarray(prior.quantile(points.random_base2(int(np.ceil(np.log2(size))))))
+        points = Sobol(len(prior.names), np.random.default_rng(seed))
+        nodes = np.asarray(prior.quantile(points.random(1 << int(np.ceil(np.log2(size))))))
     else:
         posterior = _posterior(model, pilot)
         nodes = posterior.bound.hyper_prior.phi(posterior.brief.pick(size, np.random.default_rng(seed)))
@@ -187,32 +156,38 @@ def _mean_to_come(precision: Array, after: Array) -> tuple[Array, Array]:
     return weight, singular_root(weight @ after)
 
 
-def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) -> Array:
-    """Expected posterior variances inside the truncation, shape (p,), from those without it, (K, p, p).
+def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) -> tuple[Array, Array]:
+    """Expected posterior variances inside the truncation and their standard errors, (p,) each, from the covariances without it
+    (K, p, p).
 
     States that the new tests' forces rule out are left out. For every state the mean that the analysis would find is drawn, and
-    the truncated Gaussian about it is taken.
+    the truncated Gaussian about it is taken. The errors are those of a mean over as many states.
     """
-    plain = np.einsum("kii->ki", covariance).mean(axis=0)
-    if not bound.truncation.active:
-        return np.asarray(plain)
-    possible = bound.truncation.holds(states.beta)
-    possible |= not possible.any()
+    each = np.einsum("kii->ki", covariance)
+    plain, change = each.mean(axis=0), np.zeros_like(each)
+    if bound.truncation.active:
+        possible = bound.truncation.holds(states.beta)
+        possible |= not possible.any()
+        each, change = each[possible], _change_inside(bound, states, possible, covariance, seed)
+    error = (each + change).std(axis=0) / np.sqrt(max(len(each) - 1, 1))
+    return np.maximum(plain + change.mean(axis=0), 0.0), error
+
+
+def _change_inside(bound: BoundModel, states: States, possible: Array, covariance: Array, seed: int) -> Array:
+    """What the truncation adds to the variances in possible states, shape (states, p)."""
     scale, start = bound.scale, states.before.mean[possible]
     both = np.outer(scale, scale)
     after = covariance[possible] / both
     weight, root = _mean_to_come(states.before.precision[possible] * both, after)
     mean = start / scale + np.einsum("kij,kj->ki", weight, (states.beta[possible] - start) / scale)
     spread = singular_root(after) * scale[:, None]
-    rng = np.random.default_rng(seed)
-    variances = []
-    for _ in range(_REPEATS):
-        drawn = scale * (mean + np.einsum("kij,kj->ki", root, rng.standard_normal(mean.shape)))
-        shift, inside, axes = bound.truncation.orthants(drawn, spread).moments()
-        along = spread @ np.swapaxes(axes, 1, 2)
-        change = np.einsum("kpd,kde,kpe->kp", along, inside - np.eye(shift.shape[1]), along)
-        variances.append(change.mean(axis=0))
-    return np.asarray(np.maximum(plain + np.mean(variances, axis=0), 0.0))
+    noise = np.random.default_rng(seed).standard_normal((_REPEATS, *mean.shape))
+    drawn = scale * (mean + np.einsum("kij,rkj->rki", root, noise)).reshape(-1, len(scale))
+    spread = np.tile(spread, (_REPEATS, 1, 1))
+    shift, inside, axes = bound.truncation.orthants(drawn, spread).moments()
+    along = spread @ np.swapaxes(axes, 1, 2)
+    change = np.einsum("kpd,kpd->kp", along @ (inside - np.eye(shift.shape[1])), along)
+    return np.asarray(change.reshape(_REPEATS, *mean.shape).mean(axis=0))
 
 
 def discrimination_of(
@@ -224,41 +199,54 @@ def discrimination_of(
     threshold: float = DECISIVE,
     seed: int = 1,
 ) -> Discrimination:
-    """What ln B will be, from the slopes' posterior covariances (K, s, s) in units of their prior sd, one for every value of φ.
+    """What ln B will be, from the slopes' posterior covariances C (K, s, s) in units of their prior sd, one for every value of φ.
 
-    ``before`` is their posterior after tests already run, in the same units; default: none were.
+    ``before`` is their posterior after tests already run, in the same units; default: none were. With the mean m that the
+    analysis will find, ln B = ½ (ln det C + mᵀ C⁻¹ m). With P₁ the precision before, C = L Lᵀ and Lᵀ P₁ L = U e Uᵀ, what
+    z = Uᵀ L⁻¹ m consists of is independent: given slopes β with means e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and variances 1 − e.
     """
     count, s = covariance.shape[:2]
     start = Gaussian.of(np.zeros((count, s)), np.ones((count, s))) if before is None else before
-    mean = start.mean[:, None]
-    weight, root = _mean_to_come(start.precision, covariance)
-    log_volume = np.linalg.slogdet(covariance)[1]
-    rng = np.random.default_rng(seed)
-    noise = np.einsum("kij,kdj->kdi", root, rng.standard_normal((count, _DRAWS, s)))
+    root = np.linalg.cholesky(covariance)
+    left, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
+    left = np.clip(left, _LEAST, 1.0)
+    learnt, turn = 1.0 - left, np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))
+    log_volume, mean = np.linalg.slogdet(covariance)[1], np.einsum("kij,kj->ki", turn, start.mean)
+    points = _points(count, s - 1, seed)
 
-    def log_bayes_factor(slopes: Array) -> Array:
-        centre = mean + np.einsum("kij,kdj->kdi", weight, slopes - mean)
-        to_come = np.swapaxes(centre + noise, 1, 2)
-        square = (to_come * np.linalg.solve(covariance, to_come)).sum(axis=1)
-        return 0.5 * (log_volume[:, None] + square)
+    def probability(centre: Array, variance: Array, level: float) -> float:
+        """P(ln B > level), z of these means (K, 1 or 2, s), which the points take in turn, and variances (K, s)."""
+        first = np.argsort(-variance, axis=1)[:, None]
+        sd = np.sqrt(np.maximum(np.take_along_axis(variance[:, None], first, axis=2), _LEAST))
+        own = np.take_along_axis(centre, first, axis=2)[:, np.arange(points.shape[1]) % centre.shape[1]]
+        rest = 2.0 * level - log_volume[:, None] - ((own[..., 1:] + sd[..., 1:] * points) ** 2).sum(axis=2)
+        # The component of the largest variance is integrated out.
+        edge, middle = np.sqrt(np.maximum(rest, 0.0)) / sd[..., 0], own[..., 0] / sd[..., 0]
+        return float(np.where(rest > 0.0, ndtr(-edge - middle) + ndtr(middle - edge), 1.0).mean())
 
-    drawn = rng.standard_normal((count, _DRAWS, s))
-    there = size * drawn if before is None else mean + np.einsum("kij,kdj->kdi", singular_root(start.covariance), drawn)
-    with_, without = log_bayes_factor(there), log_bayes_factor(np.zeros((count, 1, s)))
-    sign = np.where(np.arange(_DRAWS) % 2, 1.0, -1.0)[None, :, None]
-    alone = {name: log_bayes_factor(size * sign * np.eye(s)[j]) for j, name in enumerate(names)}
+    there = mean[:, None], learnt * (1.0 + learnt * (size**2 if before is None else 1.0) / left)
+    nothing = (left * mean)[:, None], learnt
+    expected = [0.5 * (log_volume + (own[:, 0] ** 2 + variance).sum(axis=1)).mean() for own, variance in (there, nothing)]
+    moved = size * np.array([1.0, -1.0])[:, None] * (learnt[:, None] * np.swapaxes(turn, 1, 2))[:, :, None]
     return Discrimination(
         size,
         before is not None,
         threshold,
-        float(with_.mean()),
-        float(without.mean()),
-        float((with_ > threshold).mean()),
-        float((without < -threshold).mean()),
-        float((with_ < -threshold).mean()),
-        float((without > threshold).mean()),
-        {name: float((values > threshold).mean()) for name, values in alone.items()},
+        float(expected[0]),
+        float(expected[1]),
+        probability(*there, threshold),
+        1.0 - probability(*nothing, -threshold),
+        1.0 - probability(*there, -threshold),
+        probability(*nothing, threshold),
+        {name: probability(nothing[0] + moved[:, j], learnt, threshold) for j, name in enumerate(names)},
     )
+
+
+def _points(count: int, dimensions: int, seed: int) -> Array:
+    """Standard normal points, shape (count, _EACH, dimensions): quasi-random ones, moved at random for each."""
+    rng = np.random.default_rng(seed)
+    points = Sobol(dimensions, rng).random(_EACH) if dimensions else np.zeros((_EACH, 0))
+    return np.asarray(ndtri((points + rng.random((count, 1, dimensions))) % 1.0))
 
 
 def posteriors(bound: BoundModel, phi: Array) -> tuple[Gaussian | None, Array]:

@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
-import corner as corner_library
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from ldbb_bayes.analysis.circularity import COMPLIANCE, GEOMETRY, TOGETHER, contribution_paths, first_circle, measured_circularity
 from ldbb_bayes.analysis.circularity import circularity as quantities
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, diagnose, draws_of, priors_of, record_of
-from ldbb_bayes.inference.predictive import (
-    band_um,
-    new_circle_coefficients,
-    prior_circle_coefficients,
-    residual_coefficients,
-    residuals_mm,
-    shared_coefficients,
-)
+from ldbb_bayes.inference.posterior import bound_of, draws_of, priors_of, record_of
+from ldbb_bayes.inference.predictive import band_um, new_circle_coefficients, residuals_mm, shared_coefficients
 from ldbb_bayes.machine.chain import PLANES, Circle, Machine, geometric_names, wrench_names
 from ldbb_bayes.machine.forward import geometric_jacobian, wrench_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
-from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, basis
+from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures.style import (
     ACCENT,
@@ -47,35 +39,23 @@ from ldbb_bayes.report.figures.style import (
     legend_below,
     mean_and_sd,
     named_rows,
-    new_figure,
     panels,
     right_labels,
     save_figure,
     styled,
 )
-from ldbb_bayes.units import display_name, ranked
+from ldbb_bayes.units import display_name, units_of
 
 __all__ = [
-    "FIGURES",
-    "chains",
-    "circularity",
-    "compliance_against_force",
-    "compliance_atlas",
-    "contributions",
-    "corner",
-    "forest",
-    "geometric_atlas",
-    "parameter_contributions",
-    "predictive",
-    "residuals",
-    "save_figures",
-    "traces",
-]
+    "FIGURES", "circularity", "compliance_against_force", "compliance_atlas", "contributions", "corner", "forest",
+    "geometric_atlas", "parameter_contributions", "residuals", "save_figures", "traces",
+]  # fmt: skip
 
 Array = NDArray[Any]
+P = ParamSpec("P")
 # Direct compliances, rotations for moments, scale gains, squareness.
 _CORNER = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
-_MOST_IN_CORNER, _RANK_BINS = 8, 20
+_MOST_IN_CORNER = 8
 _DRAWS, _DRAWS_OF_PATHS, _DRAWS_OF_CONTRIBUTIONS = 600, 500, 400
 _MOST_DOTS, _MOST_FORCES = 6000, 10
 _GRID = np.linspace(0.0, 2 * np.pi, 361)
@@ -83,10 +63,23 @@ _SWING = 0.45
 _DASHED = (0, (4, 3))
 
 
+def of_posterior(draw: Callable[Concatenate[xr.DataTree, P], Figure]) -> Callable[Concatenate[xr.DataTree, P], Figure]:
+    """Draw under the common style, in units for reading by the posterior's own numbers."""
+
+    @functools.wraps(draw)
+    def inner(posterior: xr.DataTree, /, *args: P.args, **options: P.kwargs) -> Figure:
+        group = posterior["posterior"]
+        every = (group[name] for name in record_of(posterior)["model"]["groups"])
+        with units_of({"unit": own.attrs["unit"], "mean": float(own.mean()), "sd": float(own.std())} for own in every):
+            return styled(draw)(posterior, *args, **options)
+
+    return inner
+
+
 # ---- parameters
 
 
-@styled
+@of_posterior
 def forest(posterior: xr.DataTree) -> Figure:
     """Every parameter's 50 % and 95 % interval, from its prior mean in units of its prior sd (posterior sd when flat), the prior
     beside."""
@@ -95,11 +88,11 @@ def forest(posterior: xr.DataTree) -> Figure:
     figure, axes, rows = named_rows(names, 8.4, 1.1)
     texts = []
     for row, name in zip(rows, names, strict=True):
-        draws, prior, middle = group[name].to_numpy().ravel(), prior_sd[name], prior_mean.get(name, 0.0)
+        draws, prior, middle = np.asarray(group[name]).ravel(), prior_sd[name], prior_mean.get(name, 0.0)
         scale = float(draws.std()) if prior is None else prior
         low, first, last, high = (np.quantile(draws, [0.025, 0.25, 0.75, 0.975]) - middle) / scale
         if prior is not None:
-            before = (np.quantile(posterior["prior"][name].to_numpy(), [0.025, 0.975]) - middle) / scale
+            before = (np.quantile(np.asarray(posterior["prior"][name]), [0.025, 0.975]) - middle) / scale
             axes.plot(before, [row, row], color=LIGHT, linewidth=7, solid_capstyle="butt", zorder=1)
         axes.plot([low, high], [row, row], color=ACCENT, linewidth=1.4, zorder=2)
         axes.plot([first, last], [row, row], color=ACCENT, linewidth=3.6, solid_capstyle="butt", zorder=3)
@@ -114,7 +107,7 @@ def forest(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-@styled
+@of_posterior
 def compliance_against_force(posterior: xr.DataTree) -> Figure:
     """C(F) of every kept compliance with 50 % and 95 % bands over the tested forces."""
     bound = bound_of(posterior)
@@ -138,7 +131,7 @@ def compliance_against_force(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-@styled
+@of_posterior
 def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure:
     """Pairwise posterior of a few parameters.
 
@@ -152,6 +145,8 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     InputError
         For a parameter the posterior does not have.
     """
+    from corner import corner as draw_corner  # brings pyplot
+
     group = posterior["posterior"]
     if names is None:
         every = list(record_of(posterior)["model"]["groups"])
@@ -160,25 +155,13 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     columns = {}
     for name in names:
         factor, label = axis_label(name, group[name].attrs["unit"])
-        draws = group[name].to_numpy().ravel() * factor
+        draws = np.asarray(group[name]).ravel() * factor
         if np.ptp(draws) > 0:
             columns[label.replace(" (", "\n(")] = draws
-    size = 1.55 * len(columns) + 0.6
-    figure = Figure(figsize=(size, size))
-    corner_library.corner(
-        np.column_stack(list(columns.values())),
-        fig=figure,
-        labels=list(columns),
-        color=ACCENT,
-        levels=(0.393, 0.865),
-        smooth=1.0,
-        bins=30,
-        plot_datapoints=False,
-        max_n_ticks=3,
-        labelpad=0.14,
-        label_kwargs={"fontsize": 8.5},
-        hist_kwargs={"linewidth": 1.2},
-    )
+    figure = Figure(figsize=(1.55 * len(columns) + 0.6,) * 2)
+    style: dict[str, Any] = {"color": ACCENT, "plot_datapoints": False, "max_n_ticks": 3, "labelpad": 0.14}
+    values = np.column_stack(list(columns.values()))
+    draw_corner(values, fig=figure, labels=list(columns), levels=(0.393, 0.865), smooth=1.0, bins=30, **style)
     for axes in figure.axes:
         axes.grid(visible=False)
         axes.tick_params(labelsize=7)
@@ -187,54 +170,10 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     return figure
 
 
-@styled
-def chains(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure:
-    """Trace (median and 90 % of the walkers of each ensemble at every stored step) and ranks, worst parameters first.
-
-    Parameters
-    ----------
-    names : sequence of str, optional
-        Default: the five parameters with the smallest bulk ESS.
-    """
-    group = posterior["posterior"]
-    every = [str(name) for name in group.data_vars]
-    if names is None:
-        names = ranked(every, lambda name: -diagnose(group[name].to_numpy())[0])[:5]
-    check_known("parameter", names, every)
-    walkers = int(record_of(posterior)["sampler"]["walkers"])
-    figure = new_figure(9.0, 0.6 + 1.45 * len(names))
-    rows = figure.subplots(len(names), 2, squeeze=False, width_ratios=(3, 2))
-    for (left, right), name in zip(rows, names, strict=True):
-        factor, label = axis_label(name, group[name].attrs["unit"])
-        _trace_and_ranks(left, right, group[name].to_numpy() * factor, walkers)
-        left.set_ylabel(label.replace(" (", "\n("))
-        right.set_ylabel("relative\nfrequency (1)")
-    rows[0, 0].set_title("Trace of the slowest parameters: median and 90 % of the walkers")
-    rows[0, 1].set_title("Ranks: level when ensembles agree")
-    rows[-1, 0].set_xlabel("stored step (1)")
-    rows[-1, 1].set_xlabel("rank among all draws (1)")
-    rows[0, 1].legend(loc="upper right", ncols=2)
-    return figure
-
-
-def _trace_and_ranks(left: Axes, right: Axes, draws: Array, walkers: int) -> None:
-    by_walker = draws.reshape(len(draws), walkers, -1)
-    ranks = rankdata(draws).reshape(draws.shape)
-    edges = np.linspace(0.5, draws.size + 0.5, _RANK_BINS + 1)
-    for k, colour in zip(range(len(draws)), PALETTE * 9, strict=False):
-        low, median, high = np.quantile(by_walker[k], [0.05, 0.5, 0.95], axis=0)
-        band(left, np.arange(len(median)), low, high, colour, 0.10)
-        left.plot(median, color=colour, linewidth=1.0)
-        counts = np.histogram(ranks[k], edges)[0]
-        right.stairs(counts / counts.mean(), edges, baseline=None, color=colour, linewidth=1.0, label=f"ensemble {k + 1}")
-    right.axhline(1.0, color="black", linewidth=0.6)
-    right.set_ylim(0.0, 2.0)
-
-
 # ---- circles
 
 
-@styled
+@of_posterior
 def traces(posterior: xr.DataTree) -> Figure:
     """Polar traces of all tests, plane by plane: readings, prediction (machine and shared nuisances) and the 95 % band for a new
     circle."""
@@ -286,92 +225,42 @@ def _round_step(size: float) -> float:
     return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(m * power - size)))
 
 
-@styled
+@of_posterior
 def residuals(posterior: xr.DataTree) -> Figure:
-    """Reading minus prediction (machine and shared nuisances) against angle, and its amplitude by Fourier order."""
+    """Reading minus prediction (machine and shared nuisances) against angle."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
-    predicted = shared_coefficients(bound, phi, beta).mean(axis=0)
-    rest = [r * 1e3 for r in residuals_mm(bound, predicted)]
-    member = ORDERS[:, None] == np.arange(MAX_ORDER + 1)
-    amplitude = np.sqrt(residual_coefficients(bound, predicted) ** 2 @ member) * 1e3
+    rest = [r * 1e3 for r in residuals_mm(bound, shared_coefficients(bound, phi, beta).mean(axis=0))]
     tests, colours = bound.campaign.tests, force_colours(bound.setting.force_N.tolist())
     shown = np.unique(np.linspace(0, len(rest) - 1, 10).astype(int)).tolist()
-    figure = new_figure(9.0, 1.2 + 0.72 * len(shown))
-    grid = figure.add_gridspec(len(shown), 2, width_ratios=(3, 2))
+    figure, every = panels(len(shown), 1, 9.0, 0.72, 1.2, sharex=True, sharey=True)
     limit = 1.05 * max(np.abs(r).max() for r in rest)
-    first = None
-    for row, r in enumerate(shown):
-        axes = figure.add_subplot(grid[row, 0], sharex=first, sharey=first)
-        first, last = first or axes, row == len(shown) - 1
+    for axes, r in zip(every, shown, strict=True):
         angle = np.mod(tests[r].angle_deg, 360.0)
         order = np.argsort(angle)
         axes.plot(angle[order], rest[r][order], color=colours[r], linewidth=0.7)
-        angle_axis(axes, 45)
-        axes.set(ylim=(-limit, limit), xlabel="angle of the bar (°)" if last else "")
         axes.set_ylabel(f"{tests[r].name}\n(µm)", rotation=0, ha="right", va="center")
-        axes.tick_params(labelbottom=last)
-    figure.axes[0].set_title("Residual against angle (each circle's own shift and discrepancy left in)")
-    right = figure.add_subplot(grid[:, 1])
-    for test, own, colour in zip(tests, amplitude, colours, strict=True):
-        right.plot(range(MAX_ORDER + 1), own, "o", color=colour, markersize=4, label=test.name)
-    right.set(title="Amplitude by Fourier order", xlabel="order n (per revolution)", ylabel="amplitude (µm)")
-    right.set_xticks(range(0, MAX_ORDER + 1, 2))
-    right.set_ylim(bottom=0.0)
-    if len(colours) <= 12:
-        right.legend(loc="upper right", ncols=2)
-    return figure
-
-
-@styled
-def predictive(posterior: xr.DataTree) -> Figure:
-    """What the prior and what the posterior expect of a circle at the highest force, with the readings."""
-    bound = bound_of(posterior)
-    beta, phi = draws_of(posterior, bound, _DRAWS)
-    rng = np.random.default_rng(0)
-    top = int(np.argmax(bound.setting.force_N))
-    test = bound.campaign.tests[top]
-    figure, (left, right) = panels(2, 2, 9.0, 3.6, 0.0)
-
-    def bands(axes: Axes, coefficients: Array, sigma: Array, colour: str, label: str) -> None:
-        for prob, alpha in ((0.95, 0.25), (0.5, 0.4)):
-            lower, upper = band_um(coefficients[:, top], sigma, _GRID, rng, prob=prob)
-            band(axes, np.rad2deg(_GRID), lower, upper, colour, alpha, label=f"{label}, {100 * prob:g} %")
-
-    if bound.model.prior.flat:
-        left.text(0.5, 0.5, "flat prior: no prediction", ha="center", va="center", transform=left.transAxes)
-    else:
-        prior_beta, prior_phi = (
-            np.stack([posterior["prior"][str(name)].to_numpy().ravel()[:_DRAWS] for name in names], axis=1)
-            for names in (bound.names, bound.hyper_prior.names)
-        )
-        bands(left, prior_circle_coefficients(bound, prior_phi, prior_beta, rng), prior_phi[:, 0], GREY, "prior")
-    bands(right, new_circle_coefficients(bound, phi, beta, rng), phi[:, 0], ACCENT, "posterior, new circle")
-    for axes, title in ((left, "Prior predictive"), (right, "Posterior predictive")):
-        axes.plot(np.mod(test.angle_deg, 360.0), test.reading_um, ".", color="black", markersize=1.5, label="readings")
-        axes.set(title=f"{title}, {test.name} ({test.force_N:g} N)", ylabel="reading (µm)")
-        angle_axis(axes)
-        axes.legend(loc="upper right")
-        bottom, ceiling = axes.get_ylim()
-        axes.set_ylim(bottom, ceiling + 0.3 * (ceiling - bottom))
+    every[-1].set_ylim(-limit, limit)
+    angle_axis(every[-1], 45)
+    figure.suptitle("Residual against angle (each circle's own shift and discrepancy left in)")
     return figure
 
 
 _PANELS: tuple[tuple[dict[str, str], str], ...] = (
-    ({"G": "G, least-squares centre", "G_minimum_zone": "G, minimum zone"}, "Circular deviation (µm)"),
+    ({"G": "G"}, "Circular deviation (µm)"),
     ({"F_max": "F_max", "F_min": "F_min"}, "Radial deviation (µm)"),
     ({"squareness": "squareness"}, "Squareness (µm/m)"),
     ({"scale_mismatch": "scale mismatch"}, "Scale mismatch (µm/m)"),
 )
 
 
-@styled
+@of_posterior
 def circularity(posterior: xr.DataTree) -> Figure:
     """G, F_max and F_min, squareness and scale mismatch of the machine's path against force with 95 % bands; crosses: of the
     readings themselves, balls and bar included."""
     bound = bound_of(posterior)
     top = float(bound.setting.force_N.max())
-    table = quantities(posterior, np.linspace(0.0, top, 25).tolist(), draws=_DRAWS_OF_PATHS, both_ways=False)
+    table = quantities(posterior, np.linspace(0.0, top, 25).tolist(), draws=_DRAWS_OF_PATHS)
     measured, _ = measured_circularity(posterior)
     planes = bound.setting.planes
     figure, every = panels(4 * len(planes), 2, 9.6, 2.6, 0.3)
@@ -386,14 +275,15 @@ def circularity(posterior: xr.DataTree) -> Figure:
             axes.plot(rows["force_N"], rows["median"], color=colour, label=words)
             axes.plot(read["force_N"], read[name].astype(float), "x", color=colour, markersize=5)
         axes.set(xlabel="force (N)", ylabel=label, xlim=(-0.02 * top, 1.02 * top))
-        axes.legend(loc="best")
+        if len(names) > 1:
+            axes.legend()
         if len(planes) > 1:
             axes.set_title(f"Plane {plane}")
     figure.suptitle("The machine's path, 95 % band; crosses: the readings, balls and bar included")
     return figure
 
 
-@styled
+@of_posterior
 def contributions(posterior: xr.DataTree) -> Figure:
     """Compliance, geometry and both against angle at every force, with 95 % bands; offsets of the tool ball left out (Fig. 8)."""
     bound = bound_of(posterior)
@@ -418,35 +308,25 @@ def contributions(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-@styled
+@of_posterior
 def parameter_contributions(posterior: xr.DataTree) -> Figure:
     """Every compliance (with its slope) and every geometric error at the highest force, with 95 % bands (Figs. 9 and 10)."""
     bound = bound_of(posterior)
     beta, _ = draws_of(posterior, bound, _DRAWS_OF_CONTRIBUTIONS)
-    force = float(bound.setting.force_N.max())
-    planes = bound.setting.planes
-    figure, every = panels(4 * len(planes), 2, 10.4, 3.1, 0.4)
-    panel = iter(every)
+    force, planes = float(bound.setting.force_N.max()), bound.setting.planes
+    drawn = []
     for plane in planes:
         paths = contribution_paths(bound, first_circle(bound, plane), force, beta)
-        where = f", plane {plane}" if len(planes) > 1 else ""
-        for kind, words in (("C_", f"Compliances at {force:g} N"), ("E_", "Geometric errors")):
-            own = {name: path for name, path in paths.items() if name.startswith(kind)}
-            size = {name: float(np.ptp(path.mean(axis=0))) for name, path in own.items()}
-            # Those that reach a third of the largest, and the rest.
-            limit = max(size.values(), default=0.0) / 3.0
-            colours = dict(zip(own, (*PALETTE, GREY, "#F0E442") * 4, strict=False))
-            for large, which in ((True, "the largest"), (False, "the others")):
-                axes = next(panel)
-                axes.set(title=f"{words}{where}: {which}", ylabel="contribution (µm)")
-                angle_axis(axes)
-                names = [name for name in own if (size[name] >= limit) is large]
-                for name in names:
-                    _path(axes, own[name], colours[name], f"{display_name(name)}: {size[name]:.2g} µm p-p")
-                if names:
-                    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
-                else:
-                    axes.text(0.5, 0.5, "none", ha="center", va="center", transform=axes.transAxes)
+        where = f", {plane}" if len(planes) > 1 else ""
+        drawn += [(f"{display_name(name)}{where}", own) for name, own in paths.items() if name.startswith(("C_", "E_"))]
+    figure, every = panels(len(drawn), 5, 10.4, 1.6, sharex=True)
+    for k, (axes, (name, own)) in enumerate(zip(every, drawn, strict=True)):
+        _path(axes, own, ACCENT if name.startswith("C_") else PALETTE[2], name)
+        axes.set(title=name, ylabel="" if k % 5 else "contribution (µm)")
+        if k + 5 >= len(drawn):
+            axes.tick_params(labelbottom=True)
+    every[0].set(xlim=(0.0, 360.0), xticks=range(0, 361, 90))
+    figure.supxlabel(f"angle of the bar (°), at {force:g} N", fontsize=9)
     return figure
 
 
@@ -510,8 +390,8 @@ FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
     {
         draw.__name__: draw
         for draw in (
-            *(traces, residuals, forest, compliance_against_force, corner, chains),
-            *(predictive, contributions, parameter_contributions, circularity),
+            *(traces, residuals, forest, compliance_against_force, corner),
+            *(contributions, parameter_contributions, circularity),
         )
     }
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any, ParamSpec, cast
@@ -12,7 +12,9 @@ from typing import Any, ParamSpec, cast
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import LayoutEngine
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import distinct_forces
@@ -39,7 +41,6 @@ _TERM_COLOURS = {
     "Parameters": LIGHT,
 }
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
-_VISIBLE = 0.005
 _STYLE: dict[str, Any] = {
     **dict.fromkeys(("font.size", "axes.labelsize"), 9.0),
     **dict.fromkeys(("figure.titlesize", "axes.titlesize"), 9.5),
@@ -67,9 +68,50 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return inner
 
 
+_PAD_INCH = 0.06
+
+
+class _OnceSolved(LayoutEngine):
+    """Keeps panels of one grid clear of one another and of what stands above and below them; measured once, for all formats."""
+
+    _adjust_compatible = _colorbar_gridspec = True
+
+    def execute(self, fig: Figure) -> None:
+        """Give every panel its place."""
+        every = [(axes, axes.get_subplotspec()) for axes in fig.axes if axes.get_visible() and axes.get_in_layout()]
+        placed = [(axes, spec) for axes, spec in every if spec is not None]
+        if not placed:
+            return
+        renderer: Any = RendererAgg(*fig.bbox.size, fig.dpi)  # type: ignore[no-untyped-call]
+        pad, (width, height) = _PAD_INCH * fig.dpi, fig.bbox.size
+        around = [own.get_window_extent(renderer) for own in (*fig.texts, *fig.legends)]
+        top = min([height, *(box.y0 for box in around if box.y0 > height / 2)]) - pad
+        bottom = max([0.0, *(box.y1 for box in around if box.y0 <= height / 2)]) + pad
+        grid = placed[0][1].get_gridspec()
+        margins = np.zeros((4, max(grid.nrows, grid.ncols)))
+        for axes, spec in placed:
+            panel: Any = fig.transFigure.transform_bbox(axes.get_position(original=True))
+            whole: Any = axes.get_tightbbox(renderer)
+            beyond = panel.x0 - whole.x0, whole.x1 - panel.x1, whole.y1 - panel.y1, panel.y0 - whole.y0
+            places = (spec.colspan[0],) * 2 + (spec.rowspan[0],) * 2
+            for side, (place, size) in enumerate(zip(places, beyond, strict=True)):
+                margins[side, place] = max(margins[side, place], size + pad)
+        x, wide = _stacked(width, margins[:2, : grid.ncols], grid.get_width_ratios())
+        y, high = _stacked(top - bottom, margins[2:, : grid.nrows], grid.get_height_ratios())
+        for axes, spec in placed:
+            i, j = spec.rowspan[0], spec.colspan[0]
+            axes.set_position((x[j] / width, (top - y[i] - high[i]) / height, wide[j] / width, high[i] / height))
+
+
+def _stacked(room: float, margins: Array, ratios: Any) -> tuple[Array, Array]:
+    """Starts and sizes of panels that stand one after the other in a room, each between its margins."""
+    size = (room - margins.sum()) * np.array(ratios) / sum(ratios)
+    return np.cumsum(margins.sum(axis=0) + size) - size - margins[1], size
+
+
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure [inch] whose parts keep clear of one another."""
-    return Figure(figsize=(width, height), layout="constrained")
+    return Figure(figsize=(width, height), layout=_OnceSolved())
 
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
@@ -89,7 +131,7 @@ def mean_and_sd(mean: float, sd: float, unit: str) -> str:
     """0.0548 ± 0.0034 µm/N."""
     factor, label = display_unit(unit)
     value, u = value_and_uncertainty(mean * factor, sd * factor)
-    return f"{value} ± {u} {label}"
+    return f"{value.replace('-', '−')} ± {u} {label}"
 
 
 def panels(count: int, columns: int, width: float, height: float, extra: float = 0.6, **shared: Any) -> tuple[Figure, list[Axes]]:
@@ -97,8 +139,10 @@ def panels(count: int, columns: int, width: float, height: float, extra: float =
     rows = -(-count // columns)
     figure = new_figure(width, extra + height * rows)
     every = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
-    for axes in every[count:]:
-        axes.set_visible(False)
+    for k, axes in enumerate(every):
+        axes.set_visible(k < count)
+        if axes.name == "rectilinear":
+            axes.locator_params(nbins=5)
     return figure, every[:count]
 
 
@@ -127,26 +171,6 @@ def term_colours(terms: Iterable[str]) -> dict[str, str]:
     return ours | dict(zip(strangers, cycle(_SPARE), strict=False))
 
 
-def stacked(axes: Axes, rows: Array, shares: Mapping[str, Array], words: Callable[[str], str]) -> None:
-    """Draw the terms' shares of every row as a bar each, next to one another; what is nowhere visible is left out."""
-    start = np.zeros(len(rows))
-    for term, colour in term_colours(shares).items():
-        if np.max(shares[term]) >= _VISIBLE:
-            axes.barh(rows, shares[term], left=start, color=colour, height=0.72, label=words(term))
-            start = start + shares[term]
-    axes.set_xlim(0.0, 1.0)
-    axes.grid(axis="y", visible=False)
-
-
-def heat_map(axes: Axes, values: Array, across: Sequence[str], down: Sequence[str], **image: Any) -> Any:
-    """Draw a matrix in colours with named rows and columns; returns the image for its colour bar."""
-    drawn = axes.imshow(values, **{"aspect": "auto", **image})
-    axes.set_xticks(range(len(across)), across)
-    axes.set_yticks(range(len(down)), down)
-    axes.grid(visible=False)
-    return drawn
-
-
 def band(axes: Axes, x: Any, low: Any, high: Any, colour: Any, alpha: float = 0.2, **more: Any) -> None:
     """Shade what lies between two curves."""
     axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0, **more)
@@ -161,13 +185,7 @@ def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
     """Put the legend of one panel below all of them."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), columns))
-
-
-def nothing(axes: Axes, text: str) -> None:
-    """Say in an empty panel why it is empty."""
-    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
-    axes.set_axis_off()
+        figure.legend(handles, labels, loc="lower center", ncols=min(len(labels), columns))
 
 
 def save_figure(

@@ -1,41 +1,210 @@
-"""The best shares of tests with their certificate, and the best whole tests, of a number or within a budget."""
+"""Optimum designs: criteria, the best shares of tests with their certificate, and the best whole tests.
+
+A design is a number of tests n_i of every candidate, each of which adds its information G_iᵀG_i to the precision M of all
+parameters. S, shape (..., s, s), is what M says of the s parameters of interest, in units in which they are comparable, with all
+others projected out: the Schur complement. It comes as its lower triangular root, S = L Lᵀ. A criterion has a `value` Φ(S), shape
+(...), that never falls when information is added; `directions` Q (..., s, q) with ∂Φ/∂S = Q Qᵀ, which drive the search; whether
+it is `concave`, so that a local optimum over shares is the optimum; and the `efficiency`, 0 … 1, of a design beside the best.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 from math import comb
-from typing import Any
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis.design.criteria import Objective, SmallestEigenvalue
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import InputError
 
-__all__ = [
-    "MOST_TESTS",
-    "Found",
-    "Optimum",
-    "Search",
-    "better",
-    "certificate",
-    "efficient_rounding",
-    "exchange",
-    "optimal_shares",
-]
+__all__ = ["MOST_TESTS", "Criterion", "Determinant", "Found", "LogBayesFactor", "Objective", "Search", "Variance"]
 
 Array = NDArray[Any]
+_NEGLIGIBLE, _NOTHING = 1e-14, 1e-6
+_CHUNK = 1 << 22
+
+
+@dataclass(frozen=True)
+class Determinant:
+    """Φ = ln det S: D and D_s; with proper priors Φ/2 is the expected information gain but for a constant [nat]."""
+
+    concave: ClassVar[bool] = True
+    size: int
+
+    def value(self, root: Array) -> Array:
+        return np.asarray(2.0 * np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1))
+
+    def directions(self, root: Array) -> Array:
+        return _inverse_transposed(root)
+
+    def efficiency(self, value: float, best: float) -> float:
+        """(det S / det S*)^(1/s), s the number of parameters."""
+        return float(np.exp((value - best) / self.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Variance:
+    """Φ = −tr(W S⁻¹), W (s, s): A (W = 1), c (W = c cᵀ), I (W the mean of x xᵀ over what is to be predicted)."""
+
+    concave: ClassVar[bool] = True
+    weight: Array
+
+    def value(self, root: Array) -> Array:
+        inverse = _inverse_transposed(root)
+        return np.asarray(-np.einsum("ij,...jk,...ik->...", self.weight, inverse, inverse))
+
+    def directions(self, root: Array) -> Array:
+        """S⁻¹ W^½."""
+        inverse = _inverse_transposed(root)
+        values, vectors = np.linalg.eigh(self.weight)
+        kept = values > _NEGLIGIBLE * values.max()
+        return np.asarray(inverse @ np.swapaxes(inverse, -1, -2) @ (vectors[:, kept] * np.sqrt(values[kept])))
+
+    def efficiency(self, value: float, best: float) -> float:
+        """Ratio of the mean variances."""
+        return float(best / value)
+
+
+@dataclass(frozen=True)
+class LogBayesFactor:
+    """Φ = the expected ln B in favour of the truth, with the parameters or without them, both equally probable.
+
+    With S in units of the prior, eigenvalues 1 + λ, and parameters that are `size` prior sd in the mean square, E[ln B] is
+    ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)] if they are there and ½ Σ [λ/(1 + λ) − ln(1 + λ)] if not; half the difference is
+    Φ = ¼ size² Σ λ²/(1 + λ), which never falls. For one parameter it leads to the design of T-optimality. Not concave: an optimum
+    is a local one.
+    """
+
+    concave: ClassVar[bool] = False
+    size: float = 1.0
+
+    def value(self, root: Array) -> Array:
+        gain = np.maximum(np.linalg.eigvalsh(_square(root)) - 1.0, 0.0)
+        return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
+
+    def directions(self, root: Array) -> Array:
+        """The eigenvectors times the root of dΦ/d(1 + λ)."""
+        s, vectors = np.linalg.eigh(_square(root))
+        rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(s, 1.0) ** 2)
+        return np.asarray(vectors * np.sqrt(rate)[..., None, :])
+
+    def efficiency(self, value: float, best: float) -> float:
+        return float(value / best)
+
+
+Criterion: TypeAlias = Determinant | Variance | LogBayesFactor
+
+
+def _square(root: Array) -> Array:
+    return np.asarray(root @ np.swapaxes(root, -1, -2))
+
+
+def _inverse_transposed(root: Array) -> Array:
+    """L⁻ᵀ, whose square is S⁻¹."""
+    return np.linalg.solve(np.swapaxes(root, -1, -2), np.broadcast_to(np.eye(root.shape[-1]), root.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """Φ of designs, averaged over K values of the hyper-parameters; a design is its numbers of tests, counts (candidates,).
+
+    Attributes
+    ----------
+    rows : ndarray, shape (K, candidates, m, p)
+        G: the information of one test of a candidate is GᵀG; the s parameters of interest are the last columns.
+    prior : ndarray, shape (K, p, p)
+        P: precision before the new tests; prior and tests already run.
+    interest : int
+        s.
+    """
+
+    rows: Array
+    prior: Array
+    interest: int
+    criterion: Criterion
+
+    @property
+    def candidates(self) -> int:
+        return int(self.rows.shape[1])
+
+    def among(self, chosen: Array) -> Objective:
+        """The same with only some of the candidates."""
+        return replace(self, rows=self.rows[:, chosen])
+
+    def efficiency(self, value: float, best: float) -> float:
+        """Of a design with this value beside the best."""
+        return self.criterion.efficiency(value, best) if np.isfinite(value) else 0.0
+
+    def value(self, counts: Array) -> float:
+        """Φ of a design; −inf where it leaves something undetermined."""
+        return float(self._values(self._precision(counts)).mean())
+
+    def after_adding(self, counts: Array, chosen: Array) -> Array:
+        """Φ with one more test of each of some candidates in turn, shape (chosen,)."""
+        total = np.zeros(len(chosen))
+        base = self._precision(counts)
+        size = max(1, _CHUNK // base.size)
+        for start in range(0, len(chosen), size):
+            rows = self.rows[:, chosen[start : start + size]]
+            precision = base + np.swapaxes(np.swapaxes(rows, -1, -2) @ rows, 0, 1)
+            values = self._values(precision.reshape(-1, *base.shape[1:]))
+            total[start : start + size] = values.reshape(-1, len(base)).mean(axis=1)
+        return total
+
+    def sensitivity(self, counts: Array) -> tuple[float, Array]:
+        """Φ and ∂Φ/∂n_i = mean over K of ‖G_ki D_k‖², shape (candidates,), with ∂Φ/∂M = D Dᵀ."""
+        s, precision = self.interest, self._precision(counts)
+        nuisance, cross = precision[..., :-s, :-s], precision[..., :-s, -s:]
+        back = -np.linalg.solve(nuisance, cross)
+        root = np.linalg.cholesky(precision[..., -s:, -s:] + np.swapaxes(cross, -1, -2) @ back)
+        own = self.criterion.directions(root)
+        slope = np.zeros(self.candidates)
+        for rows, direction in zip(self.rows, np.concatenate([back @ own, own], axis=-2), strict=True):
+            seen = (rows.reshape(-1, rows.shape[-1]) @ direction).reshape(len(slope), -1)
+            slope += np.einsum("ij,ij->i", seen, seen)
+        return float(self.criterion.value(root).mean()), slope / len(root)
+
+    def _precision(self, counts: Array) -> Array:
+        """M, shape (K, p, p)."""
+        used = np.flatnonzero(counts)
+        scaled = self.rows[:, used] * np.sqrt(counts[used])[:, None, None]
+        stacked = scaled.reshape(len(scaled), -1, scaled.shape[-1])
+        return np.asarray(self.prior + np.swapaxes(stacked, -1, -2) @ stacked)
+
+    def _values(self, precision: Array) -> Array:
+        """Φ of every matrix M, −inf where it is singular."""
+        try:
+            root = np.linalg.cholesky(precision)
+        except np.linalg.LinAlgError:
+            if len(precision) == 1:
+                return np.array([-np.inf])
+            return np.concatenate([self._values(matrix[None]) for matrix in precision])
+        values = self.criterion.value(root[:, -self.interest :, -self.interest :])
+        if self._open:
+            # Where only rounding kept a factorisation alive: what is left of a column beside the others is nothing.
+            left = np.diagonal(root, axis1=-2, axis2=-1) / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
+            values = np.where(left.min(axis=-1) < _NOTHING, -np.inf, values)
+        return values
+
+    @cached_property
+    def _open(self) -> bool:
+        """Whether the tests must determine something that nothing determines before."""
+        return bool(np.linalg.matrix_rank(self.prior).min() < self.prior.shape[-1])
+
+
+# ---- shares
+
 # Values that differ by less, relative to the largest, count as equal: the first of them in the candidates' order is taken.
 _EQUAL = 1e-9
 _ROUNDS, _ITERATIONS, _SWEEPS = 400, 40, 50
 _ADDED, _FIRST = 3, 32
 _GONE, _FRESH = 1e-10, 0.02
 _UNDETERMINED = 1e6
-_KINKED = 1e-5
 _LOOSE, _TIGHT, _SLACK = 1e-5, 1e-15, 1e-3
 _NO_GAIN = 1e-13
 
@@ -47,7 +216,7 @@ def _largest(values: Array, number: int = 1) -> NDArray[np.intp]:
     return np.argsort(-np.where(finite, np.rint(values / unit), -np.inf), kind="stable")[:number]
 
 
-def better(value: float, than: float) -> bool:
+def _better(value: float, than: float) -> bool:
     """Whether a value is larger by more than rounding."""
     return bool(value > than + (_EQUAL * max(1.0, abs(than)) if np.isfinite(than) else 0.0))
 
@@ -73,32 +242,22 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
     return Optimum(share, value, tests * slope, float(tests * slope @ share))
 
 
-def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6, start: Array | None = None) -> Optimum:
-    """The shares of N tests that make Φ largest, from a start or equal shares, until the relative excess is within the tolerance.
+def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
+    """The shares of N tests that make Φ largest, from equal shares on, until the relative excess is within the tolerance.
 
-    N does not matter where the prior is flat; `Optimum.excess` says what was reached.
+    Fully corrective: shares of a few candidates are solved for, and candidates above the bound join them. N does not matter where
+    the prior is flat; `Optimum.excess` says what was reached.
     """
-    found = _fully_corrective(objective, tests, tolerance, start)
-    kinked = any(isinstance(case.criterion, SmallestEigenvalue) for case in objective.cases)
-    if not kinked or found.excess <= tolerance:
-        return found
-    return _by_cutting_planes(objective, tests, max(tolerance, _KINKED), found)
-
-
-def _fully_corrective(objective: Objective, tests: float, tolerance: float, start: Array | None) -> Optimum:
-    """Shares of a few candidates solved for; candidates above the bound join them."""
     n = objective.candidates
-    share = np.full(n, 1.0 / n) if start is None else start
+    share = np.full(n, 1.0 / n)
     if not np.isfinite(objective.value(tests * share)):
         raise InputError(
             "the candidates must determine the parameters, got too few different ones. "
             "Offer more force levels, or use proper priors."
         )
     found = certificate(objective, share, tests)
-    active = np.flatnonzero(share)
-    if start is None:
-        spread = np.unique(np.linspace(0, n - 1, min(n, _FIRST)).astype(int))
-        active = np.union1d(spread, _largest(found.sensitivity, _ADDED))
+    spread = np.unique(np.linspace(0, n - 1, min(n, _FIRST)).astype(int))
+    active = np.union1d(spread, _largest(found.sensitivity, _ADDED))
     slack, before = _LOOSE, -np.inf
     for _ in range(_ROUNDS):
         highest = _largest(found.sensitivity, _ADDED)
@@ -135,7 +294,9 @@ def _solve(objective: Objective, tests: float, start: Array, slack: float) -> Ar
             return _UNDETERMINED, np.zeros(n)
         return -value / scale, -tests * slope / scale
 
-    minimize: Any = scipy.optimize.minimize
+    from scipy import optimize
+
+    minimize: Any = optimize.minimize
     one = {"type": "eq", "fun": lambda x: x.sum() - 1.0, "jac": lambda x: np.ones((1, len(x)))}
     options = {"ftol": slack, "maxiter": _ITERATIONS}
     x = minimize(loss, initial, jac=True, method="SLSQP", bounds=[(0.0, 1.0)] * n, constraints=one, options=options).x
@@ -143,44 +304,9 @@ def _solve(objective: Objective, tests: float, start: Array, slack: float) -> Ar
     return np.asarray(share / share.sum())
 
 
-def _by_cutting_planes(objective: Objective, tests: float, tolerance: float, smooth: Optimum) -> Optimum:
-    """max Σ q_k t_k with t_k ≤ zᵀ M_k z for ever more z, the eigenvectors met: linear programs with exact cuts (Kelley 1960)."""
-    n, cases = objective.candidates, objective.cases
-    weights = np.concatenate([case.weight for case in cases])
-    cost = np.concatenate([np.zeros(n), -weights])
-    equal = np.concatenate([np.ones(n), np.zeros(len(weights))])[None]
-    bounds = [(0.0, None)] * n + [(None, None)] * len(weights)
-    rows: list[Array] = []
-    sides: list[float] = []
-    share, best, best_value = smooth.share, smooth.share, smooth.value
-    found: Any = None
-    for _ in range(_ROUNDS):
-        value = objective.value(tests * share)
-        if value > best_value:
-            best, best_value = share, value
-        nodes = [(c.interest, *own) for c in cases for own in zip(c.precision(tests * share), c.prior, c.rows, strict=True)]
-        for unit, (interest, precision, prior, design) in zip(np.eye(len(weights)), nodes, strict=True):
-            z = _worst(precision, interest)
-            rows.append(np.concatenate([-tests * ((design @ z) ** 2).sum(axis=1), unit]))
-            sides.append(float(z @ prior @ z))
-        found = scipy.optimize.linprog(cost, np.array(rows), np.array(sides), equal, [1.0], bounds)
-        share = np.maximum(found.x[:n], 0.0)
-        if -found.fun - best_value <= tolerance * abs(best_value):
-            break
-    # The multipliers of the cuts weigh the eigenvectors: with them the equivalence theorem holds at a kink too.
-    multipliers = found.ineqlin.marginals
-    return Optimum(best, best_value, multipliers @ np.array(rows)[:, :n], best_value + float(multipliers @ np.array(sides)))
+# ---- whole tests
 
-
-def _worst(precision: Array, s: int) -> Array:
-    """z with zᵀ M z the smallest eigenvalue of the Schur complement."""
-    nuisance, cross = precision[:-s, :-s], precision[:-s, -s:]
-    back = -np.linalg.lstsq(nuisance, cross, rcond=None)[0] if len(nuisance) else np.zeros((0, s))
-    vector = np.linalg.eigh(precision[-s:, -s:] + cross.T @ back)[1][:, 0]
-    return np.concatenate([back @ vector, vector])
-
-
-_ALL, _LEADING, _THOROUGH = 64, 12, 128
+_ALL, _LEADING, _THOROUGH, _SOME = 64, 12, 128, 4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
@@ -228,7 +354,7 @@ def exchange(
             into = np.array([j for j in _likely(objective, base, size, rng) if feasible(_with(base, j))], dtype=int)
             values = objective.after_adding(base.astype(float), into)
             for best in _largest(values):
-                if better(values[best], value):
+                if _better(values[best], value):
                     counts, value = _with(base, into[best]), float(values[best])
         if value > before:
             continue
@@ -245,13 +371,14 @@ def _with(counts: Array, j: int, more: int = 1) -> Array:
 
 
 def _likely(objective: Objective, base: Array, size: int, rng: np.random.Generator) -> Array:
-    """The candidates of the largest sensitivity, and some at random; all when there are no more."""
+    """The candidates of the largest sensitivity (at a few hyper-parameters), and some at random; all when there are no more."""
     n = objective.candidates
     if size >= n:
         return np.arange(n)
     drawn = rng.choice(n, size, replace=False)
     try:
-        return np.union1d(_largest(objective.sensitivity(base.astype(float))[1], size), drawn)
+        some = replace(objective, rows=objective.rows[::_SOME], prior=objective.prior[::_SOME])
+        return np.union1d(_largest(some.sensitivity(base.astype(float))[1], size), drawn)
     except np.linalg.LinAlgError:
         return drawn
 
@@ -264,18 +391,12 @@ MOST_TESTS = 300
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A design of whole tests, chosen among ``allowed`` candidates, and its efficiency beside the best shares of these."""
+    """A design of whole tests, and its efficiency beside the best shares of as many."""
 
     counts: Array
     value: float
-    allowed: Array
     optimum: Optimum
     efficiency: float
-
-    @property
-    def tests(self) -> int:
-        """Their number."""
-        return int(self.counts.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,19 +409,14 @@ class Search:
     seed: int
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
-    def among(self, allowed: Array) -> Search:
-        """The same with only some of the candidates."""
-        return Search(self.objective.among(allowed), self.forces_N[allowed], self.levels, self.seed)
-
     def shares(self, tests: float) -> Optimum:
         """The best shares of this many tests."""
         if tests not in self._shares:
-            near = next((optimum.share for optimum in reversed(self._shares.values())), None)
-            self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_TOLERANCE, start=near)
+            self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_TOLERANCE)
         return self._shares[tests]
 
-    def of_number(self, tests: int, *, starts: int = _STARTS, thorough: bool = True) -> Found:
-        """The best design of this many whole tests; see `exchange` for ``thorough``."""
+    def of_number(self, tests: int) -> Found:
+        """The best design of this many whole tests."""
         there = min(tests, len(distinct_forces(self.forces_N)))
         if there < self.levels:
             raise InputError(
@@ -309,13 +425,13 @@ class Search:
             )
         optimum, rng = self.shares(float(tests)), np.random.default_rng(self.seed)
         best, value = np.zeros(self.objective.candidates, dtype=int), -np.inf
-        first = _designs_to_start_from(optimum.share, tests, rng, starts)
-        for k in range(starts + (self._shakes(tests) if starts == _STARTS else 0)):
-            start = self._repaired(first[k] if k < starts else _shaken(best, rng), rng)
+        first = _designs_to_start_from(optimum.share, tests, rng)
+        for k in range(_STARTS + self._shakes(tests)):
+            start = self._repaired(first[k] if k < _STARTS else _shaken(best, rng), rng)
             counts, own = exchange(self.objective, start, rng, feasible=self._feasible, thorough=False)
-            if better(own, value):
+            if _better(own, value):
                 best, value = counts, own
-        best, value = exchange(self.objective, best, rng, feasible=self._feasible, thorough=thorough)
+        best, value = exchange(self.objective, best, rng, feasible=self._feasible)
         if not np.isfinite(value):
             raise InputError(
                 f"tests must be enough to determine the parameters, got {tests}. Ask for more tests, offer more force levels, or "
@@ -323,7 +439,7 @@ class Search:
             )
         best, value = self._at_fewer_forces(best, value)
         efficiency = self.objective.efficiency(value, optimum.value)
-        return Found(best, value, np.arange(len(best)), optimum, efficiency)
+        return Found(best, value, optimum, efficiency)
 
     def _feasible(self, counts: Array) -> bool:
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
@@ -350,14 +466,14 @@ class Search:
     def _shakes(self, tests: int) -> int:
         """How often a part of the best design is drawn anew: as often as costs little, where there are many designs."""
         n = self.objective.candidates
-        size = sum(case.prior.size for case in self.objective.cases) * tests * (n if n <= _ALL else 2 * _LEADING)
+        size = self.objective.prior.size * tests * (n if n <= _ALL else 2 * _LEADING)
         return min(_MOST_SHAKES, _WORK // size) if comb(n + tests - 1, tests) > _FEW_DESIGNS else 0
 
 
-def _designs_to_start_from(share: Array, tests: int, rng: np.random.Generator, starts: int) -> list[Array]:
+def _designs_to_start_from(share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
     """The rounded optimum, and draws from it and from all candidates in turn."""
     n = len(share)
-    drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, starts)]
+    drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, _STARTS)]
     return [efficient_rounding(share, tests), *drawn]
 
 

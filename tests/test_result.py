@@ -1,11 +1,7 @@
-"""Results in a notebook: escaped HTML for every result object, and the executed example."""
+"""Results: tables that are escaped, objects that show themselves in a notebook."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
-import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
@@ -28,16 +24,3 @@ def test_result_objects_show_themselves() -> None:
         assert page.startswith("<table>")
         assert "<b>bold</b>" not in page
     assert "moves = together" in lb.HybridModel.default()._repr_html_()
-
-
-@pytest.mark.slow
-def test_the_example_notebook_runs(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    notebook = json.loads((root / "studies" / "00_first_hour" / "first_hour.ipynb").read_text())
-    monkeypatch.chdir(root / "studies" / "00_first_hour")
-    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    assert all(cell["outputs"] for cell in cells)
-    assert sum("image/png" in output.get("data", {}) for cell in cells for output in cell["outputs"]) == 2
-    space: dict[str, object] = {}
-    for cell in cells:
-        lines = [line for line in "".join(cell["source"]).splitlines() if not line.startswith("%")]
-        exec(compile("\n".join(lines), "first_hour.ipynb", "exec"), space)
