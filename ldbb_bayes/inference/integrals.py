@@ -258,7 +258,7 @@ _FREEDOMS, _HEAVY_TAILS = np.array([3.0, 5.0, 9.0, 20.0]), 2
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
 _ALONG = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
 _SCRAMBLES, _LEAST, _ROUNDS, _EFFICIENT = 8, 32.0, 5, 0.4
-_WIDER, _FITTED, _LIGHTEST = 1.05, 4096, 0.01
+_WIDER, _FITTED, _LIGHTEST = 1.05, 4096, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,9 +404,12 @@ def _fitted(rounds: Sequence[Integral]) -> Mixture:
     by_component = last.by_component(points)
     shares = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))
     mass = shares.sum(axis=1)
-    kept = np.flatnonzero((mass > _LIGHTEST) | (mass == mass.max()))
-    components = tuple(_refitted(last.components[k], points, shares[k] / mass[k]) for k in kept)
-    return Mixture(components, mass[kept] / mass[kept].sum())
+    components = tuple(
+        _refitted(own, points, part / total) if total > _LIGHTEST else own
+        for own, part, total in zip(last.components, shares, mass, strict=True)
+    )
+    share = np.maximum(mass, _LIGHTEST)
+    return Mixture(components, share / share.sum())
 
 
 def _refitted(component: SplitT, points: Array, weight: Array) -> SplitT:

@@ -24,6 +24,7 @@ Array = NDArray[Any]
 Index = NDArray[np.intp]
 _STEP, _FLATTEST = 0.05, 0.3
 _STARTS, _BASINS, _APART = 256, 3, 1.5
+_FEW, _VANISHED = 5, 3.0
 _COARSE, _COARSE_STEP, _LOW, _OF_TOLERANCE, _SPARED, _FINEST = 0.2, 1.25, 12.0, 20.0, 5e-4, 1e-3
 
 
@@ -53,8 +54,7 @@ class HyperPosterior:
         found: list[tuple[Array, Array]] = []
         for k in np.argsort(-height):
             if height[k] > height.max() - _LOW and all(np.linalg.norm(climbed[k] - mode) > _APART for mode, _ in found):
-                curvature, vectors = np.linalg.eigh(-self._derivatives(climbed[k])[1])
-                found.append((climbed[k], vectors / np.sqrt(np.maximum(curvature, _FLATTEST))))
+                found.append((climbed[k], _root(self._derivatives(climbed[k])[1])))
         return found
 
     @property
@@ -122,11 +122,7 @@ class HyperPosterior:
     @cached_property
     def proposal(self) -> Integral:
         """A sample, whose proposal can be drawn from; P(T | y, φ) by its bound."""
-        for seed in (self._seed, self._seed + 1):
-            found = importance_sample(self._smooth, self.modes, tolerance=_COARSE / 4.0, seed=seed)
-            if found.trusted:
-                break
-        return found
+        return importance_sample(self._smooth, [*self.modes, *self._corners()], tolerance=_COARSE / 4.0, seed=self._seed)
 
     @cached_property
     def coarse(self) -> Integral:
@@ -152,11 +148,31 @@ class HyperPosterior:
                 basins.append(start)
         return basins
 
+    def _corners(self) -> Iterator[tuple[Array, Array]]:
+        """Where one noise vanishes and the others make up for it, as `modes`; from there ln p falls by one for each unit."""
+        for j in range(len(self.mode) if len(self.mode) <= _FEW else 0):
+            free = np.arange(len(self.mode)) != j
+
+            def derivatives(point: Array, free: Array = free) -> tuple[Array, Array]:
+                gradient, hessian = self._derivatives(point)
+                return np.where(free, gradient, 0.0), np.where(np.outer(free, free), hessian, 0.0)
+
+            start = self.mode - np.where(free, 0.0, _VANISHED)
+            corner = newton(self._smooth, derivatives, start, least_curvature=_FLATTEST)
+            if np.diff(self._smooth(np.array([self.mode, corner])))[0] > -_LOW:
+                yield corner, _root(derivatives(corner)[1])
+
     def _smooth(self, free: Array) -> Array:
         return self.log_density(free, smooth=True)
 
     def _derivatives(self, point: Array) -> tuple[Array, Array]:
         return central_differences(self._smooth, point, _STEP)
+
+
+def _root(hessian: Array) -> Array:
+    """A root (h, h) of the inverse curvature, nowhere flatter than what counts."""
+    curvature, vectors = np.linalg.eigh(-hessian)
+    return np.asarray(vectors / np.sqrt(np.maximum(curvature, _FLATTEST)))
 
 
 @dataclass(frozen=True)
@@ -253,7 +269,7 @@ class Nodes:
 
 
 _ROUNDS_INSIDE, _MOST_ROUNDS, _MOST_TRIES = 20, 50, 64
-_FEW_INSIDE, _INSIDE = 0.02, 4.0
+_FEW_INSIDE, _INSIDE, _ENVELOPE = 0.02, 4.0, 2.0
 
 
 def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
@@ -311,8 +327,7 @@ def draw_jointly(start: HyperPosterior, size: int, rng: np.random.Generator) -> 
         f"{proposal.pareto_k:.2f}. Use --sampler joint.",
     )
     tries = int(np.ceil(_INSIDE / share)) if start.truncated and not tilted else 1
-    envelope = 2.5 if tries == 1 and not tilted else 4.0
-    log_scale = proposal.log_integral + np.log(envelope * (1.0 if tilted else share))
+    log_scale = proposal.log_integral + np.log(_ENVELOPE * (1.0 if tilted else share))
     kept: list[tuple[Array, Array]] = []
     used, tried = 0, 0
     for _ in range(_MOST_ROUNDS * max(1, -(-size // CHUNK))):
