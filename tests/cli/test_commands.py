@@ -22,7 +22,7 @@ from ldbb_bayes.fleet.population import digest_of
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.figures import style
 
-FIT = ("--degree", 0, "--sampler", "independent")
+FIT = ("--degree", 0, "--sampler", "independent", "--ess", 400)
 
 
 def names(folder: Path) -> set[str]:
@@ -91,7 +91,7 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
 
 def test_fit_that_misses_its_target(folder: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    code, shown, _ = invoke("fit", folder, "--ess", "1e6", "--max-steps", 200, "--degree", 0)
+    code, shown, _ = invoke("fit", folder, "--ess", "1e6", "--max-steps", 200, "--preset", "paper", "--degree", 0)
     assert code == 1
     assert "NOT CONVERGED" in shown
     assert names(tmp_path) == set()

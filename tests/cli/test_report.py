@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -12,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from campaigns import Invoke, plan, simulated
-from reports import NOT_COMPARED, fitted
+from reports import NOT_COMPARED, fitted, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
@@ -24,7 +25,8 @@ from ldbb_bayes.result import json_text
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Designs have tests of their own."""
+    """Designs and figures have tests of their own."""
+    undrawn(monkeypatch)
     monkeypatch.setattr(lb, "design", lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED)))
 
 
@@ -116,8 +118,9 @@ def spoiled(result: Path, folder: Path, *, cut: bool) -> Path:
     return folder
 
 
-def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
+def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line, exit code 2, nothing written."""
+    monkeypatch.setattr(lb, "load", cache(lb.load))
     other = tmp_path / "other.nc"
     lb.save(fitted(lb.HybridModel.default(0), simulated(plan((40, 40), forces_N=(100.0, 600.0)))), other)
     damaged, foreign = tmp_path / "damaged", tmp_path / "foreign"

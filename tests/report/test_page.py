@@ -6,21 +6,14 @@ import html.parser
 import re
 
 import pytest
-from reports import NOT_COMPARED, SCRIPT, awkward, fitted, undrawn
+from reports import NOT_COMPARED, SCRIPT, awkward, undrawn
 
-import ldbb_bayes as lb
-from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.report.figures.style import new_figure
 from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, compose, html_page
 from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section
 from ldbb_bayes.report.text import nuisance_table
 from ldbb_bayes.result import Table
-
-
-@pytest.fixture(scope="module")
-def document(recovered: lb.Campaign, compared: Comparison) -> Document:
-    return compose(find(fitted(lb.HybridModel.default(1), recovered), comparison=compared))
 
 
 class Reader(html.parser.HTMLParser):
@@ -63,8 +56,8 @@ def check(page: str) -> Reader:
     return reader
 
 
-def test_the_page_of_the_published_experiment(document: Document) -> None:
-    page = html_page(document)
+def test_the_page_of_the_published_experiment(published: tuple[Document, str]) -> None:
+    document, page = published
     reader = check(page)
     assert len(page.encode()) < 3e6
     assert [section.key for section in document.sections] == list(SECTIONS)
