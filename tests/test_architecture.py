@@ -118,12 +118,15 @@ def test_no_pyplot_and_no_assert() -> None:
         assert not any(isinstance(node, ast.Assert) for node in ast.walk(tree)), path
 
 
-LOOK = "str(lb.preview(lb.read_campaign(lb.embedded_campaign())))"
+TEXT, LOOK = "__import__('ldbb_bayes.report.text')", "str(lb.preview(lb.read_campaign(lb.embedded_campaign())))"
 
 
-@pytest.mark.parametrize(("done", "absent"), [("lb", "numpy"), (LOOK, "pandas scipy arviz_base matplotlib openpyxl")])
+@pytest.mark.parametrize(
+    ("done", "absent"),
+    [("lb", "numpy"), (LOOK, "pandas scipy arviz_base matplotlib openpyxl"), (TEXT, "emcee arviz_base matplotlib")],
+)
 def test_what_is_not_needed_is_not_loaded(done: str, absent: str) -> None:
-    """By importing the package; by looking at a campaign."""
+    """By importing the package; by looking at a campaign; by words and tables."""
     code = f"import sys, ldbb_bayes as lb; {done}; print([name for name in {absent.split()} if name in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"

@@ -150,23 +150,6 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
     )
 
 
-def test_a_table_made_elsewhere(tmp_path: Path, invoke: Invoke) -> None:
-    """Semicolons, decimal commas, a byte-order mark, radians, millimetres, pressure only: the same campaign."""
-    campaign = simulated(plan((60, 60, 60, 60)))
-    lines = ["test;pressure_bar;angle_rad;reading_mm"]
-    for test in campaign.tests:
-        for angle, reading in zip(test.angles_rad(), test.readings_mm(), strict=True):
-            lines.append(";".join([test.name, *(f"{x:.12g}".replace(".", ",") for x in (test.pressure_bar, angle, reading))]))
-    path = tmp_path / "all.csv"
-    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(lines).encode())
-    options = ("--radius-mm", 150, "--topology", "wCAFYXZSt", "--resolution-um", 0.24)
-    ours = json.loads(invoke("fit", path, *FIT, "--json", *options)[1])
-    theirs = json.loads(invoke("fit", lb.write_campaign(campaign, tmp_path / "c"), *FIT, "--json")[1])
-    entry = theirs["parameters"]["C_XXX"]
-    assert ours["parameters"]["C_XXX"]["mean"] == pytest.approx(entry["mean"], abs=0.15 * entry["sd"])
-    assert ours["campaign"]["forces_N"] == pytest.approx(theirs["campaign"]["forces_N"])
-
-
 def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
     """Its options are fields of the campaign; what looks odd in several tests is said once. The rest is held by its golden."""
     rows = "\n".join(f"{test};2;{angle};{angle // 20 % 5}" for test in "ab" for angle in range(0, 360, 10))

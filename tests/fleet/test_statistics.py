@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -204,16 +203,6 @@ def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
     assert list(relied["name"]) == [f"c{k:02d}" for k in range(3, 9)]
     assert [caveat_words(caveat) for caveat in caveats] == ["Left out, for no date, or one before 2025-03-16: c01, c02."]
     assert list(choose(rows, since="2025-08-13T00:00:00+02:00")[0]["name"]) == ["c08"]
-
-
-def test_no_decision_is_made_of_a_sentence(rows: pd.DataFrame, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every caveat has words; with other words the numbers are the same."""
-    wording = import_module("ldbb_bayes.report.wording")
-    assert {str(kind) for kind in CaveatKind} == set(wording._CAVEATS)
-    odd = rows.assign(kinds=[SLIP, ["noise"], *[[]] * 6], converged=[True, True, False, *[True] * 5])
-    before = lb.population(odd).as_dict()
-    monkeypatch.setattr(wording, "_CAVEATS", dict.fromkeys(wording._CAVEATS, "?"))
-    assert lb.population(odd).as_dict() == before
 
 
 def test_what_is_refused(rows: pd.DataFrame) -> None:

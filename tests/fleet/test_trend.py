@@ -425,11 +425,13 @@ def test_doubts(rows: pd.DataFrame) -> None:
         sha256=[str(i) for i in (0, 1, 2, 3, 3, 5, 6, 7, 8, 9)],
         model_sha256=["a"] * 5 + ["b"] * 5,
     )
+    doubtful.at[5, "gaussian_names"] = None
     said = " ".join(doubts(lb.trend(doubtful, reference_force_N=20.0)))
     assert "could not be fitted: c01." in said
     assert "Not converged, refit with more draws: c02." in said
     assert "Noise that is not white, so that uncertainties may be too small: c03." in said
     assert "Left out, for their readings are those of campaigns before them: c05." in said
+    assert "Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): c06." in said
     assert "different models or priors" in said
     assert "20 N, was not within the tested forces" in said
     assert "With two campaigns" in doubts(lb.trend(rows[:2]))[-1]

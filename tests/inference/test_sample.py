@@ -129,12 +129,12 @@ def test_every_field_of_a_campaign_comes_back() -> None:
     assert (campaign_of(tree).machine_id, campaign_of(tree).date) == ("VMC 07", "2026-11-20")
 
 
-@pytest.mark.parametrize("content", [b"", b"not a file of ours", None])
-def test_damaged_results_are_refused(tmp_path: Path, posterior: xr.DataTree, content: bytes | None) -> None:
+def test_damaged_results_are_refused(tmp_path: Path, posterior: xr.DataTree) -> None:
     file = lb.save(posterior, tmp_path / "posterior.nc")
-    file.write_bytes(file.read_bytes()[:50_000] if content is None else content)
-    with pytest.raises(InputError, match=r"posterior\.nc must be a posterior written by ldbb-bayes"):
-        lb.load(tmp_path)
+    for content in (file.read_bytes()[:50_000], b"not a file of ours", b""):
+        file.write_bytes(content)
+        with pytest.raises(InputError, match=r"posterior\.nc must be a posterior written by ldbb-bayes"):
+            lb.load(tmp_path)
     with pytest.raises(InputError, match="result must be a folder"):
         lb.load(tmp_path / "nothing")
 
