@@ -201,21 +201,22 @@ class _Relatives:
         """Of the other model; nodes of its own where it has other parameters, or these do not suit it."""
         if not set(posterior.bound.names) <= set(self._bound.names):
             return posterior.nodes(self._tolerance)
-        log_ratio, mean, covariance = self._changed(posterior.bound)
+        log_ratio, *_ = self._changed(posterior.bound, [], np.arange(len(self._integral.free)))
         plain = replace(self._integral, log_density=self._integral.log_density + log_ratio)
-        found = self._inside(posterior, plain, mean, covariance) if posterior.truncated else Nodes(posterior, plain)
+        found = self._inside(posterior, plain) if posterior.truncated else Nodes(posterior, plain)
         return found if found.integral.error <= self._tolerance else posterior.nodes(self._tolerance)
 
-    def _inside(self, posterior: HyperPosterior, plain: Integral, mean: Array, covariance: Array) -> Nodes:
+    def _inside(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
         names, rows = self._bound.names, posterior.bound.physical.rows
         touched = np.flatnonzero((rows != 0.0).any(axis=0))
-        own = np.array([names.index(posterior.bound.names[j]) for j in touched])
+        own = [names.index(posterior.bound.names[j]) for j in touched]
 
         def orthant(index: Array) -> Orthant:
-            block = np.moveaxis(covariance[np.ix_(own, own, index)], -1, 0)
+            _, mean, covariance = self._changed(posterior.bound, own, index)
+            block = np.moveaxis(covariance, -1, 0)
             sd = np.sqrt(np.diagonal(block, axis1=1, axis2=2))
             root = sd[:, :, None] * np.linalg.cholesky(block / (sd[:, :, None] * sd[:, None, :]))
-            return Orthant(mean[np.ix_(own, index)].T @ rows[:, touched].T, rows[:, touched] @ root)
+            return Orthant(mean.T @ rows[:, touched].T, rows[:, touched] @ root)
 
         return posterior.inside(plain, self._tolerance, orthant)
 
@@ -225,21 +226,23 @@ class _Relatives:
         _, given = self._density.given(self._integral.free)
         return np.ascontiguousarray(given.mean.T), np.ascontiguousarray(np.moveaxis(given.covariance, 0, -1))
 
-    def _changed(self, bound: BoundModel) -> tuple[Array, Array, Array]:
-        """ln of the ratio of the densities p(y | φ), shape (n,), and mean and covariance under the other prior."""
-        (mean, covariance), log_ratio = self._given, np.zeros(len(self._integral.free))
-        sds = dict(zip(bound.names, bound.prior_sd.tolist(), strict=True))
-        for j, parameter in enumerate(self._bound.parameters):
-            sd, variance = sds.get(parameter.name, 0.0), parameter.prior_sd**2
-            if sd == parameter.prior_sd:
-                continue
+    def _changed(self, bound: BoundModel, own: list[int], nodes: Array) -> tuple[Array, Array, Array]:
+        """ln of the ratio of the densities p(y | φ), shape (n,), and of ``own`` parameters mean and covariance under the other
+        prior, at these nodes."""
+        sds, log_ratio = dict(zip(bound.names, bound.prior_sd.tolist(), strict=True)), np.zeros(len(nodes))
+        changed = {j: p for j, p in enumerate(self._bound.parameters) if sds.get(p.name, 0.0) != p.prior_sd}
+        places = np.array([*own, *(j for j in changed if j not in own)], dtype=np.intp)
+        mean, covariance = self._given
+        mean, covariance = mean[np.ix_(places, nodes)], covariance[np.ix_(places, places, nodes)]
+        for j, parameter in changed.items():
+            k, sd, variance = int(np.argmax(places == j)), sds.get(parameter.name, 0.0), parameter.prior_sd**2
             at = parameter.prior_mean if sd else 0.0
             noise = 1.0 / (1.0 / sd**2 - 1.0 / variance) if sd else 0.0
-            here, before, apart = covariance[j, j] + noise, variance + noise, mean[j] - at
+            here, before, apart = covariance[k, k] + noise, variance + noise, mean[k] - at
             log_ratio = log_ratio + 0.5 * (np.log(before / here) + (parameter.prior_mean - at) ** 2 / before - apart**2 / here)
-            gain = covariance[j] / here
-            mean, covariance = mean - gain * apart, covariance - gain[:, None] * covariance[j]
-        return log_ratio, mean, covariance
+            gain = covariance[k] / here
+            mean, covariance = mean - gain * apart, covariance - gain[:, None] * covariance[k]
+        return log_ratio, mean[: len(own)], covariance[: len(own), : len(own)]
 
 
 def leave_one_out(nodes: Nodes, *, tolerance: float = 1e-2, progress: Callable[[], object] = lambda: None) -> dict[str, Nodes]:
