@@ -305,7 +305,8 @@ def _opened(source: Path) -> xr.DataTree:
         why = " ".join(str(error).split())[:_REASON]
         raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit again.") from None
     finally:
-        gc.collect()
+        if sys.exc_info()[0] is not None:
+            gc.collect()
         sys.unraisablehook = loud
 
 

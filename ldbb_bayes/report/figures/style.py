@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import LayoutEngine
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import distinct_forces
@@ -71,26 +70,33 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 _PAD_INCH = 0.06
 
 
-class _OnceSolved(LayoutEngine):
-    """Keeps panels of one grid clear of one another and of what stands above and below them; measured once, for all formats."""
+class _Panels(Figure):
+    """Keeps panels of one grid clear of one another and of what stands above and below them: placed once, when first drawn. A
+    layout engine would have every file drawn twice."""
 
-    _adjust_compatible = _colorbar_gridspec = True
+    _placed = False
 
-    def execute(self, fig: Figure) -> None:
-        """Give every panel its place."""
-        every = [(axes, axes.get_subplotspec()) for axes in fig.axes if axes.get_visible() and axes.get_in_layout()]
+    def draw(self, renderer: Any) -> None:
+        """Give every panel its place, and draw."""
+        if not self._placed:
+            self._placed = True
+            self._place()
+        super().draw(renderer)
+
+    def _place(self) -> None:
+        every = [(axes, axes.get_subplotspec()) for axes in self.axes if axes.get_visible() and axes.get_in_layout()]
         placed = [(axes, spec) for axes, spec in every if spec is not None]
         if not placed:
             return
-        renderer: Any = RendererAgg(*fig.bbox.size, fig.dpi)  # type: ignore[no-untyped-call]
-        pad, (width, height) = _PAD_INCH * fig.dpi, fig.bbox.size
-        around = [own.get_window_extent(renderer) for own in (*fig.texts, *fig.legends)]
+        renderer: Any = RendererAgg(*self.bbox.size, self.dpi)  # type: ignore[no-untyped-call]
+        pad, (width, height) = _PAD_INCH * self.dpi, self.bbox.size
+        around = [own.get_window_extent(renderer) for own in (*self.texts, *self.legends)]
         top = min([height, *(box.y0 for box in around if box.y0 > height / 2)]) - pad
         bottom = max([0.0, *(box.y1 for box in around if box.y0 <= height / 2)]) + pad
         grid = placed[0][1].get_gridspec()
         margins = np.zeros((4, max(grid.nrows, grid.ncols)))
         for axes, spec in placed:
-            panel: Any = fig.transFigure.transform_bbox(axes.get_position(original=True))
+            panel: Any = self.transFigure.transform_bbox(axes.get_position(original=True))
             whole: Any = axes.get_tightbbox(renderer)
             beyond = panel.x0 - whole.x0, whole.x1 - panel.x1, whole.y1 - panel.y1, panel.y0 - whole.y0
             places = (spec.colspan[0],) * 2 + (spec.rowspan[0],) * 2
@@ -111,7 +117,7 @@ def _stacked(room: float, margins: Array, ratios: Any) -> tuple[Array, Array]:
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure [inch] whose parts keep clear of one another."""
-    return Figure(figsize=(width, height), layout=_OnceSolved())
+    return _Panels(figsize=(width, height))
 
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
