@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import functools
 import logging
 import multiprocessing
@@ -358,6 +357,8 @@ def _cluster(workers: int) -> Iterator[Any]:
 
 def _check_answers(scheduler: str) -> None:
     """Whether a scheduler is there: a client that finds none takes as long again to give up, and says so on the way."""
+    import asyncio
+
     from distributed import Security, rpc
 
     async def kind() -> str:

@@ -32,7 +32,7 @@ class NullSpace:
     def __init__(self, scaled: Array, p: int, limit: float) -> None:
         self.scaled, self.p, self.limit = scaled, p, limit
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
-        self._largest = np.abs(scaled).max(axis=0)
+        self.largest = np.abs(scaled).max(axis=0)
 
     def sparse(self) -> list[tuple[int, Array]]:
         """A basis of the null space: pivots and vectors, each with a one at its pivot.
@@ -42,7 +42,7 @@ class NullSpace:
         that the others lack.
         """
         own = np.arange(self.p)
-        seen = self._largest > self.limit
+        seen = self.largest > self.limit
         every = np.flatnonzero(seen | (np.arange(len(seen)) < self.p))
         found = self._independent(own, own < self.p)
         own = np.setdiff1d(own, list(found))
@@ -74,7 +74,7 @@ class NullSpace:
         """One of the target and the least of the others that undo it, or None when they cannot."""
         solved = self._undone(target, others)
         change = np.abs(self.scaled @ solved).max()
-        effect = self._largest * np.abs(solved)
+        effect = self.largest * np.abs(solved)
         if change > self.limit * np.linalg.norm(solved) or change > EXACTLY * effect[target]:
             return None
         for cut in _CUTS:
@@ -185,9 +185,10 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     limit = 0.1 * bound.campaign.resolution_um * _MICROMETRE
     p = len(bound.names)
     found = []
-    for pivot, sparse in NullSpace(scaled, p, limit).sparse():
-        vector = sparse if pivot >= p else _of_parameters_alone(scaled, sparse, p, limit)
-        effect = np.abs(scaled * vector).max(axis=0)
+    space = NullSpace(scaled, p, limit)
+    for pivot, sparse in space.sparse():
+        vector = sparse if pivot >= p else _of_parameters_alone(space, sparse)
+        effect = space.largest * np.abs(vector)
         moving = np.flatnonzero(effect > _ROUNDING * effect.max())
         own = [i for i in moving if i < p]
         others = sorted((i for i in moving if i >= p), key=lambda i: (i != pivot, -effect[i]))
@@ -199,8 +200,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         change = vector * sd
         amount = Term.owner(names[lead]).unit_of(names[lead]).one if term else change[lead]
         change *= amount / change[lead]
-        effects = scaled * (change / sd)
-        together = np.abs(effects.sum(axis=1)).max()
+        together = np.abs(scaled @ (change / sd)).max()
         found.append(
             Degeneracy(
                 term,
@@ -209,17 +209,17 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
                 {names[i]: bound.parameters[i].unit for i in own},
                 all(owners[i] in modelled for i in others),
                 float(np.linalg.norm(change / sd)),
-                float(together / _MICROMETRE) if together > _ROUNDING * np.abs(effects).max() else 0.0,
+                float(together / _MICROMETRE) if together > _ROUNDING * (space.largest * np.abs(change / sd)).max() else 0.0,
             )
         )
     return tuple(found)
 
 
-def _of_parameters_alone(scaled: Array, vector: Array, p: int, limit: float) -> Array:
+def _of_parameters_alone(space: NullSpace, vector: Array) -> Array:
     """The vector without its nuisances, where it is as good so."""
-    alone = np.where(np.arange(len(vector)) < p, vector, 0.0)
-    change = np.abs(scaled @ alone).max()
-    good = change <= min(limit * np.linalg.norm(alone), EXACTLY * np.abs(scaled * alone).max())
+    alone = np.where(np.arange(len(vector)) < space.p, vector, 0.0)
+    change = np.abs(space.scaled @ alone).max()
+    good = change <= min(space.limit * np.linalg.norm(alone), EXACTLY * (space.largest * np.abs(alone)).max())
     return alone if good else vector
 
 

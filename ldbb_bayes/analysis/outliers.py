@@ -170,18 +170,20 @@ def _compared(observed: Array, replicates: Array) -> Outlier:
     """Harmonics of a test, (25,), against those of replicates, (n, 25), other tests not yet allowed for."""
     n = len(replicates)
     centred, own = replicates - replicates.mean(axis=0), observed - replicates.mean(axis=0)
-    p_own, p_replicates, distances = [], [], []
+    nearer, distances, every = [], [], []
     for order in range(MAX_ORDER + 1):
         part = centred[:, order == ORDERS]
         root = np.linalg.cholesky(np.cov(part, rowvar=False).reshape(part.shape[1], -1))
         theirs, mine = _distance(part, root), _distance(own[None, order == ORDERS], root)[0]
-        ordered = np.sort(theirs)
-        p_own.append(float((1.0 + n - np.searchsorted(ordered, mine)) / (n + 1.0)))
-        p_replicates.append((n - np.searchsorted(ordered, theirs)) / n)
+        nearer.append(int(np.sum(theirs < mine)))
+        every.append(theirs)
         distances.append(0.5 * float(mine) if part.shape[1] == 2 else -float(special.log_ndtr(-np.sqrt(mine)) + np.log(2.0)))
-    smallest = np.min(p_replicates, axis=0)
-    p_value = float((1.0 + np.sum(smallest <= min(p_own))) / (n + 1.0))
-    return Outlier(p_value, 1.0, tuple(p_own), int(np.argmax(distances)), False, max(distances))
+    # Replicates that have in any order as many of the others nearer as the test has in its worst.
+    most = max(nearer)
+    edge = np.partition(every, most - 1, axis=1)[:, most - 1, None] if most else -np.inf
+    further = (np.array(every) > edge).any(axis=0)
+    p_value, *p_order = ((1.0 + k) / (n + 1.0) for k in (int(further.sum()), *(n - k for k in nearer)))
+    return Outlier(p_value, 1.0, tuple(p_order), int(np.argmax(distances)), False, max(distances))
 
 
 def _distance(harmonics: Array, root: Array) -> Array:
