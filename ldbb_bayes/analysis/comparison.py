@@ -303,7 +303,11 @@ def compare(
     factors = {ratio: log_bayes_factor(nodes.evidence, weighed[first].evidence) for ratio, nodes in over_first.items()}
     scaled, circles = (under(pair, changes, evidences) for changes in (by_scale, discrepancies))
     slopes, found, curves = slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
-    densities = {name: _left_out_densities(nodes, left[name]) for name, nodes in weighed.items()}
+    # ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,).
+    densities = {
+        name: nodes.evidence.log_value - np.array([others.evidence.log_value for others in left[name].values()])
+        for name, nodes in weighed.items()
+    }
     return Comparison(
         campaign=Readings(campaign.name, campaign.sha256),
         models=_models(weighed, densities, seed, ci_prob),
@@ -353,11 +357,6 @@ def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
     x, y = np.log(scale), log_bayes_factor
     i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
     return tuple(np.exp(x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])).tolist())
-
-
-def _left_out_densities(nodes: Nodes, left: Mapping[str, Nodes]) -> Array:
-    """ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,)."""
-    return np.array([nodes.evidence.log_value - others.evidence.log_value for others in left.values()])
 
 
 def _sum_over_tests(densities: Array) -> tuple[float, float]:

@@ -210,8 +210,7 @@ def averaged_curves(weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: 
     }
 
 
-_TOLERANCE = 1e-2
-_SPARE, _COMPONENTS = 1e-3, 2048
+_TOLERANCE, _SPARE, _COMPONENTS = 1e-2, 1e-3, 2048
 
 
 @one_blas_thread

@@ -232,12 +232,10 @@ class _Relatives:
         sds, log_ratio = dict(zip(bound.names, bound.prior_sd.tolist(), strict=True)), np.zeros(len(nodes))
         changed = {j: p for j, p in enumerate(self._bound.parameters) if sds.get(p.name, 0.0) != p.prior_sd}
         places = np.array([*own, *(j for j in changed if j not in own)], dtype=np.intp)
-        mean, covariance = self._given
-        mean, covariance = mean[np.ix_(places, nodes)], covariance[np.ix_(places, places, nodes)]
+        mean, covariance = (part[np.ix_(*[places] * (part.ndim - 1), nodes)] for part in self._given)
         for j, parameter in changed.items():
             k, sd, variance = int(np.argmax(places == j)), sds.get(parameter.name, 0.0), parameter.prior_sd**2
-            at = parameter.prior_mean if sd else 0.0
-            noise = 1.0 / (1.0 / sd**2 - 1.0 / variance) if sd else 0.0
+            at, noise = (parameter.prior_mean, 1.0 / (1.0 / sd**2 - 1.0 / variance)) if sd else (0.0, 0.0)
             here, before, apart = covariance[k, k] + noise, variance + noise, mean[k] - at
             log_ratio = log_ratio + 0.5 * (np.log(before / here) + (parameter.prior_mean - at) ** 2 / before - apart**2 / here)
             gain = covariance[k] / here

@@ -302,11 +302,10 @@ def _opened(source: Path) -> xr.DataTree:
                 raise ValueError(f"it promises {promised / 2**20:.0f} MB in {size / 2**20:.2f} MB")
             return opened.load()
     except Exception as error:  # noqa: BLE001  # whatever a damaged file makes of the libraries
+        gc.collect()
         why = " ".join(str(error).split())[:_REASON]
         raise InputError(f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({why}). Fit again.") from None
     finally:
-        if sys.exc_info()[0] is not None:
-            gc.collect()
         sys.unraisablehook = loud
 
 

@@ -78,17 +78,13 @@ class _Panels(Figure):
 
     def draw(self, renderer: Any) -> None:
         """Give every panel its place, and draw."""
-        if not self._placed:
-            self._placed = True
-            self._place()
+        every = [(axes, axes.get_subplotspec()) for axes in self.axes if axes.get_visible() and axes.get_in_layout()]
+        if not self._placed and (grid := [(axes, spec) for axes, spec in every if spec is not None]):
+            self._place(grid, RendererAgg(*self.bbox.size, self.dpi))  # type: ignore[no-untyped-call]
+        self._placed = True
         super().draw(renderer)
 
-    def _place(self) -> None:
-        every = [(axes, axes.get_subplotspec()) for axes in self.axes if axes.get_visible() and axes.get_in_layout()]
-        placed = [(axes, spec) for axes, spec in every if spec is not None]
-        if not placed:
-            return
-        renderer: Any = RendererAgg(*self.bbox.size, self.dpi)  # type: ignore[no-untyped-call]
+    def _place(self, placed: list[tuple[Axes, Any]], renderer: Any) -> None:
         pad, (width, height) = _PAD_INCH * self.dpi, self.bbox.size
         around = [own.get_window_extent(renderer) for own in (*self.texts, *self.legends)]
         top = min([height, *(box.y0 for box in around if box.y0 > height / 2)]) - pad
