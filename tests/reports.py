@@ -55,7 +55,7 @@ def fitted(model: lb.HybridModel, campaign: lb.Campaign) -> xr.DataTree:
     """By quadrature: the same draws every time, made once."""
     key = (model_sha256(model), campaign.sha256, campaign.name)
     if key not in _FITTED:
-        _FITTED[key] = lb.sample(model, campaign, seed=1, sampler="independent", rule=StoppingRule(ess=500.0))
+        _FITTED[key] = lb.sample(model, campaign, seed=1, sampler="independent")
     return _FITTED[key].copy(deep=True)
 
 

@@ -22,7 +22,7 @@ from ldbb_bayes.fleet.population import digest_of
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.figures import style
 
-FIT = ("--degree", 0, "--sampler", "independent", "--ess", 400)
+FIT = ("--degree", 0, "--sampler", "independent")
 
 
 def names(folder: Path) -> set[str]:
@@ -178,15 +178,6 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     assert np.std(campaign.tests[2].readings_mm() - expected) == pytest.approx(0.2e-3, rel=0.3)
     assert invoke("simulate", truths, "--out", tmp_path / "d", *options)[0] == 0
     assert lb.read_campaign(tmp_path / "d").sha256 == campaign.sha256
-
-
-def test_simulate_from_a_plan(tmp_path: Path, invoke: Invoke) -> None:
-    lb.write_campaign(plan(work_deg=30.0), tmp_path / "plan")
-    truth = tmp_path / "truth.toml"
-    truth.write_text("schema = 1\n[parameters]\nC_XXX = 6e-5\n")
-    out = invoke("simulate", tmp_path / "plan", "--truth", truth, "--out", tmp_path / "c", "--json")[1]
-    assert json.loads(out)["parameters"]["C_XXX"] == 6e-5
-    assert [t.work_ball_deg for t in lb.read_campaign(tmp_path / "c").tests] == [0.0, 30.0, 60.0, 90.0]
 
 
 def test_identify(planned: Path, tmp_path: Path, invoke: Invoke) -> None:

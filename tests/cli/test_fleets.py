@@ -129,8 +129,6 @@ def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypa
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("batch nowhere", "a batch must have campaigns that exist, got none among 1 (nowhere)"),
-        ("batch @nowhere", "nowhere must be a list of campaigns, one path a line, got nothing"),
         ("batch SHOP --executor x", "--executor must be one of process, dask, got 'x'"),
         ("batch SHOP --scheduler tcp://x", "--scheduler must"),
         ("batch SHOP --retry", "retry must come with resume"),
@@ -143,10 +141,8 @@ def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypa
         ("population ROWS --exclude M9", "must be a campaign or machine of the batch, got 'M9'"),
         ("population ROWS --since yesterday", "since must be a date or time in ISO 8601"),
         ("population ROWS --reference-force nan", "--reference-force must be a finite number"),
-        ("trend ROWS", "Choose one: --machine M"),
         ("trend ROWS --machine M7", "machine must be one of"),
         ("trend ROWS --machine M5 --parameters force_gain", "got 'force_gain'"),
-        ("trend ROWS --machine M5 --parameters ,", "got none"),
     ],
 )
 def test_what_is_refused(arguments: str, message: str, rows: Path, tmp_path: Path, invoke: Invoke) -> None:

@@ -66,9 +66,8 @@ def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
-def test_terminals_that_cannot_show_every_sign(folder: Path, encoding: str) -> None:
-    environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
+def test_a_terminal_that_cannot_show_every_sign(folder: Path) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
     done = subprocess.run([*COMMAND, "check", str(folder)], capture_output=True, env=environment, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stderr == b""

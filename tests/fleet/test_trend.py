@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import HYPER_UM, TRUTH, plan
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from layout import check_texts
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.stats import halfnorm, multivariate_normal, norm
-from trends import doubts, drawn_rows, one_campaign, row, verdict, with_prior
+from trends import doubts, drawn_rows, one_campaign, verdict, with_prior
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.statistics import deviating, sufficient_statistics
+from ldbb_bayes.fleet.statistics import deviating
 from ldbb_bayes.fleet.trend import Trend, chart_of, hypotheses, instrument_moments, levels_of, scatter_rule, weigh
-from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.report.wording import probability_words
 
@@ -465,25 +461,6 @@ def test_geometric_errors_and_another_force(rows: pd.DataFrame) -> None:
     assert chosen.parameters["C_XXX"].probability > 0.9
 
 
-@pytest.mark.slow
-def test_from_readings() -> None:
-    """Campaigns simulated reading by reading, the joint loosened before the fifth of seven."""
-    generator = lb.HybridModel.default(0).without("mount", "force-error")
-    model = lb.HybridModel.default(1)
-    made = []
-    for t in range(7):
-        truth = TRUTH | {"C_XXX": TRUTH["C_XXX"] * (1.2 if t >= 4 else 1.0)}
-        campaign = generator.simulate(plan((60,) * 4), seed=100 + t, parameters=truth, hyper_um=HYPER_UM).campaign
-        posterior = HyperPosterior(model.without("truncation").bind(campaign), truncated=False)
-        made.append(row(sufficient_statistics(posterior), campaign=f"m{t}", name=f"m{t}", date=f"2026-0{t + 1}-10"))
-    found = lb.trend(pd.DataFrame(made))
-    own = found.parameters["C_XXX"]
-    assert own.probability > 0.95
-    assert np.argmax(by_time(found)) == 4
-    assert abs(own.change.mean - 0.2 * TRUTH["C_XXX"]) < 3.0 * own.change.sd
-    assert abs(own.level_before - TRUTH["C_XXX"]) < 3.0 * own.level_now.sd
-
-
 @pytest.mark.parametrize("case", ["many", "no dates", "one day", "one parameter"])
 def test_the_figure(case: str) -> None:
     """Units on its axes, text inside the page and clear of other text; campaigns of one day side by side."""
@@ -496,25 +473,10 @@ def test_the_figure(case: str) -> None:
     chosen = {"one parameter": ["C_XXX"], "no dates": ["C_XXX", "C_YYY", "E_YX2"]}.get(case)
     found = lb.trend(rows, parameters=chosen)
     figure = lb.control_chart(found)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
+    check_texts(figure)
     shown = [axes for axes in figure.axes if axes.get_visible()]
     assert len(shown) == 2 * len(found.parameters)
     bars = [patch.get_x() for axes in shown for patch in axes.patches]
     assert len(bars) == n * len(found.parameters)
     assert np.all(np.diff(bars[:n]) > 0.0)
-    page = figure.bbox
-    for axes in shown:
-        low, high = axes.get_xlim()
-        ticks = zip(axes.get_xticks(), axes.get_xticklabels(), strict=False)
-        inside = [label for place, label in ticks if low <= place <= high and label.get_text()]
-        boxes = [label.get_window_extent(renderer) for label in inside if label.get_visible()]
-        assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
-        for text in (axes.title, axes.xaxis.label, axes.yaxis.label):
-            box = text.get_window_extent(renderer)
-            assert not text.get_text() or (box.x0 >= page.x0 and box.x1 <= page.x1 and box.y0 >= page.y0 and box.y1 <= page.y1)
     assert "(nm/N)" in shown[0].get_ylabel() + shown[1].get_ylabel()
-    titles = [(axes.title.get_window_extent(renderer), axes.title.get_text()) for axes in shown]
-    boxes = [box for box, text in titles if text]
-    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[i + 1 :])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +11,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 from campaigns import plan, simulated
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from layout import check_texts, check_units
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
@@ -42,26 +40,12 @@ def make(kind: str) -> xr.DataTree:
     return lb.sample(lb.HybridModel.default(2), arcs, sampler="independent", rule=QUICK)
 
 
-@pytest.fixture(scope="module", params=["linear", "paper", "one test, few readings", "eleven arcs, quadratic"])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param("linear", marks=pytest.mark.slow), "paper", "one test, few readings", "eleven arcs, quadratic"],
+)
 def posterior(request: pytest.FixtureRequest) -> xr.DataTree:
     return make(request.param)
-
-
-def visible_texts(figure: Figure) -> list[Text]:
-    texts = []
-    for axes in filter(lambda own: own.get_visible(), figure.axes):
-        texts += [axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
-        for axis in (axes.xaxis, axes.yaxis):
-            low, high = sorted(axis.get_view_interval())
-            ticks = zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=False)
-            texts += [label for place, label in ticks if low <= place <= high]
-    return [text for text in texts if text.get_visible() and text.get_text().strip()]
-
-
-def check_units(figure: Figure) -> None:
-    labels = [text for axes in figure.axes if axes.get_visible() for text in (axes.get_xlabel(), axes.get_ylabel()) if text]
-    for label in labels:
-        assert "(" in label or label in ("value / prior sd", "value / posterior sd"), label
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -71,21 +55,9 @@ def test_texts_and_units(name: str, posterior: xr.DataTree) -> None:
     before = dict(mpl.rcParams)
     figure = FIGURES[name](posterior)
     assert dict(mpl.rcParams) == before
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
+    check_texts(figure)
     if name != "traces":
         check_units(figure)
-    page, texts = figure.bbox, visible_texts(figure)
-    boxes = [text.get_window_extent(canvas.get_renderer()) for text in texts]
-    for text, box in zip(texts, boxes, strict=True):
-        assert not re.search(r"(?<!\w)-\d", text.get_text()), text.get_text()
-        assert page.x0 - 2 <= box.x0 <= box.x1 <= page.x1 + 2, text.get_text()
-        assert page.y0 - 2 <= box.y0 <= box.y1 <= page.y1 + 2, text.get_text()
-    straight = [(text, box) for text, box in zip(texts, boxes, strict=True) if not text.get_rotation() % 90]
-    for i, (one, a) in enumerate(straight):
-        for other, b in straight[:i]:
-            width, height = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
-            assert width <= 1.5 or height <= 1.5, f"{one.get_text()!r} overlaps {other.get_text()!r}"
 
 
 def test_saved_in_both_formats_in_the_unit_of_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
