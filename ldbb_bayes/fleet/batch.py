@@ -189,7 +189,8 @@ def _origin(campaign: Campaign) -> dict[str, Any]:
 def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     """Columns of the fit, the Bayes factor and the statistics; where one of these two breaks down, a warning says so."""
     inside = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
-    posterior = sample_from(inside, settings.sampler, seed=settings.seed, rule=StoppingRule(ess=settings.ess))
+    rule = StoppingRule(ess=settings.ess)
+    posterior = sample_from(inside, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
     record, words = record_of(posterior), fit_in_words(posterior)
     model, breakdowns = settings.model, []
     beside: dict[str, Any] = {}

@@ -97,7 +97,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     for start in range(0, len(weight), _CHUNK):
         phi = bound.hyper_prior.phi(free[start : start + _CHUNK])
         _, shared = bound.collapsed.conditional(phi)
-        spread = shared.spread()[:, pick]
+        spread = shared.spread(np.eye(shared.mean.shape[1])[pick])
         means.append(shared.mean[:, pick])
         covariances.append(spread @ np.swapaxes(spread, 1, 2))
     mean, covariance = mixture_covariance(weight, np.concatenate(means), np.concatenate(covariances))

@@ -73,12 +73,8 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
 
 def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """One draw of the shared nuisance coefficients given each β, φ and y, shape (draws, q)."""
-    return np.concatenate(
-        [
-            bound.given_interest.conditional(phi[i : i + CHUNK], beta[i : i + CHUNK] - bound.centre)[1].draw(rng)
-            for i in range(0, len(phi), CHUNK)
-        ]
-    )
+    parts = [slice(start, start + CHUNK) for start in range(0, len(phi), CHUNK)]
+    return np.concatenate([bound.given_interest.conditional(phi[i], beta[i] - bound.centre)[1].draw(rng) for i in parts])
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
@@ -251,11 +247,9 @@ def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random
         inverse = harmonics_of(bound, r)
         residual = (np.asarray(reduced.projection) - shared[:, r] @ reduced.factor.T) @ inverse.T
         seen = inverse @ reduced.factor
-        covariance = sigma[:, None, None] ** 2 * (inverse @ inverse.T)
-        for columns, sd in _own(bound, phi, r):
-            spread = (seen @ columns) * sd[:, None, :]
-            covariance = covariance + spread @ np.swapaxes(spread, 1, 2)
-        orders = {n: _tail(residual[:, n == ORDERS], covariance[:, n == ORDERS][:, :, n == ORDERS]) for n in range(MAX_ORDER + 1)}
+        parts = [(inverse, np.tile(sigma[:, None], SIZE)), *((seen @ columns, sd) for columns, sd in _own(bound, phi, r))]
+        columns, sd = (np.concatenate(own, axis=1) for own in zip(*parts, strict=True))
+        orders = {n: _tail(residual[:, n == ORDERS], columns[n == ORDERS], sd) for n in range(MAX_ORDER + 1)}
         outside = reduced.readings - SIZE
         noise_p = correlation = correlation_p = None
         if outside > 0:
@@ -285,8 +279,9 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     return value, float(2.0 * ndtr(-abs(value - expected) * np.sqrt(n)))
 
 
-def _tail(residual: Array, covariance: Array) -> float:
-    """Mean over the draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k), V (draws, k, k)."""
+def _tail(residual: Array, columns: Array, sd: Array) -> float:
+    """Mean over the draws of P(χ² ≥ rᵀ V⁻¹ r), r (draws, k), V = C S² Cᵀ, C (k, v), S (draws, v)."""
+    covariance = np.einsum("iv,jv,wv->wij", columns, columns, sd**2)
     square = np.einsum("wi,wi->w", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
     return float(chdtrc(residual.shape[1], square).mean())
 

@@ -36,7 +36,7 @@ Array = NDArray[Any]
 SAMPLERS = ("joint", "independent")
 _CHAINS, _SPACING = 4, 4.0
 _PACKAGES = ("ldbb-bayes", "numpy", "scipy", "emcee", "arviz-stats")
-_PRIOR_DRAWS, _QUALITY_DRAWS = 4000, 1000
+_QUALITY_DRAWS = 1000
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
 
@@ -144,13 +144,15 @@ def sample(
 
 
 @one_blas_thread
-def sample_from(inside: HyperPosterior, sampler: str, *, seed: int, rule: StoppingRule, **options: Any) -> xr.DataTree:
+def sample_from(
+    inside: HyperPosterior, sampler: str, *, seed: int, rule: StoppingRule, prior_draws: int = 4000, **options: Any
+) -> xr.DataTree:
     """The same by the density of the hyper-parameters inside the truncation, and where the model has none without it."""
     started, clock, bound = datetime.now(UTC), time.perf_counter(), inside.bound
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.plain
     run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
-    groups = _groups(bound, beta, phi, np.random.default_rng(checking[0]))
+    groups = _groups(bound, beta, phi, prior_draws, np.random.default_rng(checking[0]))
     truncation = log_prob_truncation(inside)
     missed = [] if run.converged else [Concern(ConcernKind.NOT_CONVERGED, run.steps, rule.ess)]
     record: dict[str, Any] = {
@@ -226,7 +228,7 @@ def _concerns(bound: BoundModel, phi: Array, log_prob_truncation: float) -> Iter
             yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
 
 
-def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator) -> dict[str, dict[str, Array]]:
+def _groups(bound: BoundModel, beta: Array, phi: Array, size: int, rng: np.random.Generator) -> dict[str, dict[str, Array]]:
     """The arrays of the posterior, by group; the prior's are draws inside the truncation, a flat one's of φ only."""
     flat_beta, flat_phi = _picked(beta, phi)
     density = JointDensity(bound)
@@ -234,8 +236,8 @@ def _groups(bound: BoundModel, beta: Array, phi: Array, rng: np.random.Generator
     chunks = [slice(i, i + CHUNK) for i in range(0, len(points), CHUNK)]
     log_density = np.concatenate([density(points[part]) for part in chunks])
     per_test = np.concatenate([bound.log_likelihood_per_test(flat_phi[part], flat_beta[part]) for part in chunks])
-    prior_phi = bound.hyper_prior.draw(_PRIOR_DRAWS, rng)[None]
-    prior_beta = np.zeros((1, 0, 0)) if bound.model.prior.flat else bound.draw_parameters(_PRIOR_DRAWS, rng)[None]
+    prior_phi = bound.hyper_prior.draw(size, rng)[None]
+    prior_beta = np.zeros((1, 0, 0)) if bound.model.prior.flat else bound.draw_parameters(size, rng)[None]
     tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
     return {
         "posterior": _named(bound, beta, phi),

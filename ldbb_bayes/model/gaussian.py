@@ -174,7 +174,7 @@ class Gaussian:
         """X with X Xᵀ = covariance, shape (..., q, q); of linear combinations (m, q) of x: shape (..., m, q)."""
         rows = np.eye(self.scale.shape[-1]) if combinations is None else combinations
         scaled = np.swapaxes(rows * self.scale[..., None, :], -1, -2)
-        return np.swapaxes(solve_lower(self.root, scaled), -1, -2)
+        return np.swapaxes(solve_lower(self.root, scaled, triangular=combinations is None), -1, -2)
 
     @property
     def covariance(self) -> Array:
@@ -243,12 +243,13 @@ def eliminate(front: Array, links: Array | None = None) -> None:
             column *= 1.0 / np.sqrt(column[:, :1])
 
 
-def solve_lower(lower: Array, right: Array) -> Array:
-    """L⁻¹ X of stacks, shapes (..., q, q) and (..., q, k)."""
+def solve_lower(lower: Array, right: Array, *, triangular: bool = False) -> Array:
+    """L⁻¹ X of stacks, shapes (..., q, q) and (..., q, k), X perhaps lower ``triangular`` itself."""
     lower, solved = _stack_last(lower, right, 2)
     for i in range(len(solved)):
         if i:
-            solved[i] -= np.einsum("j...,jk...->k...", lower[i, :i], solved[:i])
+            k = i if triangular else None
+            solved[i, :k] -= np.einsum("j...,jk...->k...", lower[i, :i], solved[:i, :k])
         solved[i] /= lower[i, i]
     return np.moveaxis(solved, (0, 1), (-2, -1))
 
