@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from oracle import Oracle, OracleTest
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation
@@ -52,6 +54,16 @@ def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
     """Readings of a plan under plain truths."""
     model = HybridModel.default(0)
     return model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+
+
+def tidy(campaign: Campaign, path: Path) -> Path:
+    """Written as one table of all tests."""
+    columns = [
+        pd.DataFrame({"test": t.name, "force_N": t.force_N, "angle_deg": t.angle_deg, "reading_um": t.reading_um})
+        for t in campaign.tests
+    ]
+    pd.concat(columns).to_csv(path, index=False)
+    return path
 
 
 def oracle_of(campaign: Campaign, degree: int, **options: object) -> Oracle:

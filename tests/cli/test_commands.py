@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import Invoke, plan, simulated
+from campaigns import Invoke, plan, simulated, tidy
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
@@ -44,15 +44,6 @@ def blank(monkeypatch: pytest.MonkeyPatch) -> None:
         draw = getattr(lb.figures, name)
         if inspect.isfunction(draw) and name != "save_figures":
             monkeypatch.setattr(lb.figures, name, empty(draw))
-
-
-def tidy(campaign: lb.Campaign, path: Path) -> Path:
-    columns = [
-        pd.DataFrame({"test": t.name, "force_N": t.force_N, "angle_deg": t.angle_deg, "reading_um": t.reading_um})
-        for t in campaign.tests
-    ]
-    pd.concat(columns).to_csv(path, index=False)
-    return path
 
 
 def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:

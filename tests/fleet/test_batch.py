@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from batches import CONSTANT, FORCES_N, LINEAR, dataset_bytes, made_row, write_campaigns
-from campaigns import plan, simulated
+from campaigns import plan, simulated, tidy
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
@@ -150,12 +150,7 @@ def test_every_kind_of_error_is_a_reason(error: Exception, message: str, monkeyp
 
 
 def test_a_tidy_csv_takes_what_its_table_does_not_say(tmp_path: Path) -> None:
-    campaign = simulated(plan((60,) * 3, forces_N=FORCES_N))
-    frame = pd.concat(
-        pd.DataFrame({"test": t.name, "force_N": t.force_N, "angle_deg": t.angle_deg, "reading_um": t.reading_um})
-        for t in campaign.tests
-    )
-    frame.to_csv(tmp_path / "t.csv", index=False)
+    tidy(simulated(plan((60,) * 3, forces_N=FORCES_N)), tmp_path / "t.csv")
     settings = Settings(model_to_toml(CONSTANT), ess=ESS, table={"radius_mm": 100.0})
     row = fit_row(settings, Job(0, "t.csv", str(tmp_path / "t.csv")))
     assert row["sha256"] == lb.read_campaign(tmp_path / "t.csv", radius_mm=100.0).sha256
