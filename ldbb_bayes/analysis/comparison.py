@@ -174,6 +174,8 @@ class Comparison(Result):
         Empty where there is one force level.
     tolerance, largest_error : float
         Asked of every log evidence, and the largest seen [nat].
+    by_emcee : int
+        How many evidences emcee and bridge sampling took over, the weights of the nodes not to be trusted.
     """
 
     campaign: Readings
@@ -192,6 +194,7 @@ class Comparison(Result):
     local_fits: Records
     tolerance: float
     largest_error: float
+    by_emcee: int = 0
 
     @property
     def pair(self) -> tuple[str, str]:
@@ -303,6 +306,7 @@ def compare(
     factors = {ratio: log_bayes_factor(nodes.evidence, weighed[first].evidence) for ratio, nodes in over_first.items()}
     scaled, circles = (under(pair, changes, evidences) for changes in (by_scale, discrepancies))
     slopes, found, curves = slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
+    every = evidences.every + [own.evidence for others in left.values() for own in others.values()]
     # ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,).
     densities = {
         name: nodes.evidence.log_value - np.array([others.evidence.log_value for others in left[name].values()])
@@ -330,7 +334,8 @@ def compare(
         tests=_tests(weighed, left, densities, seed, tolerance) if several else {},
         local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if windows else pd.DataFrame(),
         tolerance=tolerance,
-        largest_error=max([evidences.largest_error, *(n.evidence.error for others in left.values() for n in others.values())]),
+        largest_error=max(own.error for own in every),
+        by_emcee=sum(own.by_emcee for own in every),
     )
 
 

@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.integrals import Integral
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes, draw_jointly
 from ldbb_bayes.jobs import one_blas_thread
@@ -57,8 +57,7 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
         For a flat prior, whose evidence is undefined, a plan, or a tolerance that is not positive.
     """
     check_comparable(model, campaign)
-    if not tolerance > 0:
-        raise InputError(f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-3.")
+    require(tolerance > 0, f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-3.")
     return _posterior(model, campaign).nodes(tolerance).evidence
 
 
@@ -69,13 +68,8 @@ def _posterior(model: HybridModel, campaign: Campaign, **options: Any) -> HyperP
 
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
     """Refuse what has no evidence: improper priors, and plans."""
-    if model.prior.flat:
-        raise InputError(
-            "a model must have a proper prior to have an evidence, got a flat one, under which it is undefined. "
-            "Use the default preset."
-        )
-    if campaign.is_plan:
-        raise InputError("a campaign must have readings to give an evidence, got a plan. Run the tests, or simulate it.")
+    require(not model.prior.flat, "a model must have a proper prior to have an evidence, got a flat one. Use the default preset.")
+    require(not campaign.is_plan, "a campaign must have readings to give an evidence, got a plan. Run the tests, or simulate it.")
 
 
 def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
@@ -86,11 +80,11 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
     InputError
         When the two are of different readings.
     """
-    if evidence.sha256 != other.sha256:
-        raise InputError(
-            "a Bayes factor must be between models of the same readings, got two campaigns "
-            f"({evidence.sha256[:12]}… and {other.sha256[:12]}…). Compute both evidences with the same campaign."
-        )
+    require(
+        evidence.sha256 == other.sha256,
+        "a Bayes factor must be between models of the same readings, got two campaigns "
+        f"({evidence.sha256[:12]}… and {other.sha256[:12]}…). Compute both evidences with the same campaign.",
+    )
     return evidence.log_value - other.log_value, evidence.error + other.error
 
 
@@ -100,11 +94,11 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
     plain, inside = truncated.plain.nodes(tolerance), truncated.nodes(tolerance)
     error = inside.error + plain.error
     log_value = inside.integral.log_integral - plain.integral.log_integral
-    if log_value > _NEARLY_ONE + error:
-        raise InputError(
-            f"the probability of physical compliances must not exceed one, got ln P = {log_value:.3g} ± {error:.2g}: readings "
-            "out of reach of double precision. Check their sign, the mount compensation and the forces."
-        )
+    require(
+        not log_value > _NEARLY_ONE + error,
+        f"the probability of physical compliances must not exceed one, got ln P = {log_value:.3g} ± {error:.2g}: readings "
+        "out of reach of double precision. Check their sign, the mount compensation and the forces.",
+    )
     return min(log_value, 0.0), error
 
 
@@ -133,12 +127,9 @@ def marginals(
     InputError
         For a plan, or a probability or tolerance out of range.
     """
-    if campaign.is_plan:
-        raise InputError("marginals must be asked of a campaign with readings, got a plan. Run the tests, or simulate it.")
-    if not 0.0 < ci_prob < 1.0:
-        raise InputError(f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
-    if not 0.0 < tolerance < 1.0:
-        raise InputError(f"tolerance must lie between 0 and 1, got {tolerance}. For example 1e-3.")
+    require(not campaign.is_plan, "marginals must be asked of a campaign with readings, got a plan. Run the tests or simulate.")
+    require(0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
+    require(0.0 < tolerance < 1.0, f"tolerance must lie between 0 and 1, got {tolerance}. For example 1e-3.")
     nodes = _posterior(model, campaign, seed=seed).nodes(tolerance)
     bound = nodes.bound
     levels = np.array([0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
@@ -181,9 +172,9 @@ class Evidences:
         return self._relatives[key].nodes(posterior)
 
     @property
-    def largest_error(self) -> float:
-        """Of all evidences so far [nat]."""
-        return max((nodes.evidence.error for nodes in self._weighed.values()), default=0.0)
+    def every(self) -> list[Evidence]:
+        """All evidences so far."""
+        return [nodes.evidence for nodes in self._weighed.values()]
 
 
 class _Relatives:

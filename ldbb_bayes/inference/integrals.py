@@ -8,6 +8,7 @@ along single axes cancel in their mean.
 In many dimensions they are quasi-random points of a proposal that is fitted, round by round, to where the weights are: a mixture
 of split Student-t along the axes of the modes (Geweke, Econometrica 57, 1317-1339, 1989). What a round finds is weighted by the
 proposal it was drawn from, never by one fitted to it: such weights are too small, by 0.1 nat in 45 dimensions.
+Where they cannot be trusted the nodes are emcee's draws, of equal weight, and ∫ f comes from bridge sampling.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, stdtrit
 
+from ldbb_bayes.inference.mcmc import StoppingRule, diagnose, run_ensembles
 from ldbb_bayes.model.gaussian import Sobol
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "Integral",
     "Mixture",
     "SplitT",
+    "bridge_sample",
     "grow_lattice",
     "importance_sample",
     "in_chunks",
@@ -60,6 +63,8 @@ class Integral:
         What a sample was drawn from, a density much like f; none of a lattice.
     left_out : float
         At most this share of the integral is in nodes whose density was not evaluated.
+    bridge_error : float
+        Of ln ∫ f by bridge sampling, where the nodes are emcee's draws; zero of others.
     """
 
     free: Array
@@ -69,6 +74,7 @@ class Integral:
     edge: NDArray[np.bool_]
     proposal: Mixture | None
     left_out: float = 0.0
+    bridge_error: float = 0.0
 
     @cached_property
     def _log_weight(self) -> Array:
@@ -97,7 +103,7 @@ class Integral:
         Of a lattice a part of the two grids' difference, whose first order cancels in their mean, and what lies beyond the edge
         or was not looked at. Of a sample twice the scatter between independent scrambles; no less than half of what plain random
         numbers would leave, as few scrambles may agree by luck; more where the tail of the weights is heavy, infinite where they
-        cannot be trusted.
+        cannot be trusted. Of emcee's draws the bridge's besides.
         """
         if not self.trusted:
             return np.inf
@@ -108,7 +114,8 @@ class Integral:
             return max(apart**2, _MEAN_OF_TWO * min(apart, _CANCELS)) + beyond + self.left_out
         plain = np.sqrt(max(1.0 / self.ess - 1.0 / len(self.weight), 0.0))
         heavy = 1.0 + max(self.pareto_k - _HEAVY[0], 0.0) / _HEAVY[1]
-        return float(max(_STUDENT * share.std(ddof=1) * np.sqrt(len(share)), _LUCK * plain) * heavy) + self.left_out
+        scatter = max(_STUDENT * share.std(ddof=1) * np.sqrt(len(share)), _LUCK * plain)
+        return float(scatter * heavy) + self.left_out + self.bridge_error
 
     @cached_property
     def pareto_k(self) -> float:
@@ -164,12 +171,13 @@ def integrate(
 ) -> Integral:
     """∫ f from the modes of f, highest first, and a root (h, h) of the inverse curvature at each.
 
-    A lattice, its first ``step`` in sd, in up to five dimensions; importance sampling in more. ``log_density`` maps
-    (n, h) to (n,).
+    A lattice, its first ``step`` in sd, in up to five dimensions; importance sampling in more, and emcee where its weights cannot
+    be trusted. ``log_density`` maps (n, h) to (n,).
     """
     if len(modes[0][0]) <= _LATTICE:
         return grow_lattice(log_density, modes, tolerance=tolerance, step=step)
-    return importance_sample(log_density, modes, tolerance=tolerance, seed=seed)
+    found = importance_sample(log_density, modes, tolerance=tolerance, seed=seed)
+    return found if found.trusted else bridge_sample(log_density, found, seed=seed)
 
 
 def in_chunks(log_density: LogDensity, points: Array) -> Array:
@@ -396,17 +404,22 @@ def _fitted(rounds: Sequence[Integral]) -> Mixture:
     proposals = [own.proposal for own in rounds if own.proposal is not None]
     points, values = (np.concatenate(own) for own in zip(*((own.free, own.log_density) for own in rounds), strict=True))
     of_rounds = [np.log(len(own.free)) + q.log_density(points) for own, q in zip(rounds, proposals, strict=True)]
-    log_weight, h, last = values - np.logaddexp.reduce(of_rounds, axis=0), points.shape[1], proposals[-1]
+    log_weight, h = values - np.logaddexp.reduce(of_rounds, axis=0), points.shape[1]
     power, weight = 1.0, np.zeros(0)
     while not weight.size or (1.0 / (weight**2).sum() < min(len(weight) / 3.0, 40.0 * (h + 1.0)) and power > 0.02):
         weight = np.exp(power * (log_weight - log_weight.max()))
         weight, power = weight / weight.sum(), 0.8 * power
-    by_component = last.by_component(points)
+    return _moved(proposals[-1], points, weight)
+
+
+def _moved(proposal: Mixture, points: Array, weight: Array) -> Mixture:
+    """Every component that counts refitted to its part of weighted points."""
+    by_component = proposal.by_component(points)
     shares = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))
     mass = shares.sum(axis=1)
     components = tuple(
         _refitted(own, points, part / total) if total > _LIGHTEST else own
-        for own, part, total in zip(last.components, shares, mass, strict=True)
+        for own, part, total in zip(proposal.components, shares, mass, strict=True)
     )
     share = np.maximum(mass, _LIGHTEST)
     return Mixture(components, share / share.sum())
@@ -464,6 +477,75 @@ def _fit_axes(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
 
 def _tail(square: Array, scale: Array, freedom: Array | float) -> Array:
     return np.asarray(0.5 * (freedom + 1.0) * np.log1p(square / (freedom * scale**2)))
+
+
+_ENSEMBLES, _WALKERS, _DRAWS, _LONGER, _RUNS, _NODES = 4, 64, 1000.0, 3, 4, 4096
+_WIDE, _WANDERED, _APART, _SETTLED = 1.5, 20.0, 1.2, 1e-6
+
+
+def bridge_sample(log_density: LogDensity, sample: Integral, *, seed: int = 0) -> Integral:
+    """emcee's draws as nodes of equal weight, ∫ f by bridge sampling; the sample itself where ensembles do not converge.
+
+    Half of the ensembles start from the sample's heavy points, half from wide draws of its proposal. To one half a proposal is
+    fitted; the other, with draws of that proposal, gives ∫ f (Meng and Wong, Statistica Sinica 6, 831-860, 1996; Gronau et al.,
+    J. Math. Psych. 81, 80-97, 2017). Then they change roles: the two results must agree within the error.
+    """
+    random = np.random.RandomState(seed)
+    chain = _chain(log_density, sample, random)
+    if chain is None:
+        return sample
+    (one, its_error, _), (other, other_error, proposal) = (
+        _bridge(log_density, sample, *halves, random) for halves in ((chain[:2], chain[2:]), (chain[2:], chain[:2]))
+    )
+    picked = chain.reshape(_ENSEMBLES, -1, chain.shape[3])[:, :: -(-chain[..., 0].size // _NODES)]
+    free, part = np.concatenate(picked), np.repeat(np.arange(_ENSEMBLES), picked.shape[1])
+    values = in_chunks(log_density, free)
+    log_volume = 0.5 * (one + other) - np.log(len(free)) - values
+    error = 0.5 * _STUDENT * max(float(np.hypot(its_error, other_error)), abs(one - other))
+    return Integral(free, values, log_volume, part, np.zeros(len(free), dtype=bool), proposal, bridge_error=error)
+
+
+def _chain(log_density: LogDensity, sample: Integral, random: np.random.RandomState) -> Array | None:
+    """Draws of f, shape (ensembles, walkers, draws, h), of ensembles that have each been everywhere; none where they have not.
+
+    The walkers of an ensemble wander together, unseen by diagnostics that take them for chains: it is their mean ln f, in the
+    order of time, that must mix. Until it does a run three times as long begins where the last one ended.
+    """
+    h = sample.free.shape[1]
+    half = _ENSEMBLES // 2 * (walkers := max(_WALKERS, 4 * h))
+    heavy = np.argsort(-sample._log_weight - random.gumbel(size=len(sample.free)))[:half]
+    starts = np.concatenate([sample.free[heavy], sample.draw(half, random, temperature=_WIDE)]).reshape(_ENSEMBLES, walkers, h)
+    for k in range(_RUNS):
+        rule, sequence = StoppingRule(ess=_DRAWS * _LONGER**k), np.random.SeedSequence(random.randint(1 << 31))
+        run = run_ensembles(log_density, starts, rule=rule, seed=sequence)
+        chain = run.chain.reshape(_ENSEMBLES, walkers, -1, h)
+        height = in_chunks(log_density, chain.reshape(-1, h)).reshape(chain.shape[:3]).mean(axis=1)
+        effective, _, apart = diagnose(height[..., None])[:, 0]
+        if run.converged and effective >= _WANDERED and apart <= _APART:
+            return chain
+        starts = chain[:, :, -1]
+    return None
+
+
+def _bridge(log_density: LogDensity, sample: Integral, fitted: Array, chain: Array, rng: Random) -> tuple[float, float, Mixture]:
+    """ln ∫ f from one chain (ensembles, walkers, draws, h) and draws of a proposal fitted to another; its standard error
+    (Frühwirth-Schnatter, Econometrics Journal 7, 143-167, 2004), the chain's from means over walkers in the order of time; and
+    the proposal."""
+    own, points = (each.reshape(-1, chain.shape[3]) for each in (fitted, chain))
+    proposal = cast(Mixture, sample.proposal)
+    for _ in range(2):
+        proposal = _moved(proposal, own, np.full(len(own), 1.0 / len(own)))
+    drawn = proposal.draw(len(points), rng)
+    here, there = (in_chunks(log_density, own) - proposal.log_density(own) for own in (points, drawn))
+    share = 1.0 / (1.0 + len(points) / diagnose(chain.reshape(len(chain), -1, chain.shape[3]))[0].min())
+    value, before = float(np.median(here)), np.inf
+    while abs(value - before) > _SETTLED:
+        of_chain, of_drawn = (-np.logaddexp(np.log(share) + own, np.log1p(-share) + value) for own in (here, there))
+        before, value = value, float(np.logaddexp.reduce(there + of_drawn) - np.logaddexp.reduce(of_chain))
+    over_time = np.exp(of_chain + value).reshape(chain.shape[:3]).mean(axis=1)
+    inside = np.exp(there + of_drawn)
+    variance = over_time.var() / over_time.mean() ** 2 / diagnose(over_time[..., None])[0, 0]
+    return value, float(np.sqrt(variance + inside.var() / inside.mean() ** 2 / len(inside))), proposal
 
 
 def _pareto_k(log_weight: Array) -> float:

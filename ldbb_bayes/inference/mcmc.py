@@ -1,4 +1,5 @@
-"""p(β, φ | y) by ensembles of walkers, run until there is enough. The only importer of emcee."""
+"""Log densities sampled by ensembles of walkers, run until there is enough; nothing here knows of circles. The only importer of
+emcee."""
 
 from __future__ import annotations
 
@@ -8,27 +9,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ldbb_bayes.errors import InputError
-from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.model.hybrid import BoundModel
-
 __all__ = [
     "Assessment",
     "EnsembleRun",
-    "JointDensity",
-    "LinearRedraw",
     "Progress",
+    "Redraw",
     "StoppingRule",
     "assess",
     "diagnose",
     "run_ensembles",
-    "sample_joint",
 ]
 
 Array = NDArray[Any]
@@ -39,8 +34,6 @@ _JUMP = 0.1
 _REDRAWN = 0.9
 _MOST_DRAWS = 25_000
 _STOCK = 512
-_WALKERS = 128
-_START_TEMPERATURE, _TRIES = 1.5, 2
 _TAILS = (0.05, 0.95)
 _ROUNDING = 1e-15
 
@@ -201,7 +194,7 @@ def run_ensembles(
     rule: StoppingRule,
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None = None,
-    redraw: LinearRedraw | None = None,
+    redraw: Redraw | None = None,
 ) -> EnsembleRun:
     """Run one ensemble per start until the rule is met: differential evolution, mixed with independent draws from ``redraw``.
 
@@ -218,9 +211,8 @@ def run_ensembles(
     worst: int | None = None
     while True:
         draws, thin = rule.next_block(steps)
-        chains, states, shares = map(
-            list, zip(*(_run_block(*own, draws, thin) for own in zip(samplers, states, strict=True)), strict=True)
-        )
+        blocks = [_run_block(*own, draws, thin) for own in zip(samplers, states, strict=True)]
+        chains, states, shares = map(list, zip(*blocks, strict=True))
         parts.append((thin, np.stack(chains)))
         accepted.append(float(np.mean(shares)))
         steps += draws * thin
@@ -240,7 +232,7 @@ def run_ensembles(
             return EnsembleRun(chain, assessment, converged, steps, walkers, float(np.mean(accepted)))
 
 
-def _sampler(log_density: Callable[[Array], Array], shape: tuple[int, int], redraw: LinearRedraw | None) -> Any:
+def _sampler(log_density: Callable[[Array], Array], shape: tuple[int, int], redraw: Redraw | None) -> Any:
     """One ensemble of so many walkers and dimensions."""
     de = _emcee().moves.DEMove
     moves = [(de(), 1.0 - _JUMP), (de(gamma0=1.0), _JUMP)]
@@ -268,10 +260,17 @@ def _kept_draws(parts: list[tuple[int, Array]], rule: StoppingRule) -> Array:
     return np.swapaxes(kept[:, (kept.shape[1] - 1) % stride :: stride], 1, 2).reshape(len(kept), -1, kept.shape[3])
 
 
+class Redraw(Protocol):
+    """Independent points (size, d), their log weights, target over proposal, and log densities; and log weights of any points."""
+
+    def draw(self, size: int, random: np.random.RandomState) -> tuple[Array, Array, Array]: ...
+    def log_weight(self, points: Array) -> Array: ...
+
+
 class RedrawMove:
     """Independent proposals for all walkers (Tierney 1994), accepted by weights, target over proposal, there and here."""
 
-    def __init__(self, redraw: LinearRedraw) -> None:
+    def __init__(self, redraw: Redraw) -> None:
         self._redraw, self._stock = redraw, list[Array]()
         self._before, self._weight = np.zeros(0), np.zeros(0)
 
@@ -291,94 +290,3 @@ class RedrawMove:
         state.coords[accepted], state.log_prob[accepted] = points[accepted], log_target[accepted]
         self._before, self._weight = state.coords.copy(), np.where(accepted, log_weight, here)
         return state, accepted
-
-
-@dataclass(frozen=True, eq=False)
-class JointDensity:
-    """ln p(x | y) up to a constant, x = ((β − centre) / scale, ln(φ − lower))."""
-
-    bound: BoundModel
-
-    def __call__(self, x: Array) -> Array:
-        """Log density of (n, p + h) points, shape (n,)."""
-        beta, free = self.split(x)
-        total = self.bound.log_prior(beta) + self.bound.hyper_prior.log_density_of_free(free)
-        inside = np.isfinite(total)
-        if inside.any():
-            total[inside] += self.bound.log_likelihood(self.bound.hyper_prior.phi(free[inside]), beta[inside])
-        return np.asarray(total)
-
-    def split(self, x: Array) -> tuple[Array, Array]:
-        """x (..., p + h) → β (..., p), the free coordinates of φ (..., h)."""
-        p = len(self.bound.names)
-        return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
-
-    def join(self, beta: Array, free: Array) -> Array:
-        """The reverse of `split`."""
-        return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class LinearRedraw:
-    """(β, φ) anew: φ from the proposal fitted to its nodes, β from its exact conditional Gaussian given φ; inside the truncation
-    from the tilted draws that are nearly that Gaussian's part inside."""
-
-    density: JointDensity
-    start: HyperPosterior
-
-    def draw(self, size: int, random: np.random.RandomState, *, temperature: float = 1.0) -> tuple[Array, Array, Array]:
-        """Points (size, p + h), log weights, target over proposal, and log densities of the target, (size,) each."""
-        bound = self.density.bound
-        free = self.start.proposal.draw(size, random, temperature=temperature)
-        log_evidence, given = self.start.given(free)
-        white, log_tilt = random.standard_normal(given.mean.shape), np.zeros(size)
-        if bound.truncation.active:
-            uniform = random.random_sample((size, len(bound.truncation.rows)))
-            white, log_tilt = given.orthant.propose_spread(uniform, white)
-        beta = given.at(white)
-        log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
-        log_target = np.where(bound.truncation.holds(beta), log_marginal + given.log_density(beta), -np.inf)
-        log_weight = np.where(np.isfinite(log_target), log_marginal - self.start.proposal.log_proposal(free) + log_tilt, -np.inf)
-        return self.density.join(beta, free), log_weight, log_target - bound.log_prob_truncation_prior
-
-    def log_weight(self, points: Array) -> Array:
-        """Log weights of points inside the truncation, shape (n,)."""
-        beta, free = self.density.split(points)
-        log_evidence, given = self.start.given(free)
-        log_tilt = given.orthant.log_weight_of(given.white(beta)) if self.density.bound.truncation.active else 0.0
-        log_marginal = self.density.bound.hyper_prior.log_density_of_free(free) + log_evidence
-        return np.asarray(log_marginal - self.start.proposal.log_proposal(free) + log_tilt)
-
-
-def sample_joint(
-    start: HyperPosterior,
-    *,
-    ensembles: int = 4,
-    walkers: int | None = None,
-    rule: StoppingRule,
-    seed: np.random.SeedSequence,
-    progress: Callable[[Progress], None] | None = None,
-) -> tuple[EnsembleRun, Array, Array]:
-    """The run, and draws of β (ensembles, draws, p) and φ (ensembles, draws, h) [mm] from the joint posterior.
-
-    Ensembles start from φ drawn a little wider than its posterior, and from the exact conditional Gaussian of β."""
-    density = JointDensity(start.bound)
-    d = len(start.bound.names) + len(start.bound.hyper_prior.names)
-    count = walkers or max(_WALKERS, 4 * d)
-    if ensembles < 4:
-        raise InputError(f"ensembles must be at least 4, got {ensembles}. R-hat needs independent chains.")
-    if count < 2 * d or count % 2:
-        raise InputError(f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more walkers.")
-    starting, sampling = seed.spawn(2)
-    redraw, random = LinearRedraw(density, start), np.random.RandomState(starting.generate_state(8))
-    points, _, log_target = redraw.draw(_TRIES * ensembles * count, random, temperature=_START_TEMPERATURE)
-    inside = points[np.isfinite(log_target)]
-    if len(inside) < ensembles * count:
-        raise InputError(
-            "the posterior must leave room inside the truncation, got almost none. The readings contradict non-negative "
-            "compliance: check the sign of the readings, the mount compensation and the forces, or fit --without truncation."
-        )
-    starts = inside[: ensembles * count].reshape(ensembles, count, d)
-    run = run_ensembles(density, starts, rule=rule, seed=sampling, progress=progress, redraw=redraw)
-    beta, free = density.split(run.chain)
-    return run, beta, start.bound.hyper_prior.phi(free)

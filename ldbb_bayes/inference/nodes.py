@@ -189,12 +189,15 @@ class Evidence:
         Of the quadrature.
     sha256 : str
         Digest of the readings it is of.
+    by_emcee : bool
+        Whether emcee and bridge sampling took over, the weights of the nodes not to be trusted.
     """
 
     log_value: float
     error: float
     nodes: int
     sha256: str
+    by_emcee: bool = False
 
 
 _SPARE, _COMPONENTS = 1e-7, 8192
@@ -226,7 +229,8 @@ class Nodes:
         if len(names) < len(campaign.tests):
             sha256 = hashlib.sha256("\n".join([sha256, *names]).encode()).hexdigest()
         prior = self.bound.log_prob_truncation_prior if self.posterior.truncated else 0.0
-        return Evidence(self.integral.log_integral - prior, self.error, len(self.integral.weight), sha256)
+        by_emcee = self.integral.bridge_error > 0.0
+        return Evidence(self.integral.log_integral - prior, self.error, len(self.integral.weight), sha256, by_emcee)
 
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """β given nodes picked by their weights, shape (size, p), and their φ, shape (size, h) [mm]."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.integrals import CHUNK
-from ldbb_bayes.inference.mcmc import EnsembleRun, JointDensity, Progress, StoppingRule, assess, sample_joint
+from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_jointly
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
 from ldbb_bayes.inference.predictive import fit_quality, predictive_checks
@@ -30,20 +30,110 @@ from ldbb_bayes.model.terms import Drift
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["SAMPLERS", "check_sampler", "draw", "run_sampler", "sample", "sample_from", "versions"]
+__all__ = ["JointDensity", "LinearRedraw", "check_sampler", "draw", "run_sampler", "sample", "sample_from", "versions"]
 
 Array = NDArray[Any]
-SAMPLERS = ("joint", "independent")
 _CHAINS, _SPACING = 4, 4.0
+_WALKERS, _START_TEMPERATURE, _TRIES = 128, 1.5, 2
 _PACKAGES = ("ldbb-bayes", "numpy", "scipy", "emcee", "arviz-stats")
 _QUALITY_DRAWS = 1000
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
 
 
+@dataclass(frozen=True, eq=False)
+class JointDensity:
+    """ln p(x | y) up to a constant, x = ((β − centre) / scale, ln(φ − lower))."""
+
+    bound: BoundModel
+
+    def __call__(self, x: Array) -> Array:
+        """Log density of (n, p + h) points, shape (n,)."""
+        beta, free = self.split(x)
+        total = self.bound.log_prior(beta) + self.bound.hyper_prior.log_density_of_free(free)
+        inside = np.isfinite(total)
+        if inside.any():
+            total[inside] += self.bound.log_likelihood(self.bound.hyper_prior.phi(free[inside]), beta[inside])
+        return np.asarray(total)
+
+    def split(self, x: Array) -> tuple[Array, Array]:
+        """x (..., p + h) → β (..., p), the free coordinates of φ (..., h)."""
+        p = len(self.bound.names)
+        return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
+
+    def join(self, beta: Array, free: Array) -> Array:
+        """The reverse of `split`."""
+        return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearRedraw:
+    """(β, φ) anew: φ from the proposal fitted to its nodes, β from its exact conditional Gaussian given φ; inside the truncation
+    from the tilted draws that are nearly that Gaussian's part inside."""
+
+    density: JointDensity
+    start: HyperPosterior
+
+    def draw(self, size: int, random: np.random.RandomState, *, temperature: float = 1.0) -> tuple[Array, Array, Array]:
+        """Points (size, p + h), log weights, target over proposal, and log densities of the target, (size,) each."""
+        bound = self.density.bound
+        free = self.start.proposal.draw(size, random, temperature=temperature)
+        log_evidence, given = self.start.given(free)
+        white, log_tilt = random.standard_normal(given.mean.shape), np.zeros(size)
+        if bound.truncation.active:
+            uniform = random.random_sample((size, len(bound.truncation.rows)))
+            white, log_tilt = given.orthant.propose_spread(uniform, white)
+        beta = given.at(white)
+        log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
+        log_target = np.where(bound.truncation.holds(beta), log_marginal + given.log_density(beta), -np.inf)
+        log_weight = np.where(np.isfinite(log_target), log_marginal - self.start.proposal.log_proposal(free) + log_tilt, -np.inf)
+        return self.density.join(beta, free), log_weight, log_target - bound.log_prob_truncation_prior
+
+    def log_weight(self, points: Array) -> Array:
+        """Log weights of points inside the truncation, shape (n,)."""
+        beta, free = self.density.split(points)
+        log_evidence, given = self.start.given(free)
+        log_tilt = given.orthant.log_weight_of(given.white(beta)) if self.density.bound.truncation.active else 0.0
+        log_marginal = self.density.bound.hyper_prior.log_density_of_free(free) + log_evidence
+        return np.asarray(log_marginal - self.start.proposal.log_proposal(free) + log_tilt)
+
+
+def _joint(
+    start: HyperPosterior,
+    *,
+    ensembles: int = 4,
+    walkers: int | None = None,
+    rule: StoppingRule,
+    seed: np.random.SeedSequence,
+    progress: Callable[[Progress], None] | None = None,
+) -> tuple[EnsembleRun, Array, Array]:
+    """The run, and draws of β (ensembles, draws, p) and φ (ensembles, draws, h) [mm] from the joint posterior.
+
+    Ensembles start from φ drawn a little wider than its posterior, and from the exact conditional Gaussian of β."""
+    density = JointDensity(start.bound)
+    d = len(start.bound.names) + len(start.bound.hyper_prior.names)
+    count = walkers or max(_WALKERS, 4 * d)
+    require(ensembles >= 4, f"ensembles must be at least 4, got {ensembles}. R-hat needs independent chains.")
+    even = count >= 2 * d and count % 2 == 0
+    require(even, f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more walkers.")
+    starting, sampling = seed.spawn(2)
+    redraw, random = LinearRedraw(density, start), np.random.RandomState(starting.generate_state(8))
+    points, _, log_target = redraw.draw(_TRIES * ensembles * count, random, temperature=_START_TEMPERATURE)
+    inside = points[np.isfinite(log_target)]
+    require(
+        len(inside) >= ensembles * count,
+        "the posterior must leave room inside the truncation, got almost none. The readings contradict non-negative "
+        "compliance: check the sign of the readings, the mount compensation and the forces, or fit --without truncation.",
+    )
+    starts = inside[: ensembles * count].reshape(ensembles, count, d)
+    run = run_ensembles(density, starts, rule=rule, seed=sampling, progress=progress, redraw=redraw)
+    beta, free = density.split(run.chain)
+    return run, beta, start.bound.hyper_prior.phi(free)
+
+
 def check_sampler(sampler: str) -> None:
     """Refuse what is no sampler."""
-    check_known("sampler", [sampler], SAMPLERS)
+    check_known("sampler", [sampler], ("joint", "independent"))
 
 
 def run_sampler(
@@ -60,7 +150,7 @@ def run_sampler(
     Of independent draws ``steps`` counts those of one chain, ``acceptance`` is the share of proposals used.
     """
     if sampler == "joint":
-        return sample_joint(start, rule=rule, seed=seed, progress=progress, **ensembles)
+        return _joint(start, rule=rule, seed=seed, progress=progress, **ensembles)
     rng = np.random.default_rng(seed)
     # A third more than the target, so that the smallest of many estimates of ESS reaches it.
     each = int(np.ceil(1.3 * rule.ess / _CHAINS + 50))
@@ -136,8 +226,7 @@ def sample(
         For a plan, an unknown sampler, or a model that the campaign cannot carry.
     """
     check_sampler(sampler)
-    if campaign.is_plan:
-        raise InputError("campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
+    require(not campaign.is_plan, "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
     inside = HyperPosterior(model.bind(campaign), truncated=True, seed=seed)
     options: dict[str, Any] = {"ensembles": ensembles, "walkers": walkers, "rule": rule or StoppingRule(), "progress": progress}
     return sample_from(inside, sampler, seed=seed, **options)

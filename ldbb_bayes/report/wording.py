@@ -554,6 +554,8 @@ def _slopes(comparison: Comparison) -> Iterator[str]:
 
 
 def _error_sought(comparison: Comparison) -> Iterator[str]:
+    if count := comparison.by_emcee:
+        yield f"For {count} of the log evidences weights could not be trusted: emcee took over, and bridge sampling."
     if not comparison.within_tolerance:
         error, asked = comparison.largest_error, comparison.tolerance
         yield f"A log evidence has an error of {error:.2g} nats, more than the {asked:g} asked for (--tolerance)."

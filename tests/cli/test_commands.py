@@ -207,9 +207,10 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
 def test_compare_that_misses_its_tolerance(
     three: Path, compared: Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lb, "compare", lambda *_, **__: replace(compared, largest_error=1.0))
+    monkeypatch.setattr(lb, "compare", lambda *_, **__: replace(compared, largest_error=1.0, by_emcee=2))
     code, shown, _ = invoke("compare", three, "--json")
     assert (code, json.loads(shown)["largest_error"]) == (1, 1.0)
+    assert "For 2 of the log evidences weights could not be trusted" in json.loads(shown)["verdict"]
 
 
 @pytest.mark.usefixtures("few_states")

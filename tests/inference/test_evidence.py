@@ -154,6 +154,19 @@ CAMPAIGNS = {
 }
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("truncated", [False, True])
+def test_emcee_takes_over_where_weights_cannot_be_trusted(truncated: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = lb.HybridModel.default(0) if truncated else lb.HybridModel.default(0).without("truncation")
+    exact = lb.log_evidence(model, CAMPAIGNS["uniform"])
+    monkeypatch.setattr("ldbb_bayes.inference.integrals._LATTICE", 0)
+    monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
+    found = lb.log_evidence(model, CAMPAIGNS["uniform"], tolerance=0.1)
+    assert (exact.by_emcee, found.by_emcee) == (False, True)
+    assert found.error < 0.1
+    assert found.log_value == pytest.approx(exact.log_value, abs=1.5 * found.error)
+
+
 def test_fixing_all_slopes_is_the_constant_model() -> None:
     model = lb.HybridModel.default(1)
     fixed, constant = model.fixing(*SLOPES), model.with_degree(0)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import arviz_stats.base
+import emcee
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.special import gammaln
 
-from ldbb_bayes.inference.integrals import Integral, _pareto_k, grow_lattice, importance_sample, integrate
+from ldbb_bayes.inference.integrals import Integral, _pareto_k, bridge_sample, grow_lattice, importance_sample, integrate
 from ldbb_bayes.model.gaussian import central_differences, newton
 
 Array = np.ndarray
@@ -76,6 +77,31 @@ def two_modes(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]
 
 
 PROBLEMS = [gaussian, log_gammas, half_normals, students, banana, two_modes]
+
+
+def student(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
+    """In all directions at once: no product of one-dimensional tails fits it."""
+    constant = gammaln(4.0 + 0.5 * h) - gammaln(4.0) - 0.5 * h * np.log(8.0 * np.pi)
+    return lambda x: constant - (4.0 + 0.5 * h) * np.log1p((x**2).sum(axis=1) / 8.0), [np.zeros(h)]
+
+
+def bananas(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
+    bend = rng.uniform(0.5, 0.7)
+
+    def log_density(x: Array) -> Array:
+        return stats.norm.logpdf(np.hstack([x[:, ::2], x[:, 1::2] - bend * (x[:, ::2] ** 2 - 1.0)])).sum(axis=1)
+
+    return log_density, [np.zeros(h)]
+
+
+def funnel(rng: np.random.Generator, h: int) -> tuple[LogDensity, list[Array]]:
+    """The first coordinate is ln of the variance of the others (Neal, Annals of Statistics 31, 705-767, 2003)."""
+
+    def log_density(x: Array) -> Array:
+        others = stats.norm.logpdf(x[:, 1:] * np.exp(-0.5 * x[:, :1])) - 0.5 * x[:, :1]
+        return np.asarray(stats.norm.logpdf(x[:, 0]) + others.sum(axis=1))
+
+    return log_density, [np.zeros(h)]
 
 
 def modes_of(log_density: LogDensity, starts: list[Array]) -> list[tuple[Array, Array]]:
@@ -190,33 +216,85 @@ class Circles:
         return lattice.log_integral, first, np.sqrt(second - first**2)
 
 
+def plain_emcee(log_density: LogDensity, start: Array, steps: int) -> tuple[Array, Array]:
+    """Means and sds of walkers that know nothing but the density and where to start."""
+    rng, shape = np.random.default_rng(1), (4 * len(start), len(start))
+    moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
+    sampler = emcee.EnsembleSampler(*shape, log_density, vectorize=True, moves=moves)
+    state = emcee.State(start + 0.3 * rng.normal(size=shape), random_state=np.random.RandomState(1).get_state())
+    sampler.run_mcmc(state, steps // 10, thin_by=10)
+    kept = sampler.get_chain(flat=True, discard=steps // 50)
+    return kept.mean(axis=0), kept.std(axis=0)
+
+
 @pytest.mark.slow
 def test_a_scale_for_every_circle() -> None:
-    """45 hyper-parameters: evidence, means within 0.05 sd and sds within 3 %."""
+    """45 hyper-parameters: evidence, means within 0.05 sd and sds within 3 % of the truth, and of a long run of plain emcee."""
     model = Circles(np.random.default_rng(5))
-    log_integral, mean, sd = model.truth()
+    log_integral, *truth = model.truth()
     modes = modes_of(model.log_density, [np.concatenate([[-0.5, -0.3, -0.4, 0.1, 2.0], np.zeros(40)])])
     found = importance_sample(model.log_density, modes, tolerance=1e-2)
     own = found.weight @ found.free
     assert found.trusted
     assert found.error <= 0.02
     assert found.log_integral == pytest.approx(log_integral, abs=3.0 * found.error + 1e-2)
-    np.testing.assert_allclose((own - mean) / sd, 0.0, atol=0.05)
-    np.testing.assert_allclose(np.sqrt(found.weight @ (found.free - own) ** 2) / sd, 1.0, atol=0.03)
+    for mean, sd in (truth, plain_emcee(model.log_density, modes[0][0], 20_000)):
+        np.testing.assert_allclose((own - mean) / sd, 0.0, atol=0.05)
+        np.testing.assert_allclose(np.sqrt(found.weight @ (found.free - own) ** 2) / sd, 1.0, atol=0.03)
 
 
 def test_what_cannot_be_trusted_says_so() -> None:
-    """Student-t in all directions at once: no product of one-dimensional tails fits it."""
-    h = 45
-
-    def log_density(x: Array) -> Array:
-        return -0.5 * (8.0 + h) * np.log1p((x**2).sum(axis=1) / 8.0)
-
-    found = importance_sample(log_density, modes_of(log_density, [np.zeros(h)]), tolerance=0.02, most=8192)
+    found = importance_sample(*case(student, 45, 0), tolerance=0.02, most=8192)
     assert not found.trusted
     assert found.error == np.inf
     lattice = grow_lattice(*case(half_normals, 3, 0), tolerance=1e-6, most=2000)
     assert lattice.error > 1e-6
+
+
+def check_that_emcee_took_over(problem: Problem, h: int, seed: int) -> None:
+    """Truth: ln 1, mean zero, as likely above zero as below."""
+    log_density, modes = case(problem, h, seed)
+    found = integrate(log_density, modes, tolerance=0.02, seed=seed)
+    assert found.bridge_error > 0.0
+    assert abs(found.log_integral) <= 1.5 * found.error, "the error is of two standard errors"
+    assert found.error < 0.1
+    sd = np.sqrt(found.weight @ found.free**2)
+    np.testing.assert_allclose(found.weight @ found.free / sd, 0.0, atol=0.12)
+    half = found.times(lambda index: stats.norm.logcdf(found.free[index, 0] / sd[0]), 1e-4)
+    assert half.log_integral == pytest.approx(np.log(0.5), abs=1.5 * half.error)
+    assert found.error < half.error < 0.3
+    drawn = found.draw(4000, np.random.default_rng(seed))
+    bounded = np.exp(log_density(drawn) - np.logaddexp(log_density(drawn), found.log_proposal(drawn)))
+    chained = np.exp(found.log_proposal(found.free) - np.logaddexp(found.log_density, found.log_proposal(found.free)))
+    assert bounded.mean() == pytest.approx(chained.mean(), abs=0.05), "f / (f + q) over q is q / (f + q) over f"
+
+
+def test_emcee_takes_over() -> None:
+    check_that_emcee_took_over(funnel, 6, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("problem", "h"), [(student, 20), (bananas, 20), (funnel, 10)])
+def test_emcee_takes_over_where_it_is_hard(problem: Problem, h: int, seed: int) -> None:
+    check_that_emcee_took_over(problem, h, seed)
+
+
+@pytest.mark.slow
+def test_a_bridge_where_a_sample_is_trusted() -> None:
+    cases = [case(problem, 8, seed) for problem in (gaussian, log_gammas, two_modes) for seed in range(3)]
+    samples = [importance_sample(*own, tolerance=0.02, seed=k) for k, own in enumerate(cases)]
+    found = [bridge_sample(own[0], sample, seed=k) for k, (own, sample) in enumerate(zip(cases, samples, strict=True))]
+    assert all(0.0 < own.bridge_error < 0.05 for own in found)
+    assert all(abs(own.log_integral) <= 1.5 * own.error for own in found)
+
+
+def test_ensembles_that_do_not_converge_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    log_density, modes = case(gaussian, 6, 0)
+    sample = importance_sample(log_density, modes, tolerance=0.1)
+    monkeypatch.setattr("ldbb_bayes.inference.integrals._WANDERED", np.inf)
+    monkeypatch.setattr("ldbb_bayes.inference.integrals._RUNS", 1)
+    assert bridge_sample(log_density, sample) is sample
 
 
 @pytest.mark.parametrize(("problem", "h"), [(gaussian, 4), (log_gammas, 4), (two_modes, 2), (log_gammas, 8)])

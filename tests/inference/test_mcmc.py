@@ -11,8 +11,9 @@ from arviz_stats.base import array_stats
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.mcmc import Assessment, JointDensity, LinearRedraw, StoppingRule, diagnose, run_ensembles
+from ldbb_bayes.inference.mcmc import Assessment, StoppingRule, diagnose, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.sample import JointDensity, LinearRedraw
 
 MODELS = {
     "truncated": lb.HybridModel.default(1),
