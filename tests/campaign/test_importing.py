@@ -231,6 +231,7 @@ def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
     entry = {"file": "a.csv", "force_N": 5.0, "direction": "CCW"}
     layout = lb.Layout.model_validate({"forces_N": [36.0, 742.0], "test": [entry]})
     assert layout.with_given({"direction": "CW"}).test[0].stated() == {"file": "a.csv", "force_N": 5.0}
+    assert layout.with_given({"pressures_bar": [2.0, 3.0]}).test[0].stated() == {"file": "a.csv", "direction": "CCW"}
     paths = [table(tmp_path / "a.csv"), table(tmp_path / "b.csv")]
     found = lb.import_campaign(paths, layout=layout.with_given({"pressures_bar": [2.0, 3.0]}))
     assert [round(float(test.force_N or 0.0), 2) for test in found.campaign.tests] == [237.88, 363.92]

@@ -461,7 +461,7 @@ def test_geometric_errors_and_another_force(rows: pd.DataFrame) -> None:
     assert chosen.parameters["C_XXX"].probability > 0.9
 
 
-@pytest.mark.parametrize("case", ["many", "no dates", "one day", "one parameter"])
+@pytest.mark.parametrize("case", ["many", "no dates", "one day"])
 def test_the_figure(case: str) -> None:
     """Units on its axes, text inside the page and clear of other text; campaigns of one day side by side."""
     n, step_at = (60, 40) if case == "many" else (8, 5)
@@ -470,7 +470,7 @@ def test_the_figure(case: str) -> None:
         rows = rows.assign(date=None, machine_id=None)
     if case == "one day":
         rows = rows.assign(date="2026-01-01")
-    chosen = {"one parameter": ["C_XXX"], "no dates": ["C_XXX", "C_YYY", "E_YX2"]}.get(case)
+    chosen = {"one day": ["C_XXX"], "no dates": ["C_XXX", "C_YYY", "E_YX2"]}.get(case)
     found = lb.trend(rows, parameters=chosen)
     figure = lb.control_chart(found)
     check_texts(figure)

@@ -185,7 +185,7 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
     assert all(nodes.integral.free is found[-1].integral.free for nodes in found), [nodes.integral.error for nodes in found]
     for model, nodes in zip(models, found, strict=True):
         posterior = HyperPosterior(model.bind(campaign), truncated=truncated)
-        own = posterior.nodes(1e-3).evidence
+        own = posterior.nodes(4e-3).evidence
         assert abs(nodes.evidence.log_value - own.log_value) < min(nodes.error + own.error, 0.02)
     left = [*leave_one_out(found[0]).values()][1]
     alone = HyperPosterior(left.bound, truncated=truncated).nodes(1e-3).evidence
