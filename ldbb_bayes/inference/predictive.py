@@ -247,7 +247,8 @@ def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random
         inverse = harmonics_of(bound, r)
         residual = (np.asarray(reduced.projection) - shared[:, r] @ reduced.factor.T) @ inverse.T
         seen = inverse @ reduced.factor
-        parts = [(inverse, np.tile(sigma[:, None], SIZE)), *((seen @ columns, sd) for columns, sd in _own(bound, phi, r))]
+        noise = (inverse, np.tile(sigma[:, None], inverse.shape[1]))
+        parts = [noise, *((seen @ columns, sd) for columns, sd in _own(bound, phi, r))]
         columns, sd = (np.concatenate(own, axis=1) for own in zip(*parts, strict=True))
         orders = {n: _tail(residual[:, n == ORDERS], columns[n == ORDERS], sd) for n in range(MAX_ORDER + 1)}
         outside = reduced.readings - SIZE
