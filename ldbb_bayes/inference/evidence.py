@@ -195,7 +195,7 @@ class _Relatives:
         log_ratio, *_ = self._changed(posterior.bound, [], np.arange(len(self._integral.free)))
         plain = replace(self._integral, log_density=self._integral.log_density + log_ratio)
         found = self._inside(posterior, plain) if posterior.truncated else Nodes(posterior, plain)
-        return found if found.integral.error <= self._tolerance else posterior.nodes(self._tolerance)
+        return found if found.suit(self._tolerance) else posterior.nodes(self._tolerance)
 
     def _inside(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
         names, rows = self._bound.names, posterior.bound.physical.rows

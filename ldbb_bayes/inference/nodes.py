@@ -25,7 +25,7 @@ Index = NDArray[np.intp]
 _STEP, _FLATTEST = 0.05, 0.3
 _STARTS, _BASINS, _APART = 256, 3, 1.5
 _FEW, _VANISHED = 5, 3.0
-_COARSE, _COARSE_STEP, _LOW, _OF_TOLERANCE, _SPARED, _FINEST = 0.2, 1.25, 12.0, 20.0, 5e-4, 1e-3
+_COARSE, _COARSE_STEP, _LOW, _OF_TOLERANCE, _SPARED, _FINEST, _SHARE = 0.2, 1.25, 12.0, 20.0, 5e-4, 1e-3, 0.7
 
 
 class HyperPosterior:
@@ -85,6 +85,8 @@ class HyperPosterior:
                 self._kept[tolerance] = integrate(self._smooth, self.modes, tolerance=tolerance, seed=self._seed)
             return Nodes(self, self._kept[tolerance])
         found = self.inside(self.plain.nodes(tolerance).integral, tolerance)
+        if found.integral.error <= tolerance and not found.suit(tolerance):
+            found = self.inside(self.plain.nodes(_SHARE * tolerance).integral, tolerance)
         if found.integral.error <= tolerance:
             return found
         # Truncation moves the density away from where it is without.
@@ -96,7 +98,7 @@ class HyperPosterior:
         found = Nodes(self, replace(nodes, log_density=in_chunks(self.plain.log_density, nodes.free)))
         if self.truncated:
             found = self.inside(found.integral, tolerance)
-        return found if found.integral.error <= tolerance else self.nodes(tolerance)
+        return found if found.suit(tolerance) else self.nodes(tolerance)
 
     def inside(
         self, integral: Integral, tolerance: float, orthant: Callable[[Index], Orthant] | None = None, *, bounded: bool = False
@@ -220,6 +222,10 @@ class Nodes:
     def error(self) -> float:
         """Of the log integral [nat]: the nodes' and that of P(T | y, φ)."""
         return self.integral.error + self.doubt
+
+    def suit(self, tolerance: float) -> bool:
+        """Whether more nodes are not needed: P(T | y, φ) may leave them less than the tolerance, though not below its half."""
+        return self.integral.error <= tolerance - (self.doubt if self.doubt < tolerance / 2.0 else 0.0)
 
     @cached_property
     def evidence(self) -> Evidence:

@@ -3,7 +3,9 @@ campaign properties frozen, replicates as the model has them."""
 
 from __future__ import annotations
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from ldbb_bayes.model.truncation import Orthant
 FOUR = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e-10), "E_YY1": (-5e-5, 4e-5)}
 PRIORS = FOUR | {"C_XYX": (2e-6, 3e-6), "C_CXY": (3e-8, 3e-8)}
 SMALL = lb.HybridModel.default(0).without("ball-form", "setup-shift")
+SEEDS = (2, 3, 7, 17, 21, 170, 196, 207, 218, 259)
 FORCES_N = (100.0, 400.0, 742.0)
 
 
@@ -83,6 +86,15 @@ def test_the_stated_error_holds() -> None:
         assert loose.error <= 3e-2
         assert abs(loose.log_value - tight.log_value) <= loose.error
         assert tight.nodes > loose.nodes
+
+
+@pytest.mark.slow
+def test_the_stated_error_holds_on_campaigns_of_every_kind(root: Path) -> None:
+    """A few of the study's; of number 73, P(T | y, φ) once took the error beyond the tolerance."""
+    study = runpy.run_path(str(root / "studies" / "90_speed" / "stated_errors.py"))
+    ratio, error = np.array([row for seed in SEEDS for row in study["stated"](seed)]).T
+    assert ratio.max() <= 3.0
+    assert max(*error, lb.log_evidence(*study["campaign_of"](73), tolerance=1e-2).error) <= 1e-2
 
 
 def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(recovered: lb.Campaign) -> None:
