@@ -79,7 +79,7 @@ class HyperPosterior:
         return np.asarray(total)
 
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
-        """Weighted nodes of p(y, free coordinates) whose integral has this tolerance [nat]."""
+        """Weighted nodes of p(y, free coordinates) to this tolerance [nat]; of their own where truncation moves it far."""
         if not self.truncated:
             if tolerance not in self._kept:
                 self._kept[tolerance] = integrate(self._smooth, self.modes, tolerance=tolerance, seed=self._seed)
@@ -89,15 +89,13 @@ class HyperPosterior:
             found = self.inside(self.plain.nodes(_SHARE * tolerance).integral, tolerance)
         if found.integral.error <= tolerance:
             return found
-        # Truncation moves the density away from where it is without.
         smooth = integrate(self._smooth, self.modes, tolerance=tolerance, seed=self._seed)
         return min(found, self.inside(smooth, tolerance, bounded=True), key=lambda own: own.error)
 
     def reweighted(self, nodes: Integral, tolerance: float) -> Nodes:
         """The nodes of a density much like this one, with this one's weights; its own where their error exceeds the tolerance."""
-        found = Nodes(self, replace(nodes, log_density=in_chunks(self.plain.log_density, nodes.free)))
-        if self.truncated:
-            found = self.inside(found.integral, tolerance)
+        plain = replace(nodes, log_density=in_chunks(self.plain.log_density, nodes.free))
+        found = self.inside(plain, tolerance) if self.truncated else Nodes(self, plain)
         return found if found.suit(tolerance) else self.nodes(tolerance)
 
     def inside(
@@ -231,9 +229,8 @@ class Nodes:
     def evidence(self) -> Evidence:
         """ln Z = ln ∫ p(y | φ) p(φ) dφ; truncated: ln Z + ln P(T | y) − ln P(T | prior)."""
         campaign, names = self.bound.campaign, self.bound.test_names
-        sha256 = campaign.sha256
-        if len(names) < len(campaign.tests):
-            sha256 = hashlib.sha256("\n".join([sha256, *names]).encode()).hexdigest()
+        sha256, left_out = campaign.sha256, len(names) < len(campaign.tests)
+        sha256 = hashlib.sha256("\n".join([sha256, *names]).encode()).hexdigest() if left_out else sha256
         prior = self.bound.log_prob_truncation_prior if self.posterior.truncated else 0.0
         by_emcee = self.integral.bridge_error > 0.0
         return Evidence(self.integral.log_integral - prior, self.error, len(self.integral.weight), sha256, by_emcee)
@@ -289,10 +286,7 @@ def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) 
     for start in range(0, len(free), CHUNK):
         part = slice(start, start + CHUNK)
         _, given = bound.given(bound.hyper_prior.phi(free[part]))
-        if bound.truncation.active:
-            beta[part], exact[part] = given.draw_inside(rng)
-        else:
-            beta[part] = given.draw(rng)
+        beta[part], exact[part] = given.draw_inside(rng) if bound.truncation.active else (given.draw(rng), True)
     return beta, exact
 
 
