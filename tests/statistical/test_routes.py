@@ -64,7 +64,6 @@ def test_simulated_campaigns() -> None:
             every_ratio.append(ratio.ravel())
     z = np.concatenate(every_z)
     assert len(z) > 700
-    print("routes", len(z), np.abs(z).max(), np.mean(np.abs(z) > 3.0), z.std(), np.abs(np.concatenate(every_ratio)).max())
     assert np.abs(z).max() < 4.5
     assert np.mean(np.abs(z) > 3.0) < 0.01
     assert np.abs(np.concatenate(every_ratio)).max() < 0.04
