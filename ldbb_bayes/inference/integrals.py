@@ -74,6 +74,7 @@ class Integral:
     edge: NDArray[np.bool_]
     proposal: Mixture | None
     left_out: float = 0.0
+    coarser: float = 0.0
     bridge_error: float = 0.0
 
     @cached_property
@@ -97,21 +98,27 @@ class Integral:
         return float(1.0 / (self.weight**2).sum())
 
     @cached_property
+    def apart(self) -> float:
+        """Difference of the two grids of a lattice [nat]."""
+        return abs(float(np.diff(np.log(np.maximum(np.bincount(self.part, self.weight), 1e-300)))[0]))
+
+    @cached_property
     def error(self) -> float:
         """Of ln ∫ f [nat].
 
         Of a lattice a part of the two grids' difference, whose first order cancels in their mean, and what lies beyond the edge
-        or was not looked at. Of a sample twice the scatter between independent scrambles; no less than half of what plain random
-        numbers would leave, as few scrambles may agree by luck; more where the tail of the weights is heavy, infinite where they
-        cannot be trusted. Of emcee's draws the bridge's besides.
+        or was not looked at. As steps shorten the difference may change sign: it counts as no less than a part of the one before.
+        Of a sample twice the scatter between independent scrambles; no less than half of what plain random numbers would leave,
+        as few scrambles may agree by luck; more where the tail of the weights is heavy, infinite where they cannot be trusted. Of
+        emcee's draws the bridge's besides.
         """
         if not self.trusted:
             return np.inf
-        share = np.bincount(self.part, self.weight)
         if self.proposal is None:
-            apart = abs(float(np.diff(np.log(np.maximum(share, 1e-300)))[0]))
+            apart = max(self.apart, _DECLINE * self.coarser)
             beyond = _BEYOND * float(self.weight[self.edge].sum())
             return max(apart**2, _MEAN_OF_TWO * min(apart, _CANCELS)) + beyond + self.left_out
+        share = np.bincount(self.part, self.weight)
         plain = np.sqrt(max(1.0 / self.ess - 1.0 / len(self.weight), 0.0))
         heavy = 1.0 + max(self.pareto_k - _HEAVY[0], 0.0) / _HEAVY[1]
         scatter = max(_STUDENT * share.std(ddof=1) * np.sqrt(len(share)), _LUCK * plain)
@@ -186,7 +193,7 @@ def in_chunks(log_density: LogDensity, points: Array) -> Array:
 
 
 _REACH = 1 << 13
-_BEYOND, _MEAN_OF_TWO, _CANCELS, _LOOSE = 3.0, 0.25, 0.02, 1e-2
+_BEYOND, _MEAN_OF_TWO, _CANCELS, _DECLINE, _LOOSE = 3.0, 0.25, 0.02, 0.35, 1e-2
 
 
 def grow_lattice(
@@ -207,19 +214,20 @@ def grow_lattice(
     depth, finer = 9.0 if loose else 5.5 - np.log(tolerance), 0.85
     # The two grids of a Gaussian differ by 4 h exp(−2 π²/step²); a little less is allowed for.
     step = step or (2.0 if loose else 0.93 * np.pi * np.sqrt(2.0 / np.log(3.0 * h / tolerance)))
+    coarser = 0.0
     while True:
         starts = [np.linalg.solve(root, mode - centre) / step for mode, _ in modes]
         grids = [_grow(log_density, partial(_places, centre, step * root), starts, offset, depth, most) for offset in (0.0, 0.5)]
         place, values, edge = (np.concatenate(parts) for parts in zip(*grids, strict=True))
         half_a_cell = np.full(len(values), np.linalg.slogdet(step * root)[1] - np.log(2.0))
         part = np.repeat([0, 1], [len(grid[0]) for grid in grids])
-        found = Integral(_places(centre, step * root, place), values, half_a_cell, part, edge, None)
+        found = Integral(_places(centre, step * root, place), values, half_a_cell, part, edge, None, coarser=coarser)
         if found.error <= tolerance or len(values) * finer**-h > most:
             return found
         if _BEYOND * found.weight[edge].sum() > tolerance / 2.0:
             depth += 3.0
         else:
-            step *= finer
+            step, coarser = step * finer, found.apart
 
 
 def _places(centre: Array, cell: Array, place: Array) -> Array:
@@ -227,12 +235,7 @@ def _places(centre: Array, cell: Array, place: Array) -> Array:
 
 
 def _grow(
-    log_density: LogDensity,
-    points: Callable[[Array], Array],
-    starts: Sequence[Array],
-    offset: float,
-    depth: float,
-    most: int,
+    log_density: LogDensity, points: Callable[[Array], Array], starts: Sequence[Array], offset: float, depth: float, most: int
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Places of one grid, their log densities, and which of them are its edge: from the starts on, neighbours of what counts."""
     h = len(starts[0])
@@ -331,12 +334,7 @@ class Mixture:
 
 
 def importance_sample(
-    log_density: LogDensity,
-    modes: Sequence[tuple[Array, Array]],
-    *,
-    tolerance: float = 1e-2,
-    seed: int = 0,
-    most: int = 65_536,
+    log_density: LogDensity, modes: Sequence[tuple[Array, Array]], *, tolerance: float = 1e-2, seed: int = 0, most: int = 65_536
 ) -> Integral:
     """Quasi-random points whose error of ln ∫ f is below the tolerance and whose weights can be trusted; or the best of five
     rounds, of up to ``most`` points.

@@ -15,16 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-__all__ = [
-    "Assessment",
-    "EnsembleRun",
-    "Progress",
-    "Redraw",
-    "StoppingRule",
-    "assess",
-    "diagnose",
-    "run_ensembles",
-]
+__all__ = ["Assessment", "EnsembleRun", "Progress", "Redraw", "StoppingRule", "assess", "diagnose", "run_ensembles"]
 
 Array = NDArray[Any]
 _BLOCKS_A_LEVEL = 4

@@ -26,7 +26,7 @@ from ldbb_bayes.model.truncation import Orthant
 FOUR = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e-10), "E_YY1": (-5e-5, 4e-5)}
 PRIORS = FOUR | {"C_XYX": (2e-6, 3e-6), "C_CXY": (3e-8, 3e-8)}
 SMALL = lb.HybridModel.default(0).without("ball-form", "setup-shift")
-SEEDS = (2, 3, 7, 17, 21, 170, 196, 207, 218, 259)
+SEEDS = (2, 3, 7, 17, 21, 170, 196, 207, 218, 259, 77, 103, 294)
 FORCES_N = (100.0, 400.0, 742.0)
 
 
