@@ -152,14 +152,20 @@ def run_sampler(
     if sampler == "joint":
         return _joint(start, rule=rule, seed=seed, progress=progress, **ensembles)
     rng = np.random.default_rng(seed)
-    # A third more than the target, so that the smallest of many estimates of ESS reaches it.
-    each = int(np.ceil(1.3 * rule.ess / _CHAINS + 50))
-    free, beta, acceptance = draw_jointly(start, _CHAINS * each, rng)
-    chain, beta = free.reshape(_CHAINS, each, -1), beta.reshape(_CHAINS, each, -1)
-    assessment = assess(np.concatenate([beta, chain], axis=2))
-    if progress is not None:
-        progress(Progress(each, each, rule.ess, assessment))
-    run = EnsembleRun(chain, assessment, assessment.meets(rule, walkers=0), each, 1, acceptance)
+    # A third more than the target, so that the smallest of many estimates of ESS reaches it; twice as many where it does not.
+    each, found = int(np.ceil(1.3 * rule.ess / _CHAINS + 50)), list[tuple[Array, ...]]()
+    while True:
+        free, beta, acceptance = draw_jointly(start, _CHAINS * each, rng)
+        found.append((free.reshape(_CHAINS, each, -1), beta.reshape(_CHAINS, each, -1)))
+        chain, beta = (np.concatenate(own, axis=1) for own in zip(*found, strict=True))
+        assessment, steps = assess(np.concatenate([beta, chain], axis=2)), chain.shape[1]
+        converged = assessment.meets(rule, walkers=0)
+        if progress is not None:
+            progress(Progress(steps, steps, rule.ess, assessment))
+        if converged or 2 * steps > rule.max_steps:
+            break
+        each = steps
+    run = EnsembleRun(chain, assessment, converged, steps, 1, acceptance)
     return run, beta, start.bound.hyper_prior.phi(chain)
 
 

@@ -162,9 +162,16 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
     assert f"{fit_of(tree).rmse_um:.1f}" == "1.1"
 
 
+def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(campaign: lb.Campaign) -> None:
+    """Of four hundred independent draws R-hat is above 1.01 for one seed in four."""
+    fits = [lb.sample(CONSTANT, campaign, sampler="independent", seed=seed, rule=StoppingRule(ess=400.0)) for seed in range(2, 6)]
+    assert all(record_of(fit)["sampler"]["converged"] for fit in fits)
+    assert {fit["posterior"].sizes["draw"] for fit in fits} == {180, 360}
+
+
 @pytest.mark.parametrize(("sampler", "rule", "words"), [
     ("joint", StoppingRule(ess=1e6, max_steps=60), r"ESS ≥ 1·10⁶ and R-hat ≤ 1.01 was not reached in 60 steps.*--max-steps"),
-    ("independent", StoppingRule(ess=10.0, rhat=1.0), "ask for more independent draws"),
+    ("independent", StoppingRule(ess=10.0, rhat=1.0, max_steps=100), "ask for more independent draws"),
 ])  # fmt: skip
 def test_a_run_that_misses_its_target_says_so(sampler: str, rule: StoppingRule, words: str) -> None:
     tree = lb.sample(CONSTANT, FEW, sampler=sampler, seed=1, rule=rule)
