@@ -197,8 +197,11 @@ class _Processes(ThreadPoolExecutor):
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
         process = context.Process(target=_serve, args=(there,), daemon=True)
+        try:
+            process.start()
+        except OSError as error:
+            raise InputError(f"a worker process must start, got {error}. Use fewer workers.") from None
         self._every.append(process)
-        process.start()
         if self._stopped:
             process.kill()
         there.close()

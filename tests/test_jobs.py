@@ -260,6 +260,9 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         pass
     with pytest.raises(InputError, match="--workers must not go with --scheduler, got 3"), executor_named("dask", 3, "tcp://a:1"):
         pass
+    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", lambda self: (_ for _ in ()).throw(OSError("no room")))
+    with pytest.raises(InputError, match=r"a worker process must start, got no room"), process_executor(1) as executor:
+        executor.submit(int).result()
     monkeypatch.setitem(sys.modules, "dask", None)
     with pytest.raises(InputError, match=r"find the library dask, got none.*pip install 'ldbb-bayes\[fleet\]'"), dask_executor():
         pass

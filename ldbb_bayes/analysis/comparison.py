@@ -40,7 +40,7 @@ from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.inference.predictive import fit_quality, least_squares
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.result import Number, Records, Result, read_result
+from ldbb_bayes.result import Finite, Number, Records, Result, read_result
 from ldbb_bayes.units import ranked
 
 __all__ = ["SLOPE_SCALES", "ComparedModel", "ComparedTest", "Comparison", "Sign", "compare", "read_comparison"]
@@ -92,7 +92,7 @@ class ComparedModel:
     """
 
     log_evidence: float
-    log_evidence_error: float
+    log_evidence_error: Finite
     posterior_probability: float
     elpd_lofo: Number
     elpd_lofo_se: Number
@@ -134,7 +134,7 @@ class ScaledSlopes:
 
     slope_scale: float
     log_bayes_factor: float
-    error: float
+    error: Finite
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class Comparison(Result):
     campaign: Readings
     models: dict[str, ComparedModel]
     log_bayes_factor: dict[str, float]
-    log_bayes_factor_error: dict[str, float]
+    log_bayes_factor_error: dict[str, Finite]
     elpd_difference: dict[str, Difference]
     sensitivity_of: str
     prior_sensitivity: tuple[ScaledSlopes, ...]
@@ -193,7 +193,7 @@ class Comparison(Result):
     tests: dict[str, ComparedTest]
     local_fits: Records
     tolerance: float
-    largest_error: float
+    largest_error: Finite
     by_emcee: int = 0
 
     @property

@@ -33,7 +33,7 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.model.terms import Discrepancy, SetupShift, Term
-from ldbb_bayes.result import Numbers
+from ldbb_bayes.result import Finite, Numbers
 from ldbb_bayes.units import ranked
 
 __all__ = [
@@ -75,7 +75,7 @@ class Assumed:
 
     assumption: str
     log_bayes_factor: float
-    log_bayes_factor_error: float
+    log_bayes_factor_error: Finite
     log_evidence: dict[str, float]
 
     @property

@@ -76,12 +76,7 @@ class Belonging:
 
 
 def belonging_of(
-    density: SpreadDensity,
-    spreads: Spreads,
-    common: Gaussian,
-    *,
-    seed: int,
-    progress: Callable[[int, int], None] | None = None,
+    density: SpreadDensity, spreads: Spreads, common: Gaussian, *, seed: int, progress: Callable[[int, int], None] | None = None
 ) -> Belonging:
     """Every machine left out in turn: by weights of these draws, or where they cannot be trusted by drawing s anew without it.
 

@@ -39,7 +39,7 @@ __all__ = [
 
 Array = NDArray[Any]
 _NEARLY_ONE = 0.1
-_DRAWS = 16_384
+_DRAWS, _SAME = 16_384, 1e-12
 
 
 @one_blas_thread
@@ -221,7 +221,7 @@ class _Relatives:
         """ln of the ratio of the densities p(y | φ), shape (n,), and of ``own`` parameters mean and covariance under the other
         prior, at these nodes."""
         sds, log_ratio = dict(zip(bound.names, bound.prior_sd.tolist(), strict=True)), np.zeros(len(nodes))
-        changed = {j: p for j, p in enumerate(self._bound.parameters) if sds.get(p.name, 0.0) != p.prior_sd}
+        changed = {j: p for j, p in enumerate(self._bound.parameters) if abs(sds.get(p.name, 0.0) / p.prior_sd - 1.0) > _SAME}
         places = np.array([*own, *(j for j in changed if j not in own)], dtype=np.intp)
         mean, covariance = (part[np.ix_(*[places] * (part.ndim - 1), nodes)] for part in self._given)
         for j, parameter in changed.items():

@@ -63,6 +63,8 @@ class Integral:
         What a sample was drawn from, a density much like f; none of a lattice.
     left_out : float
         At most this share of the integral is in nodes whose density was not evaluated.
+    coarser : float
+        How far apart the two grids of a lattice were [nat] with the step before this; zero of the first.
     bridge_error : float
         Of ln ∫ f by bridge sampling, where the nodes are emcee's draws; zero of others.
     """
@@ -192,7 +194,6 @@ def in_chunks(log_density: LogDensity, points: Array) -> Array:
     return np.concatenate([log_density(part) for part in np.array_split(points, max(1, -(-len(points) // CHUNK)))])
 
 
-_REACH = 1 << 13
 _BEYOND, _MEAN_OF_TWO, _CANCELS, _DECLINE, _LOOSE = 3.0, 0.25, 0.02, 0.35, 1e-2
 
 
@@ -211,10 +212,9 @@ def grow_lattice(
     """
     (centre, root), h = modes[0], len(modes[0][0])
     loose = tolerance >= _LOOSE
-    depth, finer = 9.0 if loose else 5.5 - np.log(tolerance), 0.85
+    depth, finer, coarser = 9.0 if loose else 5.5 - np.log(tolerance), 0.85, 0.0
     # The two grids of a Gaussian differ by 4 h exp(−2 π²/step²); a little less is allowed for.
     step = step or (2.0 if loose else 0.93 * np.pi * np.sqrt(2.0 / np.log(3.0 * h / tolerance)))
-    coarser = 0.0
     while True:
         starts = [np.linalg.solve(root, mode - centre) / step for mode, _ in modes]
         grids = [_grow(log_density, partial(_places, centre, step * root), starts, offset, depth, most) for offset in (0.0, 0.5)]
@@ -259,8 +259,9 @@ def _grow(
 
 def _key(index: Array) -> NDArray[np.int64]:
     """One integer for each grid point."""
-    limited = np.clip(index, -_REACH, _REACH - 1).astype(np.int64)
-    key: NDArray[np.int64] = (limited + _REACH) @ ((2 * _REACH) ** np.arange(index.shape[1], dtype=np.int64))
+    reach = 1 << 62 // index.shape[1] - 1
+    limited = np.clip(index, -reach, reach - 1).astype(np.int64)
+    key: NDArray[np.int64] = (limited + reach) @ ((2 * reach) ** np.arange(index.shape[1], dtype=np.int64))
     return key
 
 

@@ -18,7 +18,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
 from ldbb_bayes.model.truncation import Orthant
 
-__all__ = ["CHUNK", "Evidence", "HyperPosterior", "Nodes", "conditional_draws", "draw_jointly", "draw_parameters_given"]
+__all__ = ["Evidence", "HyperPosterior", "Nodes", "conditional_draws", "draw_jointly", "draw_parameters_given"]
 
 Array = NDArray[Any]
 Index = NDArray[np.intp]
@@ -112,7 +112,7 @@ class HyperPosterior:
             return value - own.log_bound if bounded else value
 
         found = integral.times(partial(in_chunks, factor), min(tolerance / _OF_TOLERANCE, _SPARED))
-        return Nodes(self, found, float(found.weight @ error))
+        return Nodes(self, found, float(found.weight @ np.where(found.weight > 0.0, error, 0.0)))
 
     @cached_property
     def plain(self) -> HyperPosterior:
@@ -218,8 +218,8 @@ class Nodes:
 
     @property
     def error(self) -> float:
-        """Of the log integral [nat]: the nodes' and that of P(T | y, φ)."""
-        return self.integral.error + self.doubt
+        """Of the log evidence [nat]: the nodes' and, truncated, those of P(T | y, φ) and P(T | prior)."""
+        return self.integral.error + self.doubt + self.posterior.truncated * self.bound.truncation_prior[1]
 
     def suit(self, tolerance: float) -> bool:
         """Whether more nodes are not needed: P(T | y, φ) may leave them less than the tolerance, though not below its half."""

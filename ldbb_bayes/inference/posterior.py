@@ -29,7 +29,7 @@ from ldbb_bayes.inference.predictive import Check, TestChecks, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
-from ldbb_bayes.result import Result
+from ldbb_bayes.result import Finite, Result
 from ldbb_bayes.units import ranked
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ class Fit(Result):
     rmse_um: float
     fitness_percent: dict[str, float]
     log_prob_truncation: float
-    log_prob_truncation_error: float
+    log_prob_truncation_error: Finite
     log_prob_truncation_prior: float
     linearisation_error_um: float
     concerns: tuple[Concern, ...]

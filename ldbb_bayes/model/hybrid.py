@@ -389,14 +389,20 @@ class BoundModel:
         return np.where(self.truncation.holds(beta), density - self.log_prob_truncation_prior, -np.inf)
 
     @cached_property
-    def log_prob_truncation_prior(self) -> float:
-        """ln P(T | prior); 0 without truncation. Compliances that share no parameter are independent."""
+    def truncation_prior(self) -> tuple[float, float]:
+        """ln P(T | prior) and its error [nat]; 0 without truncation. Compliances that share no parameter are independent."""
         if not self.truncation.active:
-            return 0.0
+            return 0.0, 0.0
         mean, spread = self.truncation.rows @ self.prior_mean, self.truncation.rows * self.prior_sd
         label = components(np.abs(spread @ spread.T) > 0.0)
         blocks = [(mean[None, label == k], spread[None, label == k]) for k in range(label.max() + 1)]
-        return float(np.sum([Orthant(*block).log_probability(1e-4)[0][0] for block in blocks]))
+        value, error = np.sum([Orthant(*block).log_probability(1e-4) for block in blocks], axis=(0, 2))
+        return float(value), float(error)
+
+    @property
+    def log_prob_truncation_prior(self) -> float:
+        """ln P(T | prior)."""
+        return self.truncation_prior[0]
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """ln p(y | φ), shape (w,), without its normalising constant when the prior is flat; and p(β | y, φ)."""

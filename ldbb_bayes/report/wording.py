@@ -814,7 +814,7 @@ def _how_far(own: Any) -> str:
 
 # ---- page
 
-_CONFLICT, _WORTH = 0.01, 0.95
+_CONFLICT = 0.01
 RESULTS = (
     "u: standard uncertainty (posterior standard deviation). U = 2u (k = 2, about 95 %); where the distribution is skewed, the "
     "distances to the ends of the interval. Brackets: {percent} intervals. A compliance stands for the sum of its set. "

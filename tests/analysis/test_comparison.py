@@ -129,6 +129,9 @@ def test_json_has_the_agreed_names_and_is_read_back(found: Comparison, tmp_path:
     assert "ln B over constant" in str(back)
     assert "<table>" in back._repr_html_()
     pd.testing.assert_frame_equal(back.local_fits, found.local_fits, check_dtype=False)
+    record["largest_error"] = record["models"]["linear"]["log_evidence_error"] = record["prior_sensitivity"][0]["error"] = None
+    (tmp_path / "comparison.json").write_text(json.dumps(record), encoding="utf-8")
+    assert lb.read_comparison(tmp_path).largest_error == np.inf
     del record["models"]["linear"]["rmse_um"]
     (tmp_path / "comparison.json").write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(InputError, match=r"got a damaged one \(ValidationError: models.linear.rmse_um: Field required\)"):

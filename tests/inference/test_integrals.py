@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 from scipy.special import gammaln
 
-from ldbb_bayes.inference.integrals import Integral, _pareto_k, bridge_sample, grow_lattice, importance_sample, integrate
+from ldbb_bayes.inference.integrals import Integral, _key, _pareto_k, bridge_sample, grow_lattice, importance_sample, integrate
 from ldbb_bayes.model.gaussian import central_differences, newton
 
 Array = np.ndarray
@@ -241,6 +241,13 @@ def test_a_scale_for_every_circle() -> None:
     for mean, sd in (truth, plain_emcee(model.log_density, modes[0][0], 20_000)):
         np.testing.assert_allclose((own - mean) / sd, 0.0, atol=0.05)
         np.testing.assert_allclose(np.sqrt(found.weight @ (found.free - own) ** 2) / sd, 1.0, atol=0.03)
+
+
+def test_every_point_of_a_lattice_has_a_key_of_its_own() -> None:
+    for h in range(1, 6):
+        points = np.unique(np.random.default_rng(h).integers(-1000, 1000, (5000, h)).astype(float), axis=0)
+        assert len(np.unique(_key(points))) == len(points)
+    assert np.diff(_key(np.array([[0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 256.0]])))[0]
 
 
 def test_what_cannot_be_trusted_says_so() -> None:

@@ -78,13 +78,7 @@ def test_the_move_leaves_a_known_density_as_it_is(wrong: bool) -> None:
     rng = np.random.default_rng(0)
     starts = rng.normal(size=(4, 64, 2)) + np.array([1.0, 0.0])
     rule = StoppingRule(ess=1e9, max_steps=1000, block=100)
-    run = run_ensembles(
-        log_density,
-        starts,
-        rule=rule,
-        seed=np.random.SeedSequence(5),
-        redraw=Wrong() if wrong else Wide(),
-    )
+    run = run_ensembles(log_density, starts, rule=rule, seed=np.random.SeedSequence(5), redraw=Wrong() if wrong else Wide())
     x, z = run.chain.reshape(-1, 2).T
     right = abs(x.mean() - 1.0) < 0.08 and abs(x.var() / 3.0 - 1.0) < 0.08 and abs(z.var() - 1.0) < 0.07
     assert right is not wrong

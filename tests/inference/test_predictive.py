@@ -12,13 +12,7 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, State, draws_of, fit_of, power_sensitivity
-from ldbb_bayes.inference.predictive import (
-    TestChecks,
-    autocorrelation,
-    fit_quality,
-    machine_coefficients,
-    shared_coefficients,
-)
+from ldbb_bayes.inference.predictive import TestChecks, autocorrelation, fit_quality, machine_coefficients, shared_coefficients
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import Columns

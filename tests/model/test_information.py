@@ -14,11 +14,7 @@ from ldbb_bayes.model.hybrid import information_of, informations_of
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
-PLANS = {
-    "circles": plan(),
-    "two balls": plan(work_deg=40.0, tool_deg=-25.0),
-    "arcs": plan((9, 40, 12, 30), arc_deg=220.0),
-}
+PLANS = {"circles": plan(), "two balls": plan(work_deg=40.0, tool_deg=-25.0), "arcs": plan((9, 40, 12, 30), arc_deg=220.0)}
 
 
 @pytest.mark.parametrize("name", PLANS)

@@ -125,13 +125,7 @@ def test_eight_rows_correlated_at_099_far_out() -> None:
 
 @pytest.mark.parametrize(
     ("mean", "rho"),
-    [
-        ((-12.0, -43.658), 0.999),
-        ((0.0, -8.3), 0.999),
-        ((-29.5, 0.0), -0.999),
-        ((-30.0, -31.0), 0.99999),
-        ((-5.0, -20.0), 0.9),
-    ],
+    [((-12.0, -43.658), 0.999), ((0.0, -8.3), 0.999), ((-29.5, 0.0), -0.999), ((-30.0, -31.0), 0.99999), ((-5.0, -20.0), 0.9)],
 )
 def test_rows_that_nearly_repeat_each_other(mean: tuple[float, float], rho: float) -> None:
     """Violated together: a Newton iteration on the gradient alone stalls here."""

@@ -104,9 +104,7 @@ def test_elfving() -> None:
 
 
 @pytest.mark.parametrize(
-    "criterion",
-    [Determinant(3), Variance(np.diag([1.0, 2.0, 0.5])), LogBayesFactor(0.7)],
-    ids=lambda c: type(c).__name__,
+    "criterion", [Determinant(3), Variance(np.diag([1.0, 2.0, 0.5])), LogBayesFactor(0.7)], ids=lambda c: type(c).__name__
 )
 def test_sensitivities_are_derivatives(criterion: Criterion) -> None:
     """∂Φ/∂n_i against central differences, nuisances and several hyper-parameters included."""
