@@ -24,9 +24,10 @@ from ldbb_bayes.result import json_text
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """Designs and figures have tests of their own."""
-    undrawn(monkeypatch)
+    if request.function is not test_figures:
+        undrawn(monkeypatch)
     monkeypatch.setattr(lb, "design", lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED)))
 
 

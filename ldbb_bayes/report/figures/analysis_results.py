@@ -216,7 +216,7 @@ def rank_ecdf(validation: Validation) -> Figure:
             axes.tick_params(labelbottom=True)
     figure.suptitle(
         f"Ranks of the truth among posterior draws, minus uniform: {validation.replicates} simulated campaigns, "
-        f"{validation.sampler}; band: {100 * validation.prob:g} % for all quantities together"
+        f"sampler {validation.sampler}; band: {100 * validation.prob:g} % for all quantities together"
     )
     return figure
 
