@@ -58,8 +58,8 @@ def _writing(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        got = error.strerror or error
-        raise InputError(f"{target} must be writable, got: {got}. Free some space or choose another place.") from None
+        cure = "Free some space or choose" if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) else "Choose"
+        raise InputError(f"{target} must be writable, got: {error.strerror or error}. {cure} another place.") from None
 
 
 def write_whole(target: Path, content: bytes) -> None:
