@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import version
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
@@ -27,12 +27,12 @@ from threadpoolctl import threadpool_limits
 
 from ldbb_bayes.errors import InputError, check_known, require
 
-__all__ = ["EXECUTORS", "Lost", "dask_executor", "done", "executor_named", "one_blas_thread", "process_executor"]
+__all__ = ["EXECUTORS", "Lost", "dask_executor", "done", "executor_named", "one_blas_thread", "process_executor", "versions"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
-EXECUTORS = ("process", "dask")
+EXECUTORS, _PACKAGES = ("process", "dask"), ("ldbb-bayes", "numpy", "scipy", "emcee")
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
 ANSWER_S = 10.0
 # A job may have jobs of its own.
@@ -381,22 +381,23 @@ def _check_answers(scheduler: str) -> None:
 
 def _check_workers(client: Any, scheduler: str) -> None:
     """Those there must give the numbers that are given here: others fail at every job, or mix versions in one table."""
-    answers = client.run(_versions, on_error="return")
+    answers = client.run(partial(versions, python=True), on_error="return")
     if not answers:
         warnings.warn(f"the scheduler {scheduler} has no workers yet; jobs wait for the first one.", stacklevel=6)
     for address, threads in client.nthreads().items():
         cure = "Start workers with --nthreads 1, as many as there are cores (--nworkers)"
         require(threads == 1, f"workers must have one thread each, got {threads} at {address}. {cure}.")
     for address, answer in answers.items():
-        for name, wanted in _versions().items():
+        for name, wanted in versions(python=True).items():
             got = answer.get(name) if isinstance(answer, dict) else None
             cure = f"got {got or 'none'} at {address}. Install it there, and start the worker again."
             require(got == wanted, f"workers must have {name} {wanted} as it is here, {cure}")
 
 
-def _versions() -> dict[str, str]:
-    """What numbers come from; here, or in the worker that is asked."""
-    return {name: version(name) for name in ("ldbb-bayes", "numpy", "scipy", "emcee")} | {"python": platform.python_version()}
+@cache
+def versions(*, python: bool = False) -> dict[str, str]:
+    """Versions of what numbers come from; here, or in the worker that is asked."""
+    return {name: version(name) for name in _PACKAGES} | ({"python": platform.python_version()} if python else {})
 
 
 @contextmanager

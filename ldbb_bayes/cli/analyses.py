@@ -48,8 +48,6 @@ def identify(campaign: options.GivenCampaign, model: options.ChosenModel, output
     """
     import pandas as pd
 
-    from ldbb_bayes.report.text import parts_of
-
     output.check("identify.json", "parameters.csv", "alias.csv", "correlation.csv", *ATLAS_FILES, figures=["prior_and_posterior"])
     result = lb.identify(model, campaign)
     record = {"schema": 1, "campaign": campaign.name, "degree": model.degree, **lb.with_words(result)}
@@ -62,11 +60,20 @@ def identify(campaign: options.GivenCampaign, model: options.ChosenModel, output
     }
     output.deliver(
         record,
-        (f"Compliance {_DEGREES[model.degree]} in force.", *parts_of(result)),
+        (f"Compliance {_DEGREES[model.degree]} in force.", *_with_oddities(result, campaign)),
         contents,
         {"prior_and_posterior": options.drawing("prior_and_posterior", result)},
         also=partial(write_atlases, campaign.machine(), [test.circle for test in campaign.tests]),
     )
+
+
+def _with_oddities(result: object, campaign: lb.Campaign) -> tuple[Any, ...]:
+    """What a result says, and what looks odd about the readings that it takes as they are."""
+    from ldbb_bayes.report import text, wording
+
+    seen = lb.preview(campaign)
+    odd = [f"Note: {wording.remark_words(remark)}" for remark in seen.remarks if remark.kind in ("unit", "copy")]
+    return (*text.parts_of(result), *wording.look_sentences(seen), *odd)
 
 
 def _models(entries: list[str], flag: str) -> dict[str, Path]:
@@ -108,7 +115,7 @@ def compare(
     record = {"schema": 1, "seed": asked["seed"], **lb.with_words(result)}
     contents = {"comparison.json": record, "local_fits.csv": result.local_fits}
     draws = {name: options.drawing(name, result) for name in names}
-    output.deliver(record, result, contents, draws)
+    output.deliver(record, _with_oddities(result, campaign), contents, draws)
     if not result.within_tolerance:
         raise typer.Exit(options.EXIT_MISSED)
 
@@ -184,10 +191,8 @@ def design(
     """
     from ldbb_bayes.campaign.folder import write_campaign_into
     from ldbb_bayes.model.specification import model_to_toml
-    from ldbb_bayes.report.text import parts_of
 
-    tables = ("expected.csv", "sensitivity.csv")
-    output.check("campaign.toml", "model.toml", "design.json", *tables, figures=["expected_widths"])
+    output.check("campaign.toml", "model.toml", "design.json", "expected.csv", "sensitivity.csv", figures=["expected_widths"])
     costs = lb.Costs(*(asked.pop(f"cost_{what}") for what in ("circle", "work_ball", "tool_ball")))
     result = lb.design(model, campaign, **asked, costs=costs)
     record = {"schema": 1, "seed": asked["seed"], **lb.with_words(result)}
@@ -198,10 +203,13 @@ def design(
         "expected.csv": result.expected_table(),
         "sensitivity.csv": result.sensitivity,
     }
-    order = f"Run in this order: {', '.join(test.name for test in plan.tests)}"
+    own = [(t.direction or "–", f"{t.radius_mm:g} mm", f"balls {t.work_ball_deg:g}/{t.tool_ball_deg:g}°") for t in plan.tests]
+    varied = [k for k, values in enumerate(zip(*own, strict=True)) if len(set(values)) > 1]
+    settings = [f" ({', '.join(values[k] for k in varied)})" if varied else "" for values in own]
+    order = ", ".join(test.name + text for test, text in zip(plan.tests, settings, strict=True))
     output.deliver(
         record,
-        (*parts_of(result), order),
+        (*_with_oddities(result, campaign), f"Run in this order: {order}"),
         contents,
         {"expected_widths": options.drawing("expected_widths", result)},
         also=partial(write_campaign_into, plan),

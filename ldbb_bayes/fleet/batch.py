@@ -31,8 +31,8 @@ from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import State, check_probability, numbers_of, record_of
-from ldbb_bayes.inference.sample import check_sampler, sample_from, versions
-from ldbb_bayes.jobs import Lost, done, one_blas_thread
+from ldbb_bayes.inference.sample import check_sampler, sample_from
+from ldbb_bayes.jobs import Lost, done, one_blas_thread, versions
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
 from ldbb_bayes.report.findings import fit_in_words

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from functools import cache
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +20,7 @@ from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, asses
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_jointly
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
 from ldbb_bayes.inference.predictive import fit_quality, predictive_checks
-from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.jobs import one_blas_thread, versions
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
@@ -30,12 +28,11 @@ from ldbb_bayes.model.terms import Drift
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["JointDensity", "LinearRedraw", "check_sampler", "draw", "run_sampler", "sample", "sample_from", "versions"]
+__all__ = ["JointDensity", "LinearRedraw", "check_sampler", "draw", "run_sampler", "sample", "sample_from"]
 
 Array = NDArray[Any]
 _CHAINS, _SPACING = 4, 4.0
 _WALKERS, _START_TEMPERATURE, _TRIES = 128, 1.5, 2
-_PACKAGES = ("ldbb-bayes", "numpy", "scipy", "emcee", "arviz-stats")
 _QUALITY_DRAWS = 1000
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
@@ -275,12 +272,6 @@ def sample_from(
         },
     }
     return build_tree(groups, bound, record)
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Versions of the packages that numbers come from."""
-    return {name: version(name) for name in _PACKAGES}
 
 
 def _fit(

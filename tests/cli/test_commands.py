@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -213,6 +214,15 @@ def test_compare_that_misses_its_tolerance(
     assert "For 2 of the log evidences weights could not be trusted" in json.loads(shown)["verdict"]
 
 
+def test_what_looks_odd_is_said_whoever_reads_it(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    campaign = lb.read_campaign(folder)
+    tests = [replace(test, force_N=test.force_N / 1000.0, direction="CW") for test in campaign.tests]
+    lb.write_campaign(replace(campaign, tests=tuple(tests)), tmp_path / "odd")
+    shown = " ".join(invoke("identify", tmp_path / "odd")[1].split())
+    assert "Note: the largest force is 0.742 N: check the unit" in shown
+    assert "stated CW, but the angles run CCW" in shown
+
+
 @pytest.mark.usefixtures("few_states")
 def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     """Identify asks it, simulate runs it, design judges it; an existing one is kept."""
@@ -236,6 +246,8 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert invoke("simulate", out, "--out", tmp_path / "run")[0] == 0
     assert not lb.read_campaign(tmp_path / "run").is_plan
     assert "must not exist" in invoke(*arguments, "--out", out)[2]
+    shown = " ".join(invoke("design", folder, "--forces", "36,742", "--radii", "150,100", "--tests", 4)[1].split())
+    assert re.search(r"Run in this order: (f\w+ \(1[05]0 mm(, balls [\d/]+°)?\),? ?){4}", shown)
 
 
 @pytest.mark.usefixtures("few_states")
