@@ -215,8 +215,8 @@ def rank_ecdf(validation: Validation) -> Figure:
             axes.set_xlabel("rank share (1)")
             axes.tick_params(labelbottom=True)
     figure.suptitle(
-        f"Ranks of the truth among posterior draws, minus uniform: {validation.replicates} simulated campaigns, "
-        f"sampler {validation.sampler}; band: {100 * validation.prob:g} % for all quantities together"
+        f"Ranks of the truth among draws, minus uniform: {validation.replicates} simulated campaigns, "
+        f"sampler {validation.sampler}; band: {100 * validation.prob:g} % for all together"
     )
     return figure
 
