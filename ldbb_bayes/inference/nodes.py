@@ -24,7 +24,7 @@ Array = NDArray[Any]
 Index = NDArray[np.intp]
 _STEP, _FLATTEST = 0.05, 0.3
 _STARTS, _BASINS, _APART = 256, 3, 1.5
-_FEW, _VANISHED = 5, 3.0
+_MOST_WITH_CORNERS, _BELOW_MODE = 5, 3.0
 _COARSE, _COARSE_STEP, _LOW, _OF_TOLERANCE, _SPARED, _FINEST, _SHARE = 0.2, 1.25, 12.0, 20.0, 5e-4, 1e-3, 0.7
 
 
@@ -150,14 +150,14 @@ class HyperPosterior:
 
     def _corners(self) -> Iterator[tuple[Array, Array]]:
         """Where one noise vanishes and the others make up for it, as `modes`; from there ln p falls by one for each unit."""
-        for j in range(len(self.mode) if len(self.mode) <= _FEW else 0):
+        for j in range(len(self.mode) if len(self.mode) <= _MOST_WITH_CORNERS else 0):
             free = np.arange(len(self.mode)) != j
 
             def derivatives(point: Array, free: Array = free) -> tuple[Array, Array]:
                 gradient, hessian = self._derivatives(point)
                 return np.where(free, gradient, 0.0), np.where(np.outer(free, free), hessian, 0.0)
 
-            start = self.mode - np.where(free, 0.0, _VANISHED)
+            start = self.mode - np.where(free, 0.0, _BELOW_MODE)
             corner = newton(self._smooth, derivatives, start, least_curvature=_FLATTEST)
             if np.diff(self._smooth(np.array([self.mode, corner])))[0] > -_LOW:
                 yield corner, _root(derivatives(corner)[1])
