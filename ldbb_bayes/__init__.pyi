@@ -21,9 +21,11 @@ from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts
 from .analysis.outliers import belonging as belonging
 from .analysis.sensitivity import local_fits as local_fits
+from .campaign.campaign import Ball as Ball
 from .campaign.campaign import Campaign as Campaign
 from .campaign.campaign import CircularTest as CircularTest
 from .campaign.campaign import ForceLaw as ForceLaw
+from .campaign.campaign import Instrument as Instrument
 from .campaign.campaign import MountCompensation as MountCompensation
 from .campaign.campaign import Plan as Plan
 from .campaign.folder import embedded_campaign as embedded_campaign
@@ -33,10 +35,8 @@ from .campaign.importing import Imported as Imported
 from .campaign.importing import import_campaign as import_campaign
 from .campaign.layout import Layout as Layout
 from .campaign.layout import read_layout as read_layout
-from .campaign.preparation import compensate_mount as compensate_mount
 from .campaign.preparation import mask_angles as mask_angles
 from .campaign.preparation import mask_reversals as mask_reversals
-from .campaign.preparation import trim_overshoot as trim_overshoot
 from .campaign.preview import preview as preview
 from .errors import InputError as InputError
 from .fleet.batch import Batch as Batch

@@ -24,11 +24,13 @@ from ldbb_bayes.result import table_html
 
 __all__ = [
     "PER_TEST",
+    "Ball",
     "Campaign",
     "CampaignFields",
     "CircularTest",
     "Direction",
     "ForceLaw",
+    "Instrument",
     "MountCompensation",
     "Plan",
     "TestFields",
@@ -41,6 +43,8 @@ Direction = Literal["CW", "CCW"]
 MINIMUM_READINGS, MINIMUM_ARC_DEG, LARGEST_READING_MM, LARGEST_SETUP = 9, 180.0, 100.0, 1000
 # A regulator repeats a force no better than to this share of the largest.
 SAME_FORCE = 1e-3
+# Deviation from sphericity that each grade of ISO 3290 allows [µm].
+_GRADES_UM = {"G3": 0.08, "G5": 0.13, "G10": 0.25, "G20": 0.5, "G40": 1.0, "G100": 2.5, "G200": 5.0}
 
 
 def _no_text(value: Any) -> Any:
@@ -72,6 +76,9 @@ _STRICT = ConfigDict(extra="forbid")
 Number = Annotated[float, BeforeValidator(_no_text), Field(allow_inf_nan=False)]
 Force = Annotated[Number, Field(gt=0.0, le=1e6)]
 Pressure = Annotated[Number, Field(ge=0.0)]
+Positive = Annotated[Number, Field(gt=0.0)]
+Percent = Annotated[Number, Field(gt=0.0, le=100.0)]
+Harmonic = tuple[Annotated[int, BeforeValidator(_no_text), Field(ge=2, le=12)], Pressure, Number]
 Length = Annotated[Number, Field(gt=0.0, le=1e5)]
 Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
 Label = Annotated[str, AfterValidator(_printable)]
@@ -83,7 +90,7 @@ Date = Annotated[str, BeforeValidator(_iso)]
 class ForceLaw:
     """F = slope · P + offset: what the regulator pressure does to the force (default: the paper's bar)."""
 
-    slope_N_per_bar: Annotated[Number, Field(gt=0.0)] = 126.04
+    slope_N_per_bar: Positive = 126.04
     offset_N: Number = -14.2
 
     def force_N(self, pressure_bar: float) -> float:
@@ -102,6 +109,54 @@ class MountCompensation:
 
     deflection_um_per_bar: Annotated[Number, Field(ge=0.0)] = 2.33
     compensated: bool = True
+
+
+@refusing("ball")
+@dataclass(frozen=True, config=_STRICT)
+class Ball:
+    """What a certificate, or a grade (ISO 3290), says of a ball's form: deviation from sphericity, peak to valley; harmonics
+    a cos n(θ − phase) in the ball's own angle, as (n, a [µm], phase [deg]), with the expanded uncertainty (k = 2) of each
+    coefficient.
+    """
+
+    sphericity_um: Positive | None = None
+    grade: str | None = None
+    harmonics_um: tuple[Harmonic, ...] = ()
+    U_um: Positive | None = None
+
+    def __post_init__(self) -> None:
+        check_known("grade of a ball", [] if self.grade is None else [self.grade], _GRADES_UM)
+        one = self.grade is None or self.sphericity_um is None
+        require(one, "a ball must have sphericity_um or grade, got both. Keep what its certificate says.")
+        orders = [order for order, *_ in self.harmonics_um]
+        require(len(set(orders)) == len(orders), f"harmonics_um must give each order once, got {orders}. Remove one.")
+        got = f"harmonics_um and U_um of a ball must come together, got {'U_um' if self.U_um else 'harmonics_um'} alone"
+        require(bool(orders) == (self.U_um is not None), f"{got}. Give both: U_um is their expanded uncertainty (k = 2).")
+
+    @property
+    def stated_sphericity_um(self) -> float | None:
+        """Deviation from sphericity as certificate or grade says [µm], None where neither does."""
+        return self.sphericity_um if self.grade is None else _GRADES_UM[self.grade]
+
+
+@refusing("instrument")
+@dataclass(frozen=True, config=_STRICT)
+class Instrument:
+    """What certificates say of balls, bar, mount, force and angle; U: expanded uncertainties (k = 2). None: the model's."""
+
+    work: Ball = field(default_factory=Ball)
+    tool: Ball = field(default_factory=Ball)
+    bar_length_error_um: Number = 0.0
+    bar_U_um: Positive | None = None
+    mount_U_percent: Percent | None = None
+    force_U_percent: Percent | None = None
+    force_linearity_percent: Percent | None = None
+    force_random_N: Positive | None = None
+    angle_U_deg: Positive | None = None
+
+    def __post_init__(self) -> None:
+        alone = "the bar's length error must come with its U_um, got it alone. Give the U of its certificate (k = 2)."
+        require(self.bar_U_um or not self.bar_length_error_um, alone)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -285,7 +340,7 @@ class CampaignFields:
     machine_id: Label | None = None
     date: Date | None = None
     feed_mm_per_min: Number | None = None
-    resolution_um: Annotated[Number, Field(gt=0.0)] = 0.24
+    resolution_um: Positive = 0.24
     mount: MountCompensation = field(default_factory=MountCompensation)
     force_law: ForceLaw = field(default_factory=ForceLaw)
     frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(default_factory=dict)
@@ -315,6 +370,8 @@ class Campaign(CampaignFields):
         Which machine was measured (a serial or inventory number): what tells the machines of a fleet apart.
     date : str, optional
         When, as ISO 8601 (2026-11-20, 2026-11-20T14:30).
+    instrument : Instrument, optional
+        What certificates say; by default nothing.
     foreseen : sequence of CircularTest, optional
         Tests that may follow: what only they can show is modelled already. Their readings, if any, are dropped.
 
@@ -327,6 +384,7 @@ class Campaign(CampaignFields):
     tests: tuple[CircularTest, ...]
     name: Label = field(default="campaign", kw_only=True)
     centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    instrument: Instrument = field(default_factory=Instrument, kw_only=True)
     foreseen: tuple[CircularTest, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
@@ -409,7 +467,7 @@ class Campaign(CampaignFields):
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the parsed data: everything the model uses, independent of file layout and of text formatting."""
+        """SHA-256 of the readings and how they were taken, whatever the files' layout; certificates are beliefs: no part."""
         digest = hashlib.sha256()
         head: list[Any] = [self.topology, self.resolution_um, self.mount.deflection_um_per_bar, self.mount.compensated]
         head += [[axis, *frame] for axis, frame in sorted(self.frames_mm.items()) if any(frame)]

@@ -1,45 +1,19 @@
-"""From raw readings to readings the model takes: mount compensation (Eq. 32), masks, trimming, angles from time, laps."""
+"""From raw readings to readings the model takes: masks, angles from time, laps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.campaign import CircularTest
 from ldbb_bayes.errors import InputError, require
 
-__all__ = [
-    "angles_from_time",
-    "average_laps",
-    "compensate_mount",
-    "direction_run",
-    "mask_angles",
-    "mask_reversals",
-    "on_the_circle",
-    "trim_overshoot",
-]
+__all__ = ["angles_from_time", "average_laps", "direction_run", "mask_angles", "mask_reversals", "on_the_circle"]
 
 Array = NDArray[np.float64]
 _TURN = 360.0
-
-
-def compensate_mount(campaign: Campaign) -> Campaign:
-    """Subtract the deflection of the work ball's mount, P · deflection (Eq. 32, bar level), from every reading.
-
-    Raises
-    ------
-    InputError
-        When the readings are compensated already.
-    """
-    require(not campaign.is_plan, "mount compensation must have readings to correct, got a plan. Measure or simulate it first.")
-    got = "mount compensation must be applied once, got readings marked compensated."
-    require(not campaign.mount.compensated, f"{got} Set [mount] compensated = false if they are raw.")
-    deflection = campaign.mount.deflection_um_per_bar
-    tests = [test.with_reading_um(test.reading_um - deflection * (test.pressure_bar or 0.0)) for test in campaign.tests]
-    return replace(campaign, tests=tuple(tests), mount=replace(campaign.mount, compensated=True))
 
 
 def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
@@ -75,37 +49,6 @@ def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularT
     """
     require(0.0 < half_width_deg < 45.0, f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.")
     return mask_angles(test, [(q - half_width_deg, q + half_width_deg) for q in (0.0, 90.0, 180.0, 270.0)])
-
-
-def trim_overshoot(test: CircularTest, *, start_deg: float | None = None, arc_deg: float = 360.0) -> CircularTest:
-    """Keep one pass of ``arc_deg`` of a recording that ran in before and ran out after.
-
-    Parameters
-    ----------
-    start_deg : float, optional
-        Angle at which the pass begins, as recorded (not modulo 360°) [deg]. Default: the pass is centred in the recording.
-    arc_deg : float
-        Length of the pass [deg]. The reading that repeats the first angle is dropped.
-
-    Raises
-    ------
-    InputError
-        When the recording is shorter than the pass, or its angles do not run in one direction.
-    """
-    angle, steps = test.angle_deg, np.diff(test.angle_deg)
-    got = f"angles must run in one direction to be trimmed, got test {test.name!r} with changes of direction."
-    require(np.all(steps > 0) or np.all(steps < 0), f"{got} Unwrap the angles past 360° first.")
-    travel, step, tolerance = np.sign(steps[0]), abs(np.median(steps)), 1e-6 * arc_deg
-    along = travel * angle
-    span = along[-1] - along[0]
-    if span + step < arc_deg:
-        raise InputError(f"recording must span {arc_deg:g}°, got {span:g}° in test {test.name!r}. Give a shorter arc_deg.")
-    start = along[0] + max(span - arc_deg, 0.0) / 2 if start_deg is None else travel * start_deg
-    fits = along[0] - tolerance <= start <= along[-1] + step + tolerance - arc_deg
-    got = f"{start_deg} in test {test.name!r}, which runs from {angle[0]:g}° to {angle[-1]:g}°"
-    cure = "Start elsewhere or give a shorter arc_deg"
-    require(fits, f"start_deg must leave {arc_deg:g}° of recording, got {got}. {cure}.")
-    return test.select((along >= start - tolerance) & (along < start + arc_deg - tolerance))
 
 
 def angles_from_time(

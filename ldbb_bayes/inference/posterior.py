@@ -21,7 +21,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.mcmc import diagnose
@@ -324,14 +324,14 @@ def _digest(tree: xr.DataTree) -> str:
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
     """What the record keeps of a campaign; readings and angles stand in the group constant_data, as read."""
-    mount, law = asdict(campaign.mount), asdict(campaign.force_law)
+    nested = {name: asdict(getattr(campaign, name)) for name in ("mount", "force_law", "instrument")}
     return {
         "name": campaign.name,
         "sha256": campaign.sha256,
         "tests": len(campaign.tests),
         "readings": campaign.readings,
         "forces_N": campaign.forces_N.tolist(),
-        "fields": _fields(campaign, "name", "tests", "foreseen") | {"mount": mount, "force_law": law},
+        "fields": _fields(campaign, "name", "tests", "foreseen") | nested,
         "test_fields": [_fields(test, *_ARRAYS) for test in campaign.tests],
         "foreseen": [_fields(test, *_ARRAYS) for test in campaign.foreseen],
     }
@@ -373,9 +373,7 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
         for i, own in enumerate(record["test_fields"])
     )
     foreseen = tuple(CircularTest(angle_deg=_ANY_CIRCLE_DEG, **own) for own in record["foreseen"])
-    rest = record["fields"]
-    rest |= {"mount": MountCompensation(**rest["mount"]), "force_law": ForceLaw(**rest["force_law"])}
-    return Campaign(tests, name=record["name"], foreseen=foreseen, **rest)
+    return Campaign(tests, name=record["name"], foreseen=foreseen, **record["fields"])
 
 
 def model_of(posterior: xr.DataTree) -> HybridModel:

@@ -1,8 +1,9 @@
-"""Circular tests and campaigns made from arrays; mount compensation, masks and trimming."""
+"""Circular tests and campaigns made from arrays; masks; certificates."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -136,20 +137,9 @@ def test_arc(angle: np.ndarray, arc: float) -> None:
 # ---- preparation
 
 
-def recording(start: float = -30.0, stop: float = 390.0, step: float = 1.0) -> lb.CircularTest:
-    angle = np.arange(start, stop, step)
+def recording(start: float = -30.0, stop: float = 390.0) -> lb.CircularTest:
+    angle = np.arange(start, stop)
     return lb.CircularTest(force_N=36.0, angle_deg=angle, reading_um=np.sin(np.deg2rad(angle)), name="a")
-
-
-def test_compensation_is_equation_32() -> None:
-    raw = lb.Campaign((recording(),), mount=lb.MountCompensation(compensated=False))
-    done = lb.compensate_mount(raw)
-    pressure = (36.0 + 14.2) / 126.04
-    np.testing.assert_allclose(done.tests[0].reading_um, raw.tests[0].reading_um - 2.33 * pressure)
-    assert done.mount.compensated
-    for wrong, message in ((done, "applied once"), (raw.plan(), "got a plan")):
-        with pytest.raises(InputError, match=message):
-            lb.compensate_mount(wrong)
 
 
 def test_force_law_both_ways() -> None:
@@ -177,17 +167,31 @@ def test_arcs_may_run_through_zero() -> None:
         lb.mask_angles(recording(), [(0.0, 360.0)])
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_overshoot_is_trimmed_to_one_pass(sign: float) -> None:
-    test = recording()
-    test = lb.CircularTest(force_N=36.0, angle_deg=sign * test.angle_deg, reading_um=test.reading_um)
-    trimmed = lb.trim_overshoot(test)
-    assert len(trimmed.angle_deg) == 360
-    assert len(np.unique(np.round(trimmed.angle_deg % 360.0, 6))) == 360
-    started = lb.trim_overshoot(test, start_deg=0.0)
-    assert started.angle_deg[0] == 0.0
-    with pytest.raises(InputError, match="recording must span"):
-        lb.trim_overshoot(test, arc_deg=800.0)
-    for start in (150.0, -100.0):
-        with pytest.raises(InputError, match="start_deg must leave 360° of recording"):
-            lb.trim_overshoot(recording(), start_deg=start)
+ROUND = {"harmonics_um": ((2, 0.21, 35.0), (3, 0.1, -20.0)), "U_um": 0.05}
+
+
+def test_certificates_go_where_the_campaign_goes() -> None:
+    """And leave the digest of the readings as it is."""
+    plain = lb.Campaign((recording(), replace(recording(), name="b")))
+    known = lb.Instrument(lb.Ball(grade="G20"), lb.Ball(**ROUND), bar_length_error_um=-0.4, bar_U_um=1.0, mount_U_percent=2.0)
+    stated = replace(plain, instrument=known)
+    assert {own.instrument for own in (stated.plan(), stated.select(["b"]), stated.without("b"))} == {known}
+    assert (known.work.stated_sphericity_um, known.tool.stated_sphericity_um) == (0.5, None)
+    assert stated.sha256 == plain.sha256
+
+
+@pytest.mark.parametrize(
+    ("kind", "stated", "message"),
+    [
+        (lb.Ball, {"grade": "G21"}, "Did you mean 'G20'"),
+        (lb.Ball, {"grade": "G20", "sphericity_um": 0.5}, "got both"),
+        (lb.Ball, {"harmonics_um": [(2, 0.2, 35.0)]}, "harmonics_um alone"),
+        (lb.Ball, ROUND | {"harmonics_um": [(2, 0.2, 35.0), (2, 0.1, 0.0)]}, r"each order once, got \[2, 2\]"),
+        (lb.Ball, ROUND | {"harmonics_um": [(13, 0.2, 35.0)]}, "less than or equal to 12"),
+        (lb.Instrument, {"bar_length_error_um": 1.0}, "must come with its U_um"),
+        (lb.Instrument, {"angle_U_deg": float("inf")}, "angle_U_deg must be a finite number"),
+    ],
+)
+def test_certificates_that_cannot_be_are_refused(kind: type, stated: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        kind(**stated)
