@@ -28,7 +28,7 @@ def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> Non
     campaign = simulated(planned)
     bound, oracle = lb.HybridModel.default(1).bind(campaign), oracle_of(campaign, 1)
     beta = bound.centre[None] + 0.01 * bound.scale
-    shared = oracle.fixed + PHI[0, 3] ** 2 * oracle.form_part
+    shared = oracle.shared(PHI[0])
     residual = oracle.y - oracle.J @ beta[0]
     expected = oracle.J @ beta[0] + shared @ np.linalg.solve(oracle.covariance(PHI[0]), residual)
     offset = np.concatenate([t.readings_mm() for t in campaign.tests]) - oracle.y
