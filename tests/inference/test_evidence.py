@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import TRUTH, oracle_of, plan, simulated
+from campaigns import TRUTH, oracle_of, plan, simulated, with_priors
 from oracle import Oracle
-from pairs import pair_by_quadrature
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -63,16 +62,11 @@ def brute_force(oracle: Oracle) -> list[float]:
     return [float(np.logaddexp.reduce(own.ravel())) for own in (plain, total)]
 
 
-def with_means(model: lb.HybridModel, priors: dict[str, tuple[float, float]]) -> lb.HybridModel:
-    means, sds = ({key: value[k] for key, value in priors.items()} for k in (0, 1))
-    return replace(model, prior=replace(model.prior, means=means, overrides=sds))
-
-
 @pytest.mark.parametrize("priors", [{}, pytest.param(FOUR, marks=pytest.mark.slow)])
 def test_to_a_millionth_of_a_nat(campaign: lb.Campaign, priors: dict[str, tuple[float, float]]) -> None:
     oracle = oracle_of(campaign, 0, terms=("length", "mount", "force", "discrepancy"), truncated=True, given_priors=priors)
     for own, expected in zip((SMALL.without("truncation"), SMALL), brute_force(oracle), strict=True):
-        found = lb.log_evidence(with_means(own, priors), campaign, tolerance=5e-7)
+        found = lb.log_evidence(with_priors(own, priors), campaign, tolerance=5e-7)
         assert found.error < 1e-6
         assert found.log_value == pytest.approx(expected, abs=1e-6, rel=0.0)
 
@@ -133,76 +127,39 @@ def test_readings_of_the_wrong_sign(recovered: lb.Campaign, degree: int, without
     assert truncated.log_density(truncated.mode[None])[0] < plain.log_density(plain.mode[None])[0] - 40.0
 
 
-@pytest.mark.slow
-def test_a_strong_contradiction_by_one_dimensional_quadrature() -> None:
-    """Two direct compliances far below zero, σ the only hyper-parameter: dense oracle and a plain sum over σ."""
-    terms = ("setup-shift", "discrepancy", "ball-form", "force-error")
-    planned = plan((60,) * 6, forces_N=(36.0, 100.0, 250.0, 400.0, 600.0, 742.0))
-    model = lb.HybridModel.default(0).without(*terms)
-    truth = {"C_XXX": -2e-5, "C_YYY": -8e-5, "C_CCY": 4e-10}
-    campaign = model.simulate(planned, seed=4, parameters=truth, hyper_um={"sigma": 0.1}).campaign
-    oracle = oracle_of(campaign, 0, terms=("length", "mount"))
-    bound = model.bind(campaign)
-    free = np.log(1e-3) + np.linspace(-9.0, 1.5, 211)
-    log_density = np.empty(len(free))
-    for i, value in enumerate(free):
-        phi = bound.hyper_prior.phi(np.array([[value]]))[0]
-        log_evidence, mean, covariance = oracle.given(phi)
-        rows = bound.physical.rows[:2]
-        spread = rows @ covariance @ rows.T
-        sd = np.sqrt(np.diag(spread))
-        pair = pair_by_quadrature(tuple(rows @ mean / sd), float(spread[0, 1] / sd.prod()))
-        log_density[i] = log_evidence + bound.hyper_prior.log_density_of_free(np.array([[value]]))[0] + pair
-    top = log_density.max()
-    expected = top + np.log(np.trapezoid(np.exp(log_density - top), free)) - 3.0 * np.log(0.5)
-    assert lb.log_evidence(model, campaign).log_value == pytest.approx(expected, abs=5e-3)
-
-
 SLOPES = tuple(f"{name}_1" for name in ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
-CAMPAIGNS = {
-    "uniform": simulated(plan(), seed=1),
-    "arcs, clocked": simulated(plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0), seed=2),
-    "three forces": simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)), seed=3),
-}
+UNIFORM = simulated(plan(), seed=1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("truncated", [False, True])
 def test_emcee_takes_over_where_weights_cannot_be_trusted(truncated: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     model = lb.HybridModel.default(0) if truncated else lb.HybridModel.default(0).without("truncation")
-    exact = lb.log_evidence(model, CAMPAIGNS["uniform"])
+    exact = lb.log_evidence(model, UNIFORM)
     monkeypatch.setattr("ldbb_bayes.inference.integrals._LATTICE", 0)
     monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
-    found = lb.log_evidence(model, CAMPAIGNS["uniform"], tolerance=0.1)
+    found = lb.log_evidence(model, UNIFORM, tolerance=0.1)
     assert (exact.by_emcee, found.by_emcee) == (False, True)
     assert found.error < 0.1
     assert found.log_value == pytest.approx(exact.log_value, abs=1.5 * found.error)
 
 
-def test_fixing_all_slopes_is_the_constant_model() -> None:
-    model = lb.HybridModel.default(1)
-    fixed, constant = model.fixing(*SLOPES), model.with_degree(0)
-    values = [lb.log_evidence(m, CAMPAIGNS["uniform"], tolerance=1e-2).log_value for m in (fixed, constant)]
-    assert values[0] == pytest.approx(values[1], abs=1e-6)
-
-
 @pytest.mark.parametrize("truncated", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
     """Slopes fixed, rescaled, known better: evidence and left-out densities are those of nodes of their own."""
-    campaign = CAMPAIGNS["uniform"]
     linear = lb.HybridModel.default(1) if truncated else lb.HybridModel.default(1).without("truncation")
     narrow = replace(linear, prior=replace(linear.prior, overrides={"C_YYY_1": 1e-9}))
     models = [linear.with_degree(0), linear.fixing(*SLOPES[1:4]), linear, linear.with_slope_scale(2.0), narrow]
-    found = Evidences(campaign, tolerance=4e-2).of(*models)
+    found = Evidences(UNIFORM, tolerance=4e-2).of(*models)
     assert all(nodes.integral.free is found[-1].integral.free for nodes in found), [nodes.integral.error for nodes in found]
     for model, nodes in zip(models, found, strict=True):
-        posterior = HyperPosterior(model.bind(campaign), truncated=truncated)
+        posterior = HyperPosterior(model.bind(UNIFORM), truncated=truncated)
         own = posterior.nodes(4e-3).evidence
         assert abs(nodes.evidence.log_value - own.log_value) < min(nodes.error + own.error, 0.02)
     left = [*leave_one_out(found[0]).values()][1]
     alone = HyperPosterior(left.bound, truncated=truncated).nodes(1e-3).evidence
     assert abs(left.evidence.log_value - alone.log_value) < left.error + alone.error
-    again = Evidences(campaign, tolerance=4e-2)
+    again = Evidences(UNIFORM, tolerance=4e-2)
     for model, nodes in zip([linear, *models], [found[2], *found], strict=True):
         assert again.of(model)[0].evidence == nodes.evidence, "one after another, the largest first"
 
@@ -221,7 +178,7 @@ def test_nodes_that_do_not_suit_are_not_used() -> None:
 def test_different_readings_are_refused(campaign: lb.Campaign) -> None:
     own = lb.log_evidence(SMALL, campaign)
     with pytest.raises(InputError, match="must be between models of the same readings, got two campaigns"):
-        lb.log_bayes_factor(Evidence(0.0, 0.0, 1, CAMPAIGNS["three forces"].sha256), own)
+        lb.log_bayes_factor(Evidence(0.0, 0.0, 1, UNIFORM.sha256), own)
 
 
 def test_marginals_against_independent_draws() -> None:
@@ -248,7 +205,7 @@ def test_marginals_against_independent_draws() -> None:
 ])  # fmt: skip
 def test_marginals_refuse(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        lb.marginals(lb.HybridModel.default(0), **{"campaign": CAMPAIGNS["uniform"]} | options)
+        lb.marginals(lb.HybridModel.default(0), **{"campaign": UNIFORM} | options)
 
 
 @pytest.mark.parametrize("mean", [-40.0, -2.0, 0.0, 1.0, 5.0])

@@ -11,7 +11,6 @@ from scipy import integrate, stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.terms import BallForm, BarLength, Discrepancy, Drift, SetupShift
 
 
@@ -204,17 +203,3 @@ def test_overrides_follow_the_degree() -> None:
     sd = dict(zip(doubled.names, doubled.prior_sd, strict=True))
     assert (sd["C_XXX"], sd["C_XXX_1"]) == pytest.approx((2e-4, 6e-8))
     assert sd["C_XYX_1"] == pytest.approx(0.6 * 1e-5 / 706.0)
-
-
-def test_the_tool_ball_is_touched_on_its_far_side() -> None:
-    """Work ball at θ − ψ_work, tool ball at θ + 180° − ψ_tool; a lobe of odd order changes its sign."""
-    planned = plan((60,) * 3, work_deg=20.0, tool_deg=35.0, forces_N=(36.0, 400.0, 742.0))
-    angle = np.linspace(0.0, 6.0, 7)
-    balls = {c.names[0].removesuffix("_cos2"): c for c in BallForm().columns(lb.HybridModel.default(0).bind(planned).setting)}
-    assert set(balls) == {"work_form", "tool_form"}
-    for ball, clocked, far in (("work_form", "work_ball_deg", 0.0), ("tool_form", "tool_ball_deg", np.pi)):
-        for r, test in enumerate(planned.tests):
-            path = basis(angle) @ balls[ball].values[r]
-            turned = angle + far - np.radians(getattr(test, clocked))
-            expected = [f(n * turned) for n in range(2, 13) for f in (np.cos, np.sin)]
-            np.testing.assert_allclose(path, np.transpose(expected), atol=1e-12)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import oracle_of, plan, simulated
+from campaigns import oracle_of, plan, simulated, with_priors
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -18,11 +18,6 @@ PRIORS = {"C_XXX": (5.1e-5, 4e-6), "C_YYY": (4.6e-5, 8e-6), "C_CXY": (-2e-8, 3e-
 MEANS = {name: mean for name, (mean, _) in PRIORS.items()}
 SDS = {name: sd for name, (_, sd) in PRIORS.items()}
 CLOSE = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
-
-
-def with_priors(model: lb.HybridModel, priors: dict[str, tuple[float, float]]) -> lb.HybridModel:
-    means, sds = {name: mean for name, (mean, _) in priors.items()}, {name: sd for name, (_, sd) in priors.items()}
-    return replace(model, prior=replace(model.prior, means=means, overrides=sds))
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
