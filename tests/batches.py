@@ -11,7 +11,7 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.fleet.batch import Job, Settings
 
-CONSTANT = lb.HybridModel.default(0).without("hysteresis", "discrepancy", "setup-shift")
+CONSTANT = lb.HybridModel.first(0).without("hysteresis", "discrepancy", "setup-shift")
 LINEAR = CONSTANT.with_degree(1)
 FORCES_N = (36.0, 400.0, 742.0)
 

@@ -53,7 +53,7 @@ def plan(
 
 def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
     """Readings of a plan under plain truths."""
-    model = HybridModel.default(0)
+    model = HybridModel.first(0)
     return model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
 
 

@@ -21,7 +21,7 @@ SCRIPT = '<script>alert(1)</script> $\\frac$ | *b* `c` & "q" ]]>'
 
 def awkward(kind: str) -> xr.DataTree:
     """A posterior that a page must cope with."""
-    constant, linear = lb.HybridModel.default(0), lb.HybridModel.default(1)
+    constant, linear = lb.HybridModel.first(0), lb.HybridModel.first(1)
     if kind == "script":
         return fitted(linear, replace(simulated(plan()), name=SCRIPT))
     if kind == "long name":
@@ -31,7 +31,7 @@ def awkward(kind: str) -> xr.DataTree:
     if kind == "forty tests":
         return fitted(linear, simulated(plan([60] * 40, forces_N=np.linspace(36.0, 742.0, 40).tolist())))
     if kind == "degree 2":
-        return fitted(lb.HybridModel.default(2), simulated(plan()))
+        return fitted(lb.HybridModel.first(2), simulated(plan()))
     if kind == "unconverged":
         rule = StoppingRule(ess=100_000.0, max_steps=20)
         return lb.sample(constant, simulated(plan((30,) * 4)), seed=1, rule=rule)

@@ -49,7 +49,7 @@ class KnownLobe(lb.Term):
         return (lb.Columns(("known_lobe",), setting.harmonics([5])[:, :, :1], sd, mean=mean),)
 
 
-MODEL = lb.HybridModel.default(0).without("ball-form").including(PitchError())
+MODEL = lb.HybridModel.first(0).without("ball-form").including(PitchError())
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +66,8 @@ def posterior(campaign: lb.Campaign) -> Any:
 
 
 def test_toml_both_ways() -> None:
-    assert MODEL.hypers == ("sigma", "delta", "kappa", "pitch")
-    assert MODEL.without("pitch-error").hypers == ("sigma", "delta", "kappa")
+    assert [scale.name for scale in MODEL.scales] == ["sigma", "delta", "kappa", "pitch"]
+    assert [scale.name for scale in MODEL.without("pitch-error").scales] == ["sigma", "delta", "kappa"]
     assert "PitchError" in str(MODEL)
     text = model_to_toml(MODEL.including(PitchError(2.5)))
     assert "[terms.PitchError]\nscale_um = 2.5" in text
@@ -136,7 +136,7 @@ def test_what_is_no_term_is_refused() -> None:
         pass
 
     with pytest.raises(InputError, match=r"nuisances must be terms, got Loose\. Derive its class from Term"):
-        lb.HybridModel.default().including(Loose())
+        lb.HybridModel.first().including(Loose())
     with pytest.raises(InputError, match="a term must have a name of its own, got BallForm"):
         dataclasses.make_dataclass("BallForm", [], bases=(lb.Term,), namespace={"__module__": __name__})
     with pytest.raises(InputError, match=r"columns of a, b must have values of shape \(tests, 25, 2\)"):
@@ -153,7 +153,7 @@ def test_simulation_based_calibration_passes() -> None:
 
 def test_a_prior_mean_of_its_columns_counts(campaign: lb.Campaign) -> None:
     """In simulated readings, and in the likelihood: readings with 3 µm more of cos 5θ are as probable under it as without."""
-    plain, phi = lb.HybridModel.default(0), np.array([[3e-4, 5e-4, 2e-4, 2e-3]])
+    plain, phi = lb.HybridModel.first(0), np.array([[3e-4, 5e-4, 2e-4, 2e-3]])
     model = plain.including(KnownLobe())
     more = tuple(t.with_reading_um(np.asarray(t.reading_um) + 3.0 * np.cos(5.0 * t.angles_rad())) for t in campaign.tests)
     value = model.bind(replace(campaign, tests=more)).log_evidence(phi)

@@ -30,7 +30,7 @@ def text(root: Path) -> str:
 
 def shop_floor(place: Path) -> None:
     """The campaigns that the README's batch is of: three machines, two months; and that of a new machine."""
-    model = ldbb_bayes.HybridModel.default(degree=1)
+    model = ldbb_bayes.HybridModel.first(degree=1)
     for seed in range(7):
         made = model.simulate(plan((60,) * 4), seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
         named = replace(made, machine_id=f"VMC {7 + seed % 3:02d}", date=f"2026-0{1 + seed // 3}-05")

@@ -18,9 +18,9 @@ def test_tables_are_escaped() -> None:
 
 def test_result_objects_show_themselves() -> None:
     campaign = lb.Campaign(simulated(plan()).tests, name="<b>bold</b>")
-    simulation = lb.HybridModel.default(0).simulate(campaign, seed=1)
-    for thing in (campaign, campaign.plan(), lb.HybridModel.default(), lb.HybridModel.paper(), simulation, lb.preview(campaign)):
+    simulation = lb.HybridModel.first(0).simulate(campaign, seed=1)
+    for thing in (campaign, campaign.plan(), lb.HybridModel.first(), lb.HybridModel.paper(), simulation, lb.preview(campaign)):
         page = thing._repr_html_()
         assert page.startswith("<table>")
         assert "<b>bold</b>" not in page
-    assert "moves = together" in lb.HybridModel.default()._repr_html_()
+    assert "moves = together" in lb.HybridModel.first()._repr_html_()

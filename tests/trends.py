@@ -19,7 +19,7 @@ from ldbb_bayes.report.wording import trend_sentences, with_words
 
 @cache
 def one_campaign() -> SufficientStatistics:
-    model = HybridModel.default(degree=1).without("truncation")
+    model = HybridModel.first(degree=1).without("truncation")
     return sufficient_statistics(HyperPosterior(model.bind(simulated(plan())), truncated=False))
 
 

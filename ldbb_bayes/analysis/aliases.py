@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.model.fourier import basis, harmonic_index
-from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Result
 
@@ -258,21 +258,23 @@ def _like_friction(bound: BoundModel) -> tuple[str, ...]:
 def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array]:
     """Names, owners, columns (tests, 25, m) and prior sd (m,) of parameters and of every shared nuisance, modelled or not."""
     own = {type(term): term for term in bound.model.nuisances}
+    edition = HybridModel.second() if bound.model.preset == "default" else HybridModel.first()
+    usual = {type(term): term for term in edition.nuisances}
     names, owners = list(bound.names), [""] * len(bound.names)
     values, sd = [bound.interest], [bound.scale]
     for kind in Term.kinds.values():
-        if kind.on_demand and kind not in own:
+        if kind not in own and kind not in usual:
             continue
-        term = own.get(kind, kind())
+        term = own.get(kind) or usual[kind]
         typical = bound.model.prior.hyper(term.scales, bound.campaign.resolution_um)
-        scale = dict(zip(typical.names, typical.scale_mm, strict=True))
+        scale = {"sigma": 0.0} | dict(zip(typical.names, typical.scale, strict=True))
         for part in term.columns(bound.setting):
             if not isinstance(part, Columns) or part.private:
                 continue
             names += part.names
             owners += [kind.__name__] * len(part.names)
             values.append(part.values)
-            sd.append(part.sd * (scale[part.hyper] if part.hyper else 1.0))
+            sd.append(part.sd_at(scale))
     return names, owners, np.concatenate(values, axis=2), np.concatenate(sd)
 
 

@@ -225,7 +225,8 @@ def _ranks(
         beta, phi = draw(sampler, start, draws, seed=sampling)
     except InputError as error:
         return str(error)
-    true = simulation.parameters | {name: value * 1e-3 for name, value in simulation.hyper_um.items()}
+    shown = zip(bound.hyper_prior.names, bound.hyper_prior.shown, strict=True)
+    true = simulation.parameters | {name: simulation.hyper_um.get(name, 0.0) / float(factor) for name, factor in shown}
     truth = np.array([true.get(name, 0.0) for name in (*bound.names, *bound.hyper_prior.names)])
     ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
     p = len(bound.names)

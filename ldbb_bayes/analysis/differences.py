@@ -46,8 +46,10 @@ def _of_one_instrument(bounds: Sequence[BoundModel], phi: Sequence[Array], read:
     """Two campaigns run with one instrument; ``read``: rows that take β of each to the parameters compared, each (names, p)."""
     if len({(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for own in bounds for test in own.campaign.tests}) > 1:
         bounds = [bound.with_two_balls() for bound in bounds]
-    if all("tau" in bound.hyper_prior.names for bound in bounds):
-        at = [bound.hyper_prior.names.index("tau") for bound in bounds]
+    for name in ("tau", "decay"):
+        if any(name not in bound.hyper_prior.names for bound in bounds):
+            continue
+        at = [bound.hyper_prior.names.index(name) for bound in bounds]
         phi[0][at[0]] = phi[1][at[1]] = 0.5 * (phi[0][at[0]] + phi[1][at[1]])
     information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
     if any(own.flat for own in information):

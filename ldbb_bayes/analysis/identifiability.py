@@ -183,7 +183,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         effective_parameters=len(bound.names) - (0.0 if information.flat else float(information.variances().sum())),
         alias=_alias_matrix(bound, information),
         correlation=_correlation(information),
-        hyper_um={name: float(value * 1e3) for name, value in zip(bound.hyper_prior.names, phi, strict=True)},
+        hyper_um=bound.hyper_prior.named(phi),
         measured=not campaign.is_plan,
     )
 

@@ -132,11 +132,11 @@ def reference_sd(names: Sequence[str], units: Sequence[str], prior_mean: Array, 
     several joints is larger, and a user may know of machines that are. A prior about another mean says how well a parameter
     is known, not how large it is, and does not count. ``prior_mean`` and ``prior_sd`` (n, c) are those of the fits.
     """
-    default, kinds = Prior.default(), {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
+    default, kinds = Prior.first(), {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
     found = np.empty(len(names))
     for j, (name, unit) in enumerate(zip(names, units, strict=True)):
         if name.startswith("C_"):
-            (usual,) = default.compliance_sd([ComplianceName(*name[2:])], 0, 1.0)
+            (usual,) = default.compliance_sd([ComplianceName(*name[2:])])
         else:
             (usual,) = default.geometric_sd([GeometricName("X", "X", kinds[unit])])
         own = prior_sd[prior_mean[:, j] == 0.0, j]
@@ -166,7 +166,7 @@ def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
     """Whether two sums of compliances differ by less than 5 % of the default prior sd of the kept compliance ``name``, the
     joints' being as large as their priors: a work ball that stands a millimetre higher makes no other machine."""
     labels = sorted(set(one) | set(other))
-    size, *sizes = Prior.default().compliance_sd([ComplianceName(*label[2:]) for label in (name, *labels)], 0, 1.0)
+    size, *sizes = Prior.first().compliance_sd([ComplianceName(*label[2:]) for label in (name, *labels)])
     apart = [one.get(label, 0.0) - other.get(label, 0.0) for label in labels]
     return bool(np.linalg.norm(np.array(apart) * sizes) <= _NEGLIGIBLE * size)
 

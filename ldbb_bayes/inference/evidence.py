@@ -139,7 +139,7 @@ def marginals(
     of_beta = [*nodes.moments(), *nodes.quantiles(levels, seed=seed)]
     names = [*bound.names, *bound.hyper_prior.names]
     table = pd.DataFrame(np.hstack([of_beta, of_phi]).T, names, ["mean", "sd", "median", "ci_low", "ci_high"])
-    table.insert(0, "unit", [*(parameter.unit for parameter in bound.parameters), *("mm" for _ in bound.hyper_prior.names)])
+    table.insert(0, "unit", [*(parameter.unit for parameter in bound.parameters), *bound.hyper_prior.units])
     return table
 
 
@@ -163,12 +163,14 @@ class Evidences:
 
     def _weigh(self, model: HybridModel) -> Nodes:
         check_comparable(model, self.campaign)
-        posterior = _posterior(model, self.campaign, near=self._modes.get(model.hypers))
+        posterior = _posterior(model, self.campaign)
+        names = posterior.bound.hyper_prior.names
+        posterior = _posterior(model, self.campaign, near=self._modes.get(names)) if names in self._modes else posterior
         # What models that are one Gaussian given φ have in common: all but slopes and truncation.
         key = model_to_toml(model.without("truncation").with_slope_scale(1.0).with_degree(0))
         if key not in self._relatives:
             self._relatives[key] = _Relatives(posterior.plain.nodes(self.tolerance), self.tolerance)
-            self._modes.setdefault(model.hypers, posterior.plain.mode)
+            self._modes.setdefault(names, posterior.plain.mode)
         return self._relatives[key].nodes(posterior)
 
     @property

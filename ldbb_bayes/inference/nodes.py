@@ -140,7 +140,7 @@ class HyperPosterior:
             return [self._near]
         prior = self.bound.hyper_prior
         points = Sobol(len(prior.names), np.random.default_rng(self._seed)).random(_STARTS)
-        starts = np.log(2.0 * prior.scale_mm) - points * np.where(prior.lower_mm > 0, 12.0, 6.0)
+        starts = prior.starts(points)
         starts = starts[np.argsort(-self._smooth(starts))]
         basins: list[Array] = []
         for start in starts[: _STARTS // 4]:

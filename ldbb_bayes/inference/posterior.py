@@ -233,7 +233,11 @@ def build_tree(groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, rec
     import xarray as xr
     from xarray.indexes import PandasIndex
 
-    units = _UNITS | {p.name: p.unit for p in bound.parameters} | {str(name): "mm" for name in bound.hyper_prior.names}
+    units = (
+        _UNITS
+        | {p.name: p.unit for p in bound.parameters}
+        | dict(zip(bound.hyper_prior.names, bound.hyper_prior.units, strict=True))
+    )
 
     sets = {}
     for group, arrays in groups.items():
@@ -441,15 +445,17 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
         shown[part] = {key: value for key, value in record[part].items() if key not in _REBUILDS}
     shown |= {"parameters": {}, "hyper": {}}
     for key, variable in posterior["posterior"].data_vars.items():
-        name, unit, factor = str(key), variable.attrs.get("unit", ""), 1.0
-        if is_hyper := name not in record["model"]["groups"]:
-            unit, factor = "um", 1e3
+        name = name_shown = str(key)
+        unit, factor = variable.attrs.get("unit", ""), 1.0
+        is_hyper = name not in record["model"]["groups"]
+        if is_hyper and unit == "mm":
+            name_shown, unit, factor = f"{name}_um", "um", 1e3
         numbers = numbers_of(variable.values * factor, ci_prob)
         interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
         sd = prior_sd[name]
         entry = {"unit": unit, **numbers, f"ci{100 * ci_prob:g}": interval, "prior_sd": None if sd is None else sd * factor}
         if is_hyper:
-            shown["hyper"][f"{name}_um"] = entry
+            shown["hyper"][name_shown] = entry
         else:
             shown["parameters"][name] = entry | {"prior_mean": prior_mean.get(name)}
     return shown | {part: record[part] for part in ("sampler", "fit", "provenance")}
@@ -487,16 +493,16 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
     given = bound.given_interest.conditional(phi, beta - bound.centre)[1]
-    scale = dict(zip(bound.hyper_prior.names, phi.mean(axis=0), strict=True))
+    value = dict(zip(bound.hyper_prior.names, phi.mean(axis=0), strict=True))
     rows = {
         name: {
             "term": kind.__name__,
             "unit": kind.unit_of(name).inside,
-            "prior_sd": sd * (scale[part.hyper] if part.hyper else 1),
+            "prior_sd": sd,
         }
         for kind, columns in bound.columns_of.items()
         for part in shared_terms(columns)
-        for name, sd in zip(part.names, part.sd, strict=True)
+        for name, sd in zip(part.names, part.sd_at(value), strict=True)
     }
     table = pd.DataFrame.from_dict(rows, orient="index", columns=["term", "unit", "prior_sd"])
     table.insert(2, "mean", given.mean.mean(axis=0))

@@ -114,10 +114,12 @@ def _draw_own(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -
 
 def _own(bound: BoundModel, phi: Array, r: int) -> Iterator[tuple[Array, Array]]:
     """Columns (25, v) of what circle r has for itself, and the sd of their coefficients (draws, v)."""
+    value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     for term in bound.nuisance_columns:
-        if isinstance(term, BasisNoise) or term.private:
-            columns = np.eye(SIZE) if isinstance(term, BasisNoise) else term.values[r]
-            yield columns, _hyper(bound, phi, term.hyper) * term.sd
+        if isinstance(term, BasisNoise):
+            yield np.eye(SIZE), term.sd_at(value, r)
+        elif term.private:
+            yield term.values[r], np.broadcast_to(term.sd_at(value), (len(phi), len(term.names)))
 
 
 def _hyper(bound: BoundModel, phi: Array, name: str | None) -> Array:

@@ -309,8 +309,9 @@ def _concerns(bound: BoundModel, phi: Array, log_prob_truncation: float) -> Iter
     if levels < needed:
         yield Concern(ConcernKind.FORCES, levels, needed)
     limit = bound.hyper_prior.quantile(np.full(phi.shape[1], _EXTREME))
-    for name, median, top in zip(bound.hyper_prior.names, np.median(phi, axis=0), limit, strict=True):
-        if median > top:
+    sizes = zip(bound.hyper_prior.names, np.median(phi, axis=0), limit, bound.hyper_prior.in_mm, strict=True)
+    for name, median, top, is_length in sizes:
+        if is_length and median > top:
             yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
 
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, Instrument
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import ComplianceName, GeometricName, geometric_names
 from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
@@ -23,10 +23,12 @@ __all__ = [
     "ORDERS",
     "SIZE",
     "TRAVEL",
+    "WAYS",
     "Reduced",
     "Setting",
     "basis",
     "coefficients",
+    "derivative",
     "geometric_errors_of",
     "harmonic_index",
     "reduce_readings",
@@ -39,6 +41,9 @@ SIZE = 2 * MAX_ORDER + 1
 ORDERS = np.array([0, *(n for n in range(1, MAX_ORDER + 1) for _ in range(2))])
 ORDERS.setflags(write=False)
 TRAVEL = {"CW": 1.0, "CCW": -1.0}
+WAYS = {1.0: "CW", -1.0: "CCW", 0.0: "any"}
+# Points of the circle on which functions that are no polynomials are projected; a multiple of four.
+_FINE = 2880
 _HOUR_S = 3600.0
 _CHUNK = 8192
 _ORTHOGONAL = 1e-9
@@ -56,6 +61,11 @@ def basis(angle_rad: Array) -> Array:
     return columns
 
 
+@cache
+def _fine_basis() -> Array:
+    return basis(np.arange(_FINE) * (2 * np.pi / _FINE))
+
+
 def harmonic_index(order: int) -> tuple[int, int]:
     """Positions of cos nθ and sin nθ in the basis, n ≥ 1."""
     return 2 * order - 1, 2 * order
@@ -68,6 +78,14 @@ def coefficients(columns: Callable[[Array], Array]) -> Array:
     weight = np.where(ORDERS == 0, 1.0, 2.0) / n
     found: Array = (basis(angle) * weight).T @ columns(angle)
     return np.where(np.abs(found) > 1e-13 * np.abs(found).max(axis=0, initial=0.0), found, 0.0)
+
+
+def derivative(values: Array) -> Array:
+    """Coefficients (..., 25) of the derivative with respect to the angle."""
+    found = np.zeros_like(values)
+    orders = np.arange(1, MAX_ORDER + 1)
+    found[..., 1::2], found[..., 2::2] = orders * values[..., 2::2], -orders * values[..., 1::2]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +136,22 @@ class Setting:
         Basis coefficients of the bar's direction (X, Y, Z), of j_C and of j_G.
     reference_force_N, force_range_N : float
         F0 and F_max − F_min.
-    two_balls : bool
-        Whether the clocking of either ball differs between tests.
+    two_balls, clocked : bool
+        Whether the balls' forms are two terms, and whether the clocking of either differs between tests, why they are.
     radii_mm, setups, planes, both_ways : tuple
         Different radii and set-ups, planes, and planes run in both directions of travel.
-    compliance_estimate : ndarray, shape (compliances,)
-        Ĉ, used only to linearise the force error.
+    largest_force_N : float
+        F_max of the whole campaign.
+    circle : ndarray of str, shape (tests,)
+        Name of each test's scale λ, empty where circles have none.
+    compliance_estimate, axial_estimate : ndarray, shapes (compliances,) and (3,)
+        Ĉ, used only to linearise; the compliances Ĉ_aa along X, Y, Z, zero where there is none.
+    fitted : ndarray, shape (tests, 25)
+        The circle fitted with Ĉ: F j_C·Ĉ + j_G·Ê [mm].
     compensated, deflection_um_per_bar : bool, float
         Of the mount.
+    instrument : Instrument
+        What certificates state.
     """
 
     force_N: Array
@@ -144,13 +170,19 @@ class Setting:
     reference_force_N: float
     force_range_N: float
     two_balls: bool
+    clocked: bool
     radii_mm: tuple[float, ...]
     setups: tuple[int, ...]
     planes: tuple[str, ...]
     both_ways: tuple[str, ...]
+    largest_force_N: float
+    circle: Array
     compliance_estimate: Array
+    axial_estimate: Array
+    fitted: Array
     compensated: bool
     deflection_um_per_bar: float
+    instrument: Instrument
 
     @property
     def tests(self) -> int:
@@ -160,7 +192,31 @@ class Setting:
     def select(self, rows: Sequence[int]) -> Setting:
         """Only these tests; what belongs to the whole campaign stays."""
         per_test = [name for name, value in vars(self).items() if isinstance(value, np.ndarray)]
-        return replace(self, **{name: getattr(self, name)[list(rows)] for name in per_test if name != "compliance_estimate"})
+        return replace(self, **{name: getattr(self, name)[list(rows)] for name in per_test if not name.endswith("_estimate")})
+
+    @property
+    def travels(self) -> tuple[float, ...]:
+        """The different directions of travel."""
+        return tuple(sorted({*self.travel.tolist()}, reverse=True))
+
+    @property
+    def bow(self) -> Array:
+        """q(F) = 4 (F/F_max)(1 − F/F_max), shape (tests,) [1]."""
+        share = self.force_N / self.largest_force_N
+        return np.asarray(4.0 * share * (1.0 - share))
+
+    def driven_axes(self) -> list[tuple[int, float]]:
+        """Axes X, Y, Z that the circles move and whose compliance they show, by number, and |Ĉ_aa| [mm/N]."""
+        moved = np.abs(self.direction).max(axis=(0, 1)) > 0.0
+        return [(k, abs(float(size))) for k, size in enumerate(self.axial_estimate) if moved[k] and size != 0.0]
+
+    def along(self, axis: int, power: float, *, signed: bool = False) -> Array:
+        """|u|^power, u the bar's direction along an axis, times the sign of u where ``signed``, shape (tests, 25), projected."""
+        columns = _fine_basis()
+        u = self.direction[:, :, axis] @ columns.T
+        values = np.abs(u) ** power * (np.sign(u) if signed else 1.0)
+        found = values @ (columns * (np.where(ORDERS == 0, 1.0, 2.0) / _FINE))
+        return np.where(np.abs(found) > 1e-9, found, 0.0)
 
     def each(self, what: Literal["plane", "radius", "setup"]) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
         """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only one), and its tests."""
@@ -219,6 +275,7 @@ def setting_of(
     direction, wrench, geometric = (np.stack([columns[test.circle][k] for test in tests]) for k in range(3))
     clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in tests])
     turned = np.exp(1j * clockings)
+    clocked = bool(np.abs(turned - turned[0]).max() > 1e-9)
     forces = (pilot or campaign).forces_N
     return Setting(
         force_N=campaign.forces_N,
@@ -236,14 +293,20 @@ def setting_of(
         geometric=_by_setup(campaign, geometric),
         reference_force_N=float((forces.min() + forces.max()) / 2.0 if reference_force_N is None else reference_force_N),
         force_range_N=float(forces.max() - forces.min()),
-        two_balls=bool(np.abs(turned - turned[0]).max() > 1e-9),
+        two_balls=clocked,
+        clocked=clocked,
         radii_mm=tuple(sorted({float(test.radius_mm or 0.0) for test in tests})),
         setups=tuple(sorted({test.setup or 1 for test in tests})),
         planes=tuple(machine.planes),
         both_ways=_both_ways(campaign),
+        largest_force_N=float(forces.max()),
+        circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),
+        axial_estimate=np.zeros(3),
+        fitted=np.zeros((len(tests), SIZE)),
         compensated=campaign.mount.compensated,
         deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
+        instrument=campaign.instrument,
     )
 
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -16,24 +16,39 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.machine.chain import ComplianceName, GeometricName
+from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName
 from ldbb_bayes.machine.forward import geometric_reading_mm
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
 from ldbb_bayes.model.gaussian import components, least_squares
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian
 from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit
-from ldbb_bayes.model.terms import BasisNoise, Columns, Hyper, Scale, Term
+from ldbb_bayes.model.terms import (
+    BallForm,
+    BarLength,
+    BasisNoise,
+    CircleScale,
+    Columns,
+    Discrepancy,
+    ForceError,
+    Hysteresis,
+    Mount,
+    Scale,
+    SetupShift,
+    Term,
+)
 from ldbb_bayes.model.truncation import Orthant, Truncation
 from ldbb_bayes.result import Result
 
 __all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation", "information_of", "informations_of"]
 
 Array = NDArray[Any]
-Preset = Literal["default", "paper"]
+Preset = Literal["default", "first", "paper"]
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
-# φ in this order, then the scales of other terms in theirs.
-_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau")
+# φ in this order, then the scales of other terms in theirs, the circles' last.
+_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
+# Circles scatter each by a scale of its own where there are so many.
+_FEWEST_SCALED = 4
 
 
 @dataclass(frozen=True)
@@ -48,7 +63,7 @@ class HybridModel(Result):
     prior : Prior
     reference_force_N : float, optional
         F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally.
-    preset : {"default", "paper"}
+    preset : {"default", "first", "paper"}
         Where the model started from.
     fixed : tuple of str
         Parameters fixed at zero, for example ``("C_XYX_1",)``; their names are checked when the model meets a campaign.
@@ -100,6 +115,18 @@ class HybridModel(Result):
         return cls(degree)
 
     @classmethod
+    def second(cls, degree: int = 1) -> HybridModel:
+        """All nuisances, proper priors, truncation."""
+        return cls(degree)
+
+    @classmethod
+    def first(cls, degree: int = 1) -> HybridModel:
+        """The model's first edition: form of 1/n, linear springs, circles of one scatter."""
+        form, hysteresis = BallForm(law="1/n"), Hysteresis(law="fixed")
+        others = (BarLength(), Mount(curvature_um=0.0), ForceError(curvature_sd=0.0), SetupShift(), Discrepancy())
+        return cls(degree, (form, *others, hysteresis), Prior.first(), preset="first")
+
+    @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:
         """No nuisances, flat priors, no truncation: the point estimate is Eq. 31."""
         return cls(degree, (), Prior.paper(), preset="paper")
@@ -107,8 +134,9 @@ class HybridModel(Result):
     @classmethod
     def from_preset(cls, preset: str, degree: int) -> HybridModel:
         """The named preset."""
-        check_known("preset", [preset], ("default", "paper"))
-        return cls.paper(degree) if preset == "paper" else cls.default(degree)
+        presets = {"default": cls.default, "first": cls.first, "second": cls.second, "paper": cls.paper}
+        check_known("preset", [preset], presets)
+        return presets[preset](degree)
 
     def with_degree(self, degree: int) -> HybridModel:
         """The same model with another degree; what is fixed or overridden stays so where the new degree has it."""
@@ -141,14 +169,23 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Active hyper-parameters; σ always, the others with their term."""
-        own = dict.fromkeys([_SIGMA, *(scale for term in self.nuisances for scale in term.scales)])
-        return tuple(sorted(own, key=lambda scale: _ORDER.index(scale.name) if scale.name in _ORDER else len(_ORDER)))
+        """Hyper-parameters; σ always, the others with their term."""
+        return self.scales_in(None)
 
-    @property
-    def hypers(self) -> tuple[Hyper, ...]:
-        """Their names."""
-        return tuple(scale.name for scale in self.scales)
+    def scales_in(self, setting: Setting | None) -> tuple[Scale, ...]:
+        """The same of a setting, with a scale for every circle, and without those that do not act there."""
+        own = [(term, term.scales if setting is None else term.scales_in(setting)) for term in self.nuisances]
+        every = dict.fromkeys([_SIGMA, *(scale for term, scales in own for scale in scales)])
+        if setting is not None:
+            parts = [part for term, _ in own for part in term.columns(setting)]
+            sources = [own for part in parts for own in part.sources]
+            acting = {"sigma", *(name for source in sources for name in source[:3])}
+            every = {scale: None for scale in every if scale.name in acting}
+
+        def place(scale: Scale) -> int:
+            return _ORDER.index(scale.name) if scale.name in _ORDER else len(_ORDER) + (scale.law == "circle")
+
+        return tuple(sorted(every, key=place))
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -197,9 +234,9 @@ class HybridModel(Result):
         for name, value in given.items():
             usable = np.isfinite(value) and value >= 0
             require(usable, f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.")
-        drawn = bound.hyper_prior.draw(1, rng)[0]
-        phi = {name: given[name] * 1e-3 if name in given else float(own) for name, own in zip(names, drawn, strict=True)}
-        truth = replace(bound.setting, compliance_estimate=bound.compliance_at(bound.setting.reference_force_N) @ beta)
+        drawn, unit = bound.hyper_prior.draw(1, rng)[0], 1.0 / bound.hyper_prior.shown
+        phi = {name: given.get(name, float(own / k)) * k for name, own, k in zip(names, drawn, unit.tolist(), strict=True)}
+        truth = bound.linearised_at(beta)
         coefficients = bound.interest @ beta + bound.known_offset
         for term in self.nuisances:
             for columns in term.columns(truth):
@@ -213,13 +250,14 @@ class HybridModel(Result):
         return Simulation(
             replace(plan, tests=tuple(tests)),
             dict(zip(bound.names, beta.tolist(), strict=True)),
-            {name: float(value * 1e3) for name, value in phi.items()},
+            bound.hyper_prior.named(np.array([*phi.values()])),
         )
 
 
 @dataclass(frozen=True)
 class Simulation(Result):
-    """A simulated campaign, and the true parameters in inside units (mm, N, rad) and hyper-parameters [µm] it was made from."""
+    """A simulated campaign, and the true parameters in inside units (mm, N, rad) and hyper-parameters, lengths in µm, it was made
+    from."""
 
     campaign: Campaign
     parameters: dict[str, float]
@@ -227,7 +265,7 @@ class Simulation(Result):
 
 
 Group = Literal["compliance", "slope", "geometric"]
-_PLANNED_COMPLIANCE = 5e-5
+_PLANNED_COMPLIANCE, _LEAST_SHARE = 5e-5, 20.0
 _KEPT: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
@@ -280,6 +318,12 @@ class BoundModel:
         self.geometric_errors: tuple[GeometricName, ...] = geometric_errors_of(campaign)
         reduced = _reduced(campaign)
         self.setting: Setting = setting_of(campaign, self.compliances, model.reference_force_N, pilot=pilot)
+        fitted = self._estimate(reduced) if pilot is None else self._estimate_of(pilot)
+        self.setting, self.geometric_estimate = self._linearised(*fitted), fitted[1]
+        most = max(len(each.tests) for each in (campaign, pilot or campaign))
+        if any(isinstance(term, CircleScale) for term in model.nuisances) and most >= _FEWEST_SCALED:
+            self.setting = replace(self.setting, circle=np.array([f"lambda_{test.name}" for test in campaign.tests]))
+        self.hyper_prior = model.prior.hyper(model.scales_in(self.setting), campaign.resolution_um)
         every = self._every_parameter()
         check_known("fixed parameter", model.fixed, [parameter.name for parameter in every])
         self._free = np.array([parameter.name not in model.fixed for parameter in every])
@@ -289,16 +333,14 @@ class BoundModel:
         self.prior_mean = np.array([parameter.prior_mean for parameter in self.parameters])
         self.physical = Truncation(self._physical_rows())
         self.truncation = self.physical if model.prior.truncated else Truncation(np.zeros((0, len(self.names))))
-        estimate = self._estimate(reduced) if pilot is None else self._estimate_of(pilot)
         kept = {test.name for test in (campaign if keep is None else campaign.select(keep)).tests}
         rows = [i for i, test in enumerate(campaign.tests) if test.name in kept]
-        self.setting = replace(self.setting, compliance_estimate=estimate).select(rows)
+        self.setting = self.setting.select(rows)
         self.reduced = tuple(reduced[i] for i in rows)
         self.test_names = tuple(campaign.tests[i].name for i in rows)
         lever = self.setting.force_N - self.setting.reference_force_N
         elastic = [(self.setting.force_N * lever**k)[:, None, None] * self.setting.wrench for k in range(model.degree + 1)]
         self.interest = np.concatenate([*elastic, self.setting.geometric], axis=2)[:, :, self._free]
-        self.hyper_prior = model.prior.hyper(model.scales, campaign.resolution_um)
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
         """The same binding with only the named tests; campaign properties stay frozen."""
@@ -313,7 +355,8 @@ class BoundModel:
     @property
     def terms(self) -> tuple[str, ...]:
         """Class names of the terms that act on this campaign: hysteresis needs both directions of travel."""
-        idle = [kind.__name__ for kind, columns in self.columns_of.items() if not columns]
+        idle = [kind.__name__ for kind, columns in self.columns_of.items() if not columns and kind is not CircleScale]
+        idle += [CircleScale.__name__] * (not self.setting.circle[0])
         return tuple(name for name in self.model.terms if name not in idle)
 
     def compliance_at(self, force_N: float) -> Array:
@@ -329,7 +372,7 @@ class BoundModel:
     @cached_property
     def scale(self) -> Array:
         """Typical size of every parameter, shape (p,): its prior sd, or the default prior's when flat."""
-        return self._sd_of(Prior.default())[self._free] if self.model.prior.flat else self.prior_sd
+        return self._sd_of(Prior.first())[self._free] if self.model.prior.flat else self.prior_sd
 
     @cached_property
     def centre(self) -> Array:
@@ -367,7 +410,7 @@ class BoundModel:
             self.reduced,
             [*self.nuisance_columns, *extra],
             offset=self.interest @ self.centre + self.known_offset,
-            hypers=self.model.hypers,
+            hypers=self.hyper_prior.names,
             interest=interest,
         )
 
@@ -464,40 +507,65 @@ class BoundModel:
 
     def _sd_of(self, prior: Prior) -> Array:
         """Prior sd of all parameters, fixed ones included."""
-        compliance = [self._compliance_sd(prior, k) for k in range(self.model.degree + 1)]
-        return np.concatenate([*compliance, prior.geometric_sd(self.geometric_errors)])
+        compliance, size, setting = self._compliance_sd(prior), self._size(prior.compliance_size, prior), self.setting
+        if prior.slopes_of_estimate:
+            size = np.maximum(np.abs(setting.compliance_estimate), size / _LEAST_SHARE)
+        degrees = range(1, self.model.degree + 1)
+        slopes = [prior.slope_sd(self.compliances, k, setting.force_range_N, size) for k in degrees]
+        return np.concatenate([compliance, *slopes, prior.geometric_sd(self.geometric_errors)])
 
-    def _compliance_sd(self, prior: Prior, degree: int) -> Array:
-        """Prior sd of every kept compliance; what it has absorbed of dropped sets is added in quadrature, unless overridden."""
-        own = prior.compliance_sd(self.compliances, degree, self.setting.force_range_N)
-        for k, (name, absorbed) in enumerate(zip(self.compliances, self._kept.absorbed, strict=True)):
+    def _compliance_sd(self, prior: Prior) -> Array:
+        """Prior sd of every kept compliance, what it has absorbed of dropped sets included, unless overridden."""
+        overridden = [name.label in prior.overrides for name in self.compliances]
+        return np.where(overridden, prior.compliance_sd(self.compliances), self._size(prior.compliance_sd, prior))
+
+    def _size(self, of: Callable[[Sequence[ComplianceName]], Array], prior: Prior) -> Array:
+        """Sizes of kept compliances; what each has absorbed of dropped sets is added in quadrature."""
+        own = of(self.compliances)
+        for k, absorbed in enumerate(self._kept.absorbed):
             heads = [other for other in absorbed if other.label in self._kept.dependent]
-            if heads and name.label + (f"_{degree}" if degree else "") not in prior.overrides:
-                sd = prior.compliance_sd(heads, degree, self.setting.force_range_N)
-                own[k] = np.hypot(own[k], np.linalg.norm([absorbed[other] for other in heads] * sd))
+            if heads:
+                own[k] = np.hypot(own[k], np.linalg.norm([absorbed[other] for other in heads] * of(heads)))
         return own
 
-    def _estimate_of(self, pilot: Campaign) -> Array:
-        """The pilot's Ĉ; what its circles do not show, as for a plan."""
+    def linearised_at(self, beta: Array) -> Setting:
+        """The setting linearised about parameters (p,)."""
+        every = np.zeros(len(self._free))
+        every[self._free] = beta
+        return self._linearised(every[: len(self.compliances)], every[len(every) - len(self.geometric_errors) :])
+
+    def _linearised(self, compliance: Array, geometric: Array) -> Setting:
+        """The setting with Ĉ and the circle fitted with it."""
+        setting, axial = self.setting, np.zeros(3)
+        for name, value in zip(self.compliances, compliance, strict=True):
+            if name.kind == "direct":
+                axial[LINEAR.index(name.twist)] += value
+        fitted = setting.force_N[:, None] * (setting.wrench @ compliance) + setting.geometric @ geometric
+        return replace(setting, compliance_estimate=compliance, axial_estimate=axial, fitted=fitted)
+
+    def _estimate_of(self, pilot: Campaign) -> tuple[Array, Array]:
+        """The pilot's Ĉ and Ê; what its circles do not show, as for a plan."""
         bound = BoundModel(self.model, pilot)
         seen = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
-        return np.array([seen.get(name, planned) for name, planned in zip(self.compliances, self._planned(), strict=True)])
+        compliance = [seen.get(name, planned) for name, planned in zip(self.compliances, self._planned(), strict=True)]
+        rigid = dict(zip(bound.geometric_errors, bound.geometric_estimate, strict=True))
+        return np.array(compliance), np.array([rigid.get(name, 0.0) for name in self.geometric_errors])
 
     def _planned(self) -> Array:
         """Ĉ without readings: the prior mean where the prior has one, else a usual machine's."""
         usual = {name.label: _PLANNED_COMPLIANCE if name.kind == "direct" else 0.0 for name in self.compliances}
         return np.array([self.model.prior.means.get(name, value) for name, value in usual.items()])
 
-    def _estimate(self, reduced: Sequence[Reduced]) -> Array:
-        """Ĉ: least squares of [C, E] at degree 0 on the whole campaign, nearest to the prior mean in units of the prior sd."""
-        setting, prior = self.setting, Prior.default() if self.model.prior.flat else self.model.prior
+    def _estimate(self, reduced: Sequence[Reduced]) -> tuple[Array, Array]:
+        """Ĉ and Ê: least squares at degree 0 on the whole campaign, nearest to the prior mean in units of the prior sd."""
+        setting, prior = self.setting, Prior.first() if self.model.prior.flat else self.model.prior
         columns = np.concatenate([setting.force_N[:, None, None] * setting.wrench, setting.geometric], axis=2)
-        scale = np.concatenate([self._compliance_sd(prior, 0), prior.geometric_sd(self.geometric_errors)])
+        scale = np.concatenate([self._compliance_sd(prior), prior.geometric_sd(self.geometric_errors)])
         labels = [*(name.label for name in self.compliances), *(name.label for name in self.geometric_errors)]
         mean = np.array([prior.means.get(label, 0.0) for label in labels])
-        estimate = self._fit(columns, mean, scale, reduced)[: len(self.compliances)]
+        estimate, geometric = np.split(self._fit(columns, mean, scale, reduced), [len(self.compliances)])
         seen = (np.abs(setting.wrench).max(axis=(0, 1)) > 0.0) & (reduced[0].projection is not None)
-        return np.where(seen, estimate, self._planned())
+        return np.where(seen, estimate, self._planned()), geometric
 
     def _fit(self, columns: Array, near: Array, scale: Array, reduced: Sequence[Reduced]) -> Array:
         """Least squares; where not unique, what is closest to ``near`` in units of ``scale``. Of a plan, ``near`` itself."""
@@ -539,35 +607,41 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """That of `information_of` at several φ in turn, shape (w, h) [mm]; what φ only scales is worked out once."""
     names, owners = list(bound.names), [OWN] * len(bound.names)
-    columns = [bound.interest]
-    scale: list[tuple[Hyper | None, Array]] = [(None, bound.scale)]
+    columns, scale = [bound.interest], list[Columns]()
     private = [part.values for part in bound.nuisance_columns if isinstance(part, Columns) and part.private]
-    # Tests of one noise: those sampled alike on circles of one kind.
-    alike = [(id(test.factor), *(values[r].tobytes() for values in private)) for r, test in enumerate(bound.reduced)]
+    # Tests of one noise: those sampled alike on circles of one kind and of one scale.
+    scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
+    alike = [
+        (id(test.factor), scale_of[circle].tobytes() if circle else b"", *(values[r].tobytes() for values in private))
+        for r, (test, circle) in enumerate(zip(bound.reduced, bound.setting.circle.tolist(), strict=True))
+    ]
     kinds = {key: r for r, key in reversed([*enumerate(alike)])}
-    noise: dict[int, list[tuple[str, Hyper | None, Array]]] = {}
-    noise |= {r: [(NOISE, "sigma", np.eye(len(bound.reduced[r].factor)))] for r in kinds.values()}
+    noise: dict[int, list[tuple[str, Columns | BasisNoise]]] = {r: [] for r in kinds.values()}
     for kind, parts in bound.columns_of.items():
         for part in parts:
             if isinstance(part, Columns) and not part.private:
                 names += part.names
                 owners += [kind.__name__] * len(part.names)
                 columns.append(part.values)
-                scale.append((part.hyper, part.sd))
+                scale.append(part)
                 continue
-            for r, sources in noise.items():
-                factor = bound.reduced[r].factor
-                spread = factor * part.sd if isinstance(part, BasisNoise) else factor @ (part.values[r] * part.sd)
-                sources.append((kind.__name__, part.hyper, spread @ spread.T))
+            for sources in noise.values():
+                sources.append((kind.__name__, part))
     every = np.concatenate(columns, axis=2)
     design = tuple(test.factor @ every[r] for r, test in enumerate(bound.reduced))
     for values in phi:
-        value: dict[Hyper | None, float] = dict(zip(bound.hyper_prior.names, values, strict=True)) | {None: 1.0}
-        scales = np.concatenate([sd * value[hyper] for hyper, sd in scale])
-        blocks: dict[int, dict[str, Array]] = {r: {} for r in noise}
+        value = dict(zip(bound.hyper_prior.names, values.tolist(), strict=True))
+        scales = np.concatenate([bound.scale, *(part.sd_at(value) for part in scale)])
+        blocks: dict[int, dict[str, Array]] = {}
         for r, sources in noise.items():
-            for label, hyper, covariance in sources:
-                blocks[r][label] = blocks[r].get(label, 0.0) + covariance * value[hyper] ** 2
+            factor = bound.reduced[r].factor
+            blocks[r] = {NOISE: np.eye(len(factor)) * value["sigma"] ** 2}
+            for label, part in sources:
+                if isinstance(part, BasisNoise):
+                    spread = factor * part.sd_at(value, r)
+                else:
+                    spread = factor @ (part.values[r] * part.sd_at(value))
+                blocks[r][label] = blocks[r].get(label, 0.0) + spread @ spread.T
         every_block = tuple(blocks[kinds[key]] for key in alike)
         yield Information(tuple(names), tuple(owners), scales, bound.model.prior.flat, design, every_block)
 

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.fourier import SIZE, Reduced
 from ldbb_bayes.model.gaussian import Gaussian, components, eliminate, solve_upper
-from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise, Columns, Hyper
+from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise, Columns, Hyper, Source
 from ldbb_bayes.model.truncation import Orthant, Truncation
 
 __all__ = ["NOISE", "OWN", "Information", "ParameterConditional", "StructuredGaussian"]
@@ -68,7 +68,7 @@ class ParameterConditional(Gaussian):
 class _Rows(NamedTuple):
     """Rows of readings and priors: what they have of the columns, in units of their prior sd (rows, columns), and of the
     parameters of interest (rows, p); values (rows,); how many each stands for; its test, the number of tests for a prior of what
-    all share; and the parts of its variance that go with φ² and with 1, (rows, h + 1)."""
+    all share; and the parts of its variance that go with each source squared, (rows, sources)."""
 
     columns: Array
     interest: Array
@@ -180,8 +180,10 @@ class StructuredGaussian:
         private += [_as_columns(term, len(reduced)) for term in noise if term not in absorbed]
         self._q, v = (sum(len(term.names) for term in terms) for terms in (shared, private))
         self._private = list(self._q + np.arange(len(reduced) * v).reshape(-1, v)) if v else []
-        readings = _reading_rows(reduced, absorbed, shared, private, interest, offset, list(hypers), diagonal=diagonal)
-        self._rows, self._unit, volume = _with_prior(readings, shared, private, list(hypers))
+        every = [source for term in columns for source in term.sources]
+        self._hypers, self._sources = tuple(hypers), list(dict.fromkeys([Source(), Source("sigma"), *every]))
+        readings = _reading_rows(reduced, absorbed, shared, private, interest, offset, self._sources, diagonal=diagonal)
+        self._rows, self._unit, volume = _with_prior(readings, shared, private, self._sources)
         self._constant = np.array([*(-0.5 * _LOG_2PI * test.readings for test in reduced), volume])
         _, first, kind = np.unique(_to_ten_digits(self._rows.variance), axis=0, return_index=True, return_inverse=True)
         self._kinds, self._kind = self._rows.variance[first], kind.ravel()
@@ -277,8 +279,10 @@ class StructuredGaussian:
             yield (index, weight, shift, density) if apart else (index, weight, shift if shift is None else shift[0], density[0])
 
     def _variances(self, phi: Array) -> Array:
-        """D of every kind of row, shape (kinds, w): what is known of them times φ² and 1."""
-        return np.maximum(self._kinds @ np.vstack([phi.T**2, np.ones(len(phi))]), _LEAST_VARIANCE)
+        """D of every kind of row, shape (kinds, w): what is known of them times each source squared."""
+        value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
+        sizes = np.stack([np.broadcast_to(source.at(value), len(phi)) for source in self._sources])
+        return np.maximum(self._kinds @ sizes**2, _LEAST_VARIANCE)
 
     def _front(self, groups: Sequence[Index], border: Index | None = None, *, test: Sequence[int] | None = None) -> _Front:
         """Groups of as many columns each, to be eliminated together, and the columns that border them; of each group all rows, or
@@ -355,7 +359,7 @@ def _reading_rows(
     private: Sequence[Columns],
     interest: Array,
     offset: Array,
-    hypers: list[Hyper],
+    sources: list[Source],
     *,
     diagonal: bool,
 ) -> _Rows:
@@ -364,7 +368,7 @@ def _reading_rows(
         np.concatenate([np.zeros((len(reduced), SIZE, 0)), *(term.values for term in terms)], axis=2)
         for terms in (shared, private)
     )
-    q, v, white = together.shape[2], apart.shape[2], np.eye(len(hypers) + 1)[hypers.index("sigma")]
+    q, v, white = together.shape[2], apart.shape[2], np.eye(len(sources))[sources.index(Source("sigma"))]
     found = []
     for r, test in enumerate(reduced):
         turn, factor, spread = _turned(test, absorbed, diagonal=diagonal)
@@ -376,7 +380,7 @@ def _reading_rows(
         variance, number = np.tile(white, (m + 1, 1)), np.ones(m + 1)
         values, number[m] = np.append(values, np.sqrt(test.residual_ss)), max(test.readings - SIZE, 0)
         for term, sd in zip(absorbed, spread, strict=True):
-            variance[:m, hypers.index(term.hyper)] += sd**2
+            variance[:m, sources.index(term.source(r))] += sd**2
         found.append(_Rows(columns, given, values, number, np.full(m + 1, r), variance))
     return _Rows(*(np.concatenate(part) for part in zip(*found, strict=True)))
 
@@ -391,25 +395,33 @@ def _turned(test: Reduced, absorbed: Sequence[BasisNoise], *, diagonal: bool) ->
 
 
 def _with_prior(
-    rows: _Rows, shared: Sequence[Columns], private: Sequence[Columns], hypers: list[Hyper]
+    rows: _Rows, shared: Sequence[Columns], private: Sequence[Columns], sources: list[Source]
 ) -> tuple[_Rows, Array, float]:
     """The rows in units of the columns' prior sd, flat ones' in units of their own size, with the prior's rows below; the units
     (columns,); and what flat priors add to the log density."""
     tests, q = int(rows.test[-1]) + 1, sum(len(term.names) for term in shared)
     terms = [*shared, *[*private] * tests]
-    sd = np.concatenate([np.zeros(0), *(term.sd for term in terms)])
-    mean = np.concatenate([np.zeros(0), *(np.zeros(len(term.names)) if term.mean is None else term.mean for term in terms)])
-    owner = [len(hypers) if term.hyper is None else hypers.index(term.hyper) for term in terms for _ in term.names]
+    sd, stated, mean = (
+        np.concatenate([np.zeros(0), *(np.zeros(len(term.names)) if part is None else part for term, part in of)])
+        for of in ([(t, t.sd) for t in terms], [(t, t.stated) for t in terms], [(t, t.mean) for t in terms])
+    )
+    owner = [sources.index(source) for term in shared for source in term.sources]
+    owner += [sources.index(source) for r in range(tests) for term in private for source in term.sources_of(r)]
     size, flat = np.linalg.norm(rows.columns, axis=0), np.isinf(sd)
-    unit = np.where(flat, 1.0 / np.where(size > 0.0, size, 1.0), sd)
+    unit = np.where(flat, 1.0 / np.where(size > 0.0, size, 1.0), np.where(sd > 0.0, sd, stated))
     proper = np.flatnonzero(~flat)
+    variance = np.zeros((len(sd), len(sources)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for part, place in ((sd, np.array(owner, dtype=np.intp)), (stated, np.full(len(sd), sources.index(Source())))):
+            share = np.where(unit > 0.0, (part / unit) ** 2, part is sd)
+            np.add.at(variance, (np.arange(len(sd)), place), np.where(flat, 0.0, share))
     prior = _Rows(
         np.eye(len(sd))[proper],
         np.zeros((len(proper), rows.interest.shape[1])),
         np.divide(mean, unit, out=np.zeros(len(sd)), where=unit > 0.0)[proper],
         np.ones(len(proper)),
         np.where(proper < q, tests, (proper - q) // max((len(sd) - q) // tests, 1)),
-        np.eye(len(hypers) + 1)[np.array(owner, dtype=np.intp)[proper]],
+        variance[proper],
     )
     both = zip(rows._replace(columns=rows.columns * unit), prior, strict=True)
     return _Rows(*(np.concatenate(pair) for pair in both)), unit, float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum())
@@ -428,7 +440,7 @@ def _as_columns(term: BasisNoise, tests: int) -> Columns:
     used = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(used)))
     values[:, used, np.arange(len(used))] = 1.0
-    return Columns(tuple(f"{term.hyper}_{i}" for i in used), values, term.sd[used], term.hyper, private=True)
+    return Columns(tuple(f"{term.hyper}_{i}" for i in used), values, term.sd[used], term.hyper, private=True, circle=term.circle)
 
 
 def _to_ten_digits(values: Array) -> Array:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc, erfcinv
+from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit, ndtr, ndtri
 
 from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import ComplianceKind, ComplianceName, GeometricKind, GeometricName
-from ldbb_bayes.model.terms import Hyper, Scale
+from ldbb_bayes.model.terms import Hyper, Law, Scale
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
@@ -64,11 +65,16 @@ class Prior:
     direct_mm_per_N, cross_mm_per_N, rotation_for_force_rad_per_N, rotation_for_moment_rad_per_N_mm : float
         One sd of C_XXX and C_YYY; of C_XYX; of C_CXY and C_CYY; of C_CCY.
     slope_scale : float
-        sd(C_k) = slope_scale · sd(C) / (F_max − F_min)^k.
+        sd(C_k) = slope_scale · size / (F_max − F_min)^k.
+    slopes_of_estimate : bool
+        Whether that size is of the compliance itself, max(|Ĉ|, sd(C)/20), or sd(C) (first edition).
     gain, squareness_rad, straightness_per_mm, offset_mm : float
         One sd of E_XX1 and E_YY1; of E_C(0Y)X; of E_YX2 and E_XY2; of E_Xt0 and E_Yt0.
-    sigma_um, delta_um, kappa_um, tau_um : float
-        Scales of the half-normal priors of white noise, set-up shift, discrepancy and ball form.
+    sigma_um, delta_um, kappa_um, tau_um, omega_um, eta_um : float
+        Scales of the half-normal priors of white noise, set-up shift, discrepancy, ball form and machine pattern at order 6, and
+        hysteresis.
+    decay, decay_sd : float
+        The power by which form falls with its order, Normal within [0.5, 3.5].
     truncated : bool
         C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at every tested force: F C(F) is a deflection under the force itself.
     flat : bool
@@ -93,7 +99,12 @@ class Prior:
     sigma_um: float = 1.0
     delta_um: float = 1.0
     kappa_um: float = 1.0
-    tau_um: float = 5.0
+    tau_um: float = 1.5
+    omega_um: float = 1.5
+    eta_um: float = 2.0
+    decay: float = 2.0
+    decay_sd: float = 0.7
+    slopes_of_estimate: bool = True
     truncated: bool = True
     flat: bool = False
     overrides: Mapping[str, float] = field(default_factory=dict)
@@ -131,19 +142,30 @@ class Prior:
         return cls()
 
     @classmethod
+    def first(cls) -> Prior:
+        """That of the model's first edition."""
+        return cls(tau_um=5.0, slopes_of_estimate=False)
+
+    @classmethod
     def paper(cls) -> Prior:
         """Flat and untruncated: least squares."""
         return cls(truncated=False, flat=True)
 
-    def compliance_sd(self, names: Sequence[ComplianceName], degree: int, force_range_N: float) -> Array:
-        """Prior sd of every compliance of one degree, shape (compliances,)."""
-        labels = [name.label for name in names]
-        usual = np.array([getattr(self, _COMPLIANCES[name.kind][1]) for name in names])
-        constant = self._overridden(labels, usual)
-        if degree == 0:
-            return constant
-        size = np.where([label in self.means for label in labels], usual, constant)
-        return self._overridden([f"{label}_{degree}" for label in labels], self.slope_scale * size / force_range_N**degree)
+    def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
+        """Prior sd of every compliance, shape (compliances,)."""
+        return self._overridden([name.label for name in names], self._usual(names))
+
+    def slope_sd(self, names: Sequence[ComplianceName], degree: int, force_range_N: float, size: Array) -> Array:
+        """Prior sd of every slope of one degree, shape (compliances,), of compliances of these sizes."""
+        return self._overridden([f"{name.label}_{degree}" for name in names], self.slope_scale * size / force_range_N**degree)
+
+    def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
+        """How large compliances may be, shape (compliances,): their prior sd, but the usual one of those with a prior mean."""
+        given = [name.label in self.means for name in names]
+        return np.where(given, self._usual(names), self.compliance_sd(names))
+
+    def _usual(self, names: Sequence[ComplianceName]) -> Array:
+        return np.array([getattr(self, _COMPLIANCES[name.kind][1]) for name in names])
 
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Prior sd of every geometric error, shape (geometric errors,)."""
@@ -156,51 +178,127 @@ class Prior:
         """Priors of hyper-parameters; σ is restricted to σ ≥ resolution/√12."""
         own = [getattr(self, scale.prior_um) if isinstance(scale.prior_um, str) else scale.prior_um for scale in scales]
         lower = np.array([resolution_um / np.sqrt(12.0) if scale.name == "sigma" else 0.0 for scale in scales])
-        return HyperPrior(tuple(scale.name for scale in scales), np.array(own) * 1e-3, lower * 1e-3)
+        laws = tuple(scale.law for scale in scales)
+        unit = np.array([1e-3 if law == "half-normal" else 1.0 for law in laws])
+        return HyperPrior(tuple(scale.name for scale in scales), np.array(own) * unit, lower * unit, laws, self.decay_sd)
 
 
 def _prior_from(fields: Mapping[str, Any]) -> Prior:
     return Prior(**fields)
 
 
+_LEAST_DECAY, _MOST_DECAY = 0.5, 3.5
+# λ² ~ InvGamma(a, b).
+_SHAPE, _RATE = 1.5, 1.5
+
+
 @dataclass(frozen=True, eq=False)
 class HyperPrior:
-    """Independent half-normal densities in the hyper-parameters ``names`` themselves, of ``scale_mm``, each restricted to φ ≥
-    ``lower_mm``, both (h,)."""
+    """Independent densities in the hyper-parameters ``names`` themselves, each by its law: half-normal of this ``scale``,
+    restricted to φ ≥ ``lower``, both (h,) [mm]; the decay's Normal(``scale``, ``decay_sd``) within [0.5, 3.5]; of a circle's λ,
+    λ² ~ InvGamma(3/2, 3/2). φ is in mm, or a number."""
 
     names: tuple[Hyper, ...]
-    scale_mm: Array
-    lower_mm: Array
+    scale: Array
+    lower: Array
+    laws: tuple[Law, ...]
+    decay_sd: float
 
-    def log_density(self, phi: Array) -> Array:
-        """ln p(φ), shape (..., h) → (...); −inf below the restriction."""
-        with np.errstate(over="ignore"):
-            quadratic = -0.5 * (phi / self.scale_mm) ** 2
-        constant = 0.5 * np.log(2.0 / np.pi) - np.log(self.scale_mm) - np.log(self._mass)
-        return np.where(phi >= self.lower_mm, quadratic + constant, -np.inf).sum(axis=-1)
-
-    def free(self, phi: Array) -> Array:
-        """Free coordinates ln(φ − lower): logarithms, and no edge for σ at the resolution's floor."""
-        with np.errstate(divide="ignore"):
-            return np.log(phi - self.lower_mm)
-
-    def phi(self, free: Array) -> Array:
-        """φ [mm] from free coordinates."""
-        with np.errstate(over="ignore"):
-            return self.lower_mm + np.exp(free)
-
-    def log_density_of_free(self, free: Array) -> Array:
-        """Density in the free coordinates, the Jacobian φ − lower included, shape (..., h) → (...)."""
-        return self.log_density(self.phi(free)) + free.sum(axis=-1)
+    @cached_property
+    def in_mm(self) -> NDArray[np.bool_]:
+        """Which are lengths, shape (h,)."""
+        return np.array([law == "half-normal" for law in self.laws])
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """mm, or 1 of a number."""
+        return tuple("mm" if length else "1" for length in self.in_mm)
+
+    @property
+    def shown(self) -> Array:
+        """Factors to what is shown, µm or a number, shape (h,)."""
+        return np.where(self.in_mm, 1e3, 1.0)
+
+    def named(self, phi: Array) -> dict[str, float]:
+        """One φ (h,) by name, lengths in µm."""
+        return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
+
+    @cached_property
+    def _decay(self) -> NDArray[np.bool_]:
+        return np.array([law == "decay" for law in self.laws])
+
+    @cached_property
+    def _circle(self) -> NDArray[np.bool_]:
+        return np.array([law == "circle" for law in self.laws])
+
+    def log_density(self, phi: Array) -> Array:
+        """ln p(φ), shape (..., h) → (...); −inf outside the restrictions."""
+        scale, length = self.scale[self.in_mm], phi[..., self.in_mm]
+        with np.errstate(over="ignore"):
+            quadratic = -0.5 * (length / scale) ** 2
+        constant = 0.5 * np.log(2.0 / np.pi) - np.log(scale) - np.log(self._mass)
+        total = np.where(length >= self.lower[self.in_mm], quadratic + constant, -np.inf).sum(axis=-1)
+        if self._decay.any():
+            p, (low, high) = phi[..., self._decay], self._decay_levels
+            white = (p - self.scale[self._decay]) / self.decay_sd
+            constant = -np.log(self.decay_sd * np.sqrt(2.0 * np.pi) * (high - low))
+            total = total + np.where((p >= _LEAST_DECAY) & (p <= _MOST_DECAY), constant - 0.5 * white**2, -np.inf).sum(axis=-1)
+        if self._circle.any():
+            with np.errstate(divide="ignore", over="ignore"):
+                precision = phi[..., self._circle] ** -2.0
+                constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
+                total = total + (constant + (_SHAPE + 0.5) * np.log(precision) - _RATE * precision).sum(axis=-1)
+        return np.asarray(total)
+
+    def free(self, phi: Array) -> Array:
+        """Free coordinates: ln(φ − lower), logarithms, and no edge for σ at the resolution's floor; of a decay its logit."""
+        with np.errstate(divide="ignore"):
+            found = np.log(phi - self.lower)
+            p = phi[..., self._decay]
+            found[..., self._decay] = np.log((p - _LEAST_DECAY) / (_MOST_DECAY - p))
+        return found
+
+    def phi(self, free: Array) -> Array:
+        """φ from free coordinates."""
+        with np.errstate(over="ignore"):
+            found = self.lower + np.exp(free)
+        found[..., self._decay] = _LEAST_DECAY + (_MOST_DECAY - _LEAST_DECAY) * expit(free[..., self._decay])
+        return found
+
+    def log_density_of_free(self, free: Array) -> Array:
+        """Density in the free coordinates, the Jacobian included, shape (..., h) → (...)."""
+        jacobian, logit = free[..., ~self._decay].sum(axis=-1), free[..., self._decay]
+        if logit.shape[-1]:
+            slope = np.log(_MOST_DECAY - _LEAST_DECAY) + log_expit(logit) + log_expit(-logit)
+            jacobian = jacobian + slope.sum(axis=-1)
+        return np.asarray(self.log_density(self.phi(free)) + jacobian)
+
+    @cached_property
     def _mass(self) -> Array:
-        return np.asarray(erfc(self.lower_mm / self.scale_mm / np.sqrt(2.0)))
+        return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
+
+    @cached_property
+    def _decay_levels(self) -> Array:
+        """Probabilities below the least and the greatest decay of the unrestricted normal, (2, 1)."""
+        limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
+        return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
 
     def draw(self, size: int, rng: np.random.Generator) -> Array:
-        """Draws of φ, shape (size, h) [mm]."""
+        """Draws of φ, shape (size, h)."""
         return self.quantile(rng.random((size, len(self.names))))
 
     def quantile(self, level: Array) -> Array:
-        """Quantiles of φ, shape (..., h) [mm]."""
-        return self.scale_mm * np.sqrt(2.0) * erfcinv((1.0 - level) * self._mass)
+        """Quantiles of φ, shape (..., h)."""
+        level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
+        found, (low, high) = np.empty(level.shape), self._decay_levels
+        found[..., self.in_mm] = self.scale[self.in_mm] * np.sqrt(2.0) * erfcinv((1.0 - level[..., self.in_mm]) * self._mass)
+        white = ndtri(low + (high - low) * level[..., self._decay])
+        found[..., self._decay] = np.clip(self.scale[self._decay] + self.decay_sd * white, _LEAST_DECAY, _MOST_DECAY)
+        found[..., self._circle] = np.sqrt(_RATE / gammainccinv(_SHAPE, level[..., self._circle]))
+        return found
+
+    def starts(self, level: Array) -> Array:
+        """Free coordinates (..., h) from which to look for modes, of levels from 0 to 1."""
+        reach = np.where(self.lower > 0.0, 12.0, 6.0)
+        inside = self.free(self.quantile(0.1 + 0.8 * level))
+        return np.where(self.in_mm, np.log(2.0 * self.scale) - level * reach, inside)

@@ -32,7 +32,7 @@ _TABLES = ("overrides", "means")
 class _SpecFile(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
     schema_: Literal[1] = Field(alias="schema")
-    preset: Literal["default", "paper"] = "default"
+    preset: Literal["default", "first", "second", "paper"] = "default"
     degree: Literal[0, 1, 2] | None = None
     reference_force_N: float | None = None
     fixed: list[str] = Field(default_factory=list)
@@ -83,19 +83,21 @@ def model_sha256(model: HybridModel) -> str:
 def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
     spec = validated(_SpecFile, content, place)
     with placed(place):
-        model = HybridModel.paper() if spec.preset == "paper" else HybridModel.default()
-        chosen = next(k for k in (spec.degree, degree, model.degree) if k is not None)
-        model = replace(model, degree=chosen, reference_force_N=spec.reference_force_N, fixed=tuple(spec.fixed))
+        chosen = next(k for k in (spec.degree, degree, 0 if spec.preset == "paper" else 1) if k is not None)
+        model = replace(
+            HybridModel.from_preset(spec.preset, chosen), reference_force_N=spec.reference_force_N, fixed=tuple(spec.fixed)
+        )
         kinds = {field.name: dict if field.name in _TABLES else type(field.default) for field in fields(Prior)}
         prior = replace(model.prior, **_checked("prior", kinds, spec.prior))
         if spec.terms is None:
             return replace(model, prior=prior)
         check_known("term", spec.terms, Term.kinds)
-        terms = []
+        terms, usual = [], {type(term): term for term in model.nuisances}
         for name, kind in Term.kinds.items():
             if name in spec.terms:
                 kinds = {field.name: str if isinstance(field.default, str) else float for field in fields(cast("Any", kind))}
-                terms.append(kind(**_checked(name, kinds, spec.terms[name])))
+                term: Any = usual.get(kind) or kind()
+                terms.append(replace(term, **_checked(name, kinds, spec.terms[name])))
         return replace(model, prior=prior, nuisances=tuple(terms))
 
 

@@ -6,8 +6,9 @@ shared by all tests or stand for each test apart. A term of your own is one more
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
@@ -15,16 +16,20 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get
 import numpy as np
 from numpy.typing import NDArray
 
+from ldbb_bayes.campaign.campaign import Ball
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import LINEAR
-from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, Setting
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, WAYS, Setting, derivative
 
 __all__ = [
+    "FORM_ORDER",
     "NOISE",
     "OWN",
+    "Angle",
     "BallForm",
     "BarLength",
     "BasisNoise",
+    "CircleScale",
     "Columns",
     "Covariate",
     "Discrepancy",
@@ -32,10 +37,15 @@ __all__ = [
     "ForceError",
     "Hyper",
     "Hysteresis",
+    "JointLoad",
+    "Law",
+    "MachinePattern",
     "Mount",
     "Moves",
+    "Position",
     "Scale",
     "SetupShift",
+    "Source",
     "Term",
     "Unit",
 ]
@@ -44,16 +54,41 @@ Array = NDArray[Any]
 Hyper = str
 # Whose a coefficient is that is no term's: of the parameters of interest, of the white noise of readings.
 OWN, NOISE = "Parameters", "ReadingNoise"
+# The order at which τ and ω are the sd of form.
+FORM_ORDER = 6.0
+
+
+Law = Literal["half-normal", "decay", "circle"]
 
 
 class Scale(NamedTuple):
     """A hyper-parameter: the sd, in mm, of what it scales, with a half-normal prior whose scale [µm] is ``prior_um``, or the
-    field of `Prior` of that name. Results add ``_um`` to its name; ``symbol`` and ``words`` are for reading."""
+    field of `Prior` of that name. Results add ``_um`` to its name; ``symbol`` and ``words`` are for reading.
+
+    Two laws are of numbers without a unit: ``decay``, the power by which form falls with its order, and ``circle``, λ of one
+    circle, λ² ~ InvGamma(3/2, 3/2).
+    """
 
     name: Hyper
     prior_um: float | str
     symbol: str = ""
     words: str = ""
+    law: Law = "half-normal"
+
+
+class Source(NamedTuple):
+    """What an sd is a known multiple of: a hyper-parameter times a circle's λ times (order/6)^(−decay); 1 without them."""
+
+    hyper: Hyper | None = None
+    circle: Hyper | None = None
+    decay: Hyper | None = None
+    order: float = FORM_ORDER
+
+    def at(self, value: Mapping[Hyper, Any]) -> Any:
+        """Its value at those of the hyper-parameters [mm], of any shape."""
+        size = value[self.hyper] if self.hyper else 1.0
+        size = size * value[self.circle] if self.circle else size
+        return size * (self.order / FORM_ORDER) ** -value[self.decay] if self.decay else size
 
 
 class Unit(NamedTuple):
@@ -80,6 +115,12 @@ class Columns:
         The hyper-parameter that scales ``sd``.
     private : bool
         True when every test has its own copy of each coefficient.
+    decay, orders : str and ndarray, shape (p,), optional
+        The hyper-parameter p by which ``sd`` falls as (order/6)^(−p), and the order of each coefficient.
+    stated : ndarray, shape (p,), optional
+        Sd that no hyper-parameter scales, added in quadrature.
+    circle : sequence of str, of as many as tests, optional
+        Names of the scales λ of private coefficients, as of `BasisNoise`.
 
     Raises
     ------
@@ -93,6 +134,10 @@ class Columns:
     hyper: Hyper | None = None
     private: bool = False
     mean: Array | None = None
+    decay: Hyper | None = None
+    orders: Array | None = None
+    stated: Array | None = None
+    circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
         p = len(self.names)
@@ -102,9 +147,27 @@ class Columns:
             f"got {self.values.shape} and {self.sd.shape}. Give one of each for every name.",
         )
 
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """Of each coefficient."""
+        if self.decay is None or self.orders is None:
+            return (Source(self.hyper),) * len(self.names)
+        return tuple(Source(self.hyper, None, self.decay, float(n)) for n in self.orders)
+
+    def sources_of(self, test: int) -> tuple[Source, ...]:
+        """Of each coefficient of one test."""
+        circle = (str(self.circle[test]) or None) if len(self.circle) else None
+        return tuple(source._replace(circle=circle) for source in self.sources)
+
+    def sd_at(self, value: Mapping[Hyper, Any]) -> Array:
+        """Prior sd at hyper-parameters, numbers or arrays (w,) [mm], shape (..., p)."""
+        sizes = np.broadcast_arrays(*(source.at(value) for source in self.sources)) if self.names else [np.zeros(0)]
+        scaled = self.sd * (np.stack(sizes, axis=-1) if self.names else 1.0)
+        return scaled if self.stated is None else np.hypot(scaled, self.stated)
+
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """What one draw from the prior at φ adds to the readings' coefficients, shape (tests, 25) [mm]."""
-        sd = self.sd * (phi[self.hyper] if self.hyper else 1.0)
+        sd = self.sd_at(phi)
         drawn = sd * rng.standard_normal((tests if self.private else 1, len(sd)))
         drawn = drawn if self.mean is None else drawn + self.mean
         return np.einsum("tkq,tq->tk", self.values, np.broadcast_to(drawn, (tests, len(sd))))
@@ -112,14 +175,29 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class BasisNoise:
-    """Independent coefficients on the basis itself, separate for every test: sd = hyper · ``sd`` (25,)."""
+    """Independent coefficients on the basis itself, separate for every test: sd = hyper · λ · ``sd`` (25,); ``circle`` (tests,):
+    the name of each test's λ, empty for none."""
 
     hyper: Hyper
     sd: Array
+    circle: Sequence[Hyper] | Array = ()
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """Of each test; one alone where circles have no λ."""
+        return tuple(Source(self.hyper, str(name) or None) for name in self.circle) or (Source(self.hyper),)
+
+    def source(self, test: int) -> Source:
+        """Of one test."""
+        return self.sources[test if len(self.circle) else 0]
+
+    def sd_at(self, value: Mapping[Hyper, Any], test: int) -> Array:
+        """Their sd at hyper-parameters, numbers or arrays (w,) [mm], shape (..., 25)."""
+        return np.multiply.outer(self.source(test).at(value), self.sd)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """One draw of them, shape (tests, 25) [mm]."""
-        return phi[self.hyper] * self.sd * rng.standard_normal((tests, SIZE))
+        return np.stack([self.sd_at(phi, r) for r in range(tests)]) * rng.standard_normal((tests, SIZE))
 
 
 class Term:
@@ -183,13 +261,17 @@ class Term:
             what = f"{type(self).__name__} {name}"
             if get_origin(hints.get(name)) is Literal:
                 check_known(what, [value], get_args(hints[name]))
-            elif not isinstance(value, str | bool) and not (np.isfinite(value) and value > 0):
+            elif not isinstance(value, str | bool) and not (np.isfinite(value) and (value > 0 or _is_off(name, value))):
                 raise InputError(f"{what} must be a positive number, got {value}. To drop the term, leave it out.")
 
     @property
     def scales(self) -> tuple[Scale, ...]:
         """Its hyper-parameters."""
         return ()
+
+    def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
+        """Its hyper-parameters in a setting, where more than `scales`."""
+        return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
         """Its columns in a setting; none where it does not act."""
@@ -229,6 +311,11 @@ class Term:
         return f" in {order}{_in_plane(coefficient)}" if order else ""
 
 
+def _is_off(setting: str, value: float) -> bool:
+    """Curvatures can be left out of a term."""
+    return setting.startswith("curvature") and value == 0.0
+
+
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
 
 
@@ -248,18 +335,31 @@ def _in_plane(coefficient: str) -> str:
 Moves = Literal["together", "apart", "zero", "centre"]
 Covariate = Literal["time", "temperature"]
 _TRAVEL_ORDERS = 4
-_FORM_ORDERS = range(2, MAX_ORDER + 1)
+_FORM_ORDERS, _PATTERN_ORDERS = range(2, MAX_ORDER + 1), range(4, MAX_ORDER + 1)
+_DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
+# (S/24^½)² is the variance of a lobe whose peak to valley, 2 amplitudes, is S with each phase as likely as another.
+_OF_SPHERICITY = 1.0 / 24.0
+
+
+def _harmonic_names(stem: str, orders: Sequence[int]) -> tuple[str, ...]:
+    return tuple(f"{stem}_{trig}{n}" for n in orders for trig in ("cos", "sin"))
 
 
 @dataclass(frozen=True)
 class BallForm(Term):
-    """cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12: form error of the balls, τ/n per coefficient, the same at every force.
+    """cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12: form error of the balls, the same at every force.
+
+    The variance of each coefficient is τ² (n/6)^(−2p), and at the orders 2 and 3 (S_work² + S_tool²)/24 besides, S the deviation
+    from sphericity, peak to valley, that a ball's certificate or grade states, or else ``sphericity_um``. A harmonic that a
+    certificate states has its mean and variance from there. With ``law`` 1/n the sd is τ/n (first edition).
 
     While no ball is clocked the two forms are one sum. As soon as a clocking differs between tests there are two terms,
-    the work ball at θ − ψ_work and the tool ball, touched on its far side, at θ + 180° − ψ_tool, each with τ/(n √2). Every plane
-    runs over another great circle of the balls: it has forms of its own.
+    the work ball at θ − ψ_work and the tool ball, touched on its far side, at θ + 180° − ψ_tool, each with τ²/2 and its own S².
+    Every plane runs over another great circle of the balls: it has forms of its own.
     """
 
+    sphericity_um: float = 2.5
+    law: Literal["decay", "1/n"] = "decay"
     stem = ("form", "work_form", "tool_form")
     calibration = "a calibration of the balls' form"
     remedy = "Clock both balls (not by 180° alone), or measure a second radius."
@@ -268,23 +368,41 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        return (Scale("tau", "tau_um", "τ", "ball form"),)
+        return (Scale("tau", "tau_um", "τ", "ball form"), *([_DECAY] if self.law == "decay" else []))
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        balls = [("form", setting.work_ball_rad, 1.0)]
+        work, tool = setting.instrument.work, setting.instrument.tool
+        far = setting.tool_ball_rad - np.pi
+        balls = [("form", setting.work_ball_rad, [(work, 0.0), (tool, float(far[0] - setting.work_ball_rad[0]))])]
         if setting.two_balls:
-            half = 1.0 / np.sqrt(2.0)
-            balls = [("work_form", setting.work_ball_rad, half), ("tool_form", setting.tool_ball_rad - np.pi, half)]
+            balls = [("work_form", setting.work_ball_rad, [(work, 0.0)]), ("tool_form", far, [(tool, 0.0)])]
         return tuple(
             Columns(
-                tuple(f"{stem}{plane}_{trig}{n}" for n in _FORM_ORDERS for trig in ("cos", "sin")),
+                _harmonic_names(stem + plane, _FORM_ORDERS),
                 setting.harmonics(_FORM_ORDERS, turned) * own[:, None, None],
-                share / np.repeat(np.array(_FORM_ORDERS, dtype=float), 2),
-                "tau",
+                hyper="tau",
+                **self._prior(of),
             )
             for _, plane, own in setting.each("plane")
-            for stem, turned, share in balls
+            for stem, turned, of in balls
         )
+
+    def _prior(self, balls: Sequence[tuple[Ball, float]]) -> dict[str, Any]:
+        """Prior of the sum of forms of balls, each turned by so much [rad]: what `Columns` takes."""
+        if self.law == "1/n":
+            return {"sd": np.sqrt(len(balls) / 2.0) / np.repeat(np.array(_FORM_ORDERS, dtype=float), 2)}
+        orders = np.repeat(_FORM_ORDERS, 2)
+        share, stated, mean = np.zeros(len(orders)), np.zeros(len(orders)), np.zeros(len(orders))
+        for ball, turned in balls:
+            sphericity = self.sphericity_um if ball.stated_sphericity_um is None else ball.stated_sphericity_um
+            variance, half = np.where(orders <= 3, _OF_SPHERICITY * sphericity**2, 0.0), np.full(len(orders), 0.5)
+            for order, amplitude, phase_deg in ball.harmonics_um:
+                at, angle = orders == order, order * (np.deg2rad(phase_deg) + turned)
+                half[at], variance[at] = 0.0, (0.5 * (ball.U_um or 0.0)) ** 2
+                mean[at] += amplitude * np.array([np.cos(angle), np.sin(angle)])
+            share, stated = share + half, stated + variance
+        scaled = {"sd": np.sqrt(share), "decay": "decay", "orders": orders.astype(float)}
+        return scaled | {"stated": np.sqrt(stated) * 1e-3, "mean": mean * 1e-3}
 
     @staticmethod
     def _ball(coefficient: str) -> str:
@@ -303,8 +421,38 @@ class BallForm(Term):
 
 
 @dataclass(frozen=True)
+class MachinePattern(Term):
+    """cos nθ, sin nθ, n = 4 … 12, ω (n/6)^(−p): geometry of higher order and cyclic errors of the machine, the same in every test
+    of a plane, direction and radius. Only where a ball is clocked: it does not turn with it; else it is one with the form."""
+
+    stem = "pattern"
+    remedy = "Run more circles with the balls clocked."
+    on_demand = False
+
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        return Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        if not setting.clocked:
+            return ()
+        found, orders = [], np.repeat(np.array(_PATTERN_ORDERS, dtype=float), 2)
+        for (_, plane, in_plane), (_, radius, at_radius) in itertools.product(setting.each("plane"), setting.each("radius")):
+            for travel in sorted({*setting.travels}):
+                own = in_plane & at_radius & (setting.travel == travel)
+                if not own.any():
+                    continue
+                way = f"_{WAYS[travel]}" if len(setting.travels) > 1 else ""
+                names = _harmonic_names(f"pattern{way}{radius}{plane}", _PATTERN_ORDERS)
+                values = setting.harmonics(_PATTERN_ORDERS) * own[:, None, None]
+                found.append(Columns(names, values, np.ones(len(names)), "omega", decay="decay", orders=orders))
+        return tuple(found)
+
+
+@dataclass(frozen=True)
 class BarLength(Term):
-    """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another radius is another length."""
+    """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another radius is another length. Mean and
+    sd are those of the bar's certificate where there is one."""
 
     sd_um: float = 9.4
     calibration = "a calibration of the bar's length"
@@ -314,8 +462,9 @@ class BarLength(Term):
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         names, own = zip(*((f"bar_length{radius}", own) for _, radius, own in setting.each("radius")), strict=True)
-        values = setting.constant(np.column_stack(own).astype(float))
-        return (Columns(names, values, np.full(len(names), self.sd_um * 1e-3)),)
+        values, stated = setting.constant(np.column_stack(own).astype(float)), setting.instrument
+        sd, mean = _expanded(stated.bar_U_um, self.sd_um), np.full(len(names), stated.bar_length_error_um * 1e-3)
+        return (Columns(names, values, np.full(len(names), sd * 1e-3), mean=mean if mean.any() else None),)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
@@ -323,11 +472,18 @@ class BarLength(Term):
         return cls.words + (f" at R = {radius} mm" if radius else "")
 
 
+def _expanded(stated: float | None, assumed: float, factor: float = 1.0) -> float:
+    """Standard uncertainty of a stated expanded one (k = 2), times ``factor``; what is assumed where none is stated."""
+    return assumed if stated is None else 0.5 * stated * factor
+
+
 @dataclass(frozen=True)
 class Mount(Term):
-    """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value (Eq. 32)."""
+    """P: deflection of the work ball's mount per bar, known to ``relative_sd`` of its nominal value (Eq. 32) or as its
+    certificate says; and a curvature, q(F) = 4 (F/F_max)(1 − F/F_max) times ``curvature_um`` (0: none)."""
 
     relative_sd: float = 0.10
+    curvature_um: float = 0.5
     unit = Unit("mm/bar", 1e-3, "µm/bar")
     calibration = "a measurement of the mount's deflection"
     remedy = "Measure the mount's deflection."
@@ -336,21 +492,32 @@ class Mount(Term):
     on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        sd = np.array([self.relative_sd * (setting.deflection_um_per_bar * 1e-3)])
-        return (Columns(("mount",), setting.constant(setting.pressure_bar), sd),)
+        relative = _expanded(setting.instrument.mount_U_percent, self.relative_sd, 0.01)
+        sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
+        linear = Columns(("mount",), setting.constant(setting.pressure_bar), sd)
+        if not self.curvature_um:
+            return (linear,)
+        sd = np.array([self.curvature_um * 1e-3])
+        return linear, Columns(("mount_curvature",), setting.constant(setting.bow), sd)
+
+    @classmethod
+    def unit_of(cls, coefficient: str) -> Unit:
+        return Term.unit if coefficient == "mount_curvature" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        return "mount deflection"
+        return "curvature of the mount's deflection" if coefficient == "mount_curvature" else "mount deflection"
 
 
 @dataclass(frozen=True)
 class ForceError(Term):
-    """F j_C·Ĉ times a gain error common to all tests, and j_C·Ĉ times a random force error of each test."""
+    """F j_C·Ĉ times a gain error and F_max q(F) j_C·Ĉ times a curvature of the force law, 0 for none, both common to all tests;
+    and j_C·Ĉ times a random force error of each test. Each as the load cell's certificate says where there is one."""
 
     gain_sd: float = 0.01
+    curvature_sd: float = 0.01
     random_sd_N: float = 4.0
-    stem = ("force_gain", "force_random")
+    stem = ("force_gain", "force_curvature", "force_random")
     unit = Unit("1", 1e-2, "%")
     calibration = "a calibration of the force"
     remedy = "Calibrate the force."
@@ -359,16 +526,103 @@ class ForceError(Term):
     on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
-        gain = setting.force_N[:, None, None] * deflection
+        deflection, stated = (setting.wrench @ setting.compliance_estimate)[:, :, None], setting.instrument
+        linearity = stated.force_linearity_percent
+        curvature = self.curvature_sd if linearity is None else 0.01 * linearity / np.sqrt(3.0)
+        parts = [("force_gain", setting.force_N, _expanded(stated.force_U_percent, self.gain_sd, 0.01))]
+        if self.curvature_sd:
+            parts.append(("force_curvature", setting.largest_force_N * setting.bow, curvature))
+        random = self.random_sd_N if stated.force_random_N is None else stated.force_random_N
         return (
-            Columns(("force_gain",), gain, np.array([self.gain_sd])),
-            Columns(("force_random",), deflection, np.array([self.random_sd_N]), private=True),
+            *(Columns((name,), force[:, None, None] * deflection, np.array([sd])) for name, force, sd in parts),
+            Columns(("force_random",), deflection, np.array([random]), private=True),
         )
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        return coefficient.replace("_", " ")
+
+
+@dataclass(frozen=True)
+class JointLoad(Term):
+    """What yields to the load F u_a of its own axis a, not to the bar's force: F u_a² (F |u_a| − F0)/F_max, preload and rolling
+    contact, and F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², bolted contact (δ ~ f^⅔); u the bar's direction.
+
+    Both are zero along the axis at F0, where C_aa stays the secant compliance. One sd of each is ``relative_sd`` Ĉ_aa.
+    """
+
+    relative_sd: float = 0.2
+    unit = Unit("mm/N", 1e-6, "nm/N")
+    calibration = "a narrower prior of it"
+    remedy = "Measure the axis' deflection under its own load."
+    on_demand = False
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        force, middle = setting.force_N[:, None], setting.reference_force_N
+        found = []
+        for axis, estimate in setting.driven_axes():
+            square, cube, contact = (setting.along(axis, power) for power in (2.0, 3.0, 5.0 / 3.0))
+            own = force * (force * cube - middle * square) / setting.largest_force_N
+            bolted = np.cbrt(force**2 * middle) * contact - force * square
+            names = (f"joint_load_{LINEAR[axis]}_slope", f"joint_load_{LINEAR[axis]}_contact")
+            found.append(Columns(names, np.stack([own, bolted], axis=2), np.full(2, self.relative_sd * estimate)))
+        return tuple(found)
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        axis, kind = coefficient.removeprefix("joint_load_").split("_")
+        return f"{'stiffening' if kind == 'slope' else 'contact'} of axis {axis} under its own load"
+
+
+@dataclass(frozen=True)
+class Position(Term):
+    """F u_a³ and F (u_a⁴ − u_a²/2): compliance of axis a changes along its travel, screw and guideway being stiffer near their
+    bearings. One sd is ``linear_sd`` Ĉ_aa and ``quadratic_sd`` Ĉ_aa; u the bar's direction."""
+
+    linear_sd: float = 0.07
+    quadratic_sd: float = 0.04
+    unit = Unit("mm/N", 1e-6, "nm/N")
+    calibration = "a narrower prior of it"
+    remedy = "Run circles at several centres."
+    on_demand = False
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        force, found = setting.force_N[:, None], []
+        for axis, estimate in setting.driven_axes():
+            linear = setting.along(axis, 3.0, signed=True)
+            quadratic = setting.along(axis, 4.0) - 0.5 * setting.along(axis, 2.0)
+            names = (f"position_{LINEAR[axis]}_linear", f"position_{LINEAR[axis]}_quadratic")
+            sd = np.array([self.linear_sd, self.quadratic_sd]) * estimate
+            found.append(Columns(names, np.stack([force * linear, force * quadratic], axis=2), sd))
+        return tuple(found)
+
+    @classmethod
+    def describe(cls, coefficient: str) -> str:
+        axis, kind = coefficient.removeprefix("position_").split("_")
+        return f"{kind} change of the compliance along {axis}"
+
+
+@dataclass(frozen=True)
+class Angle(Term):
+    """dρ/dθ of the fitted circle, F j_C·Ĉ + j_G·Ê, once for all tests and once times the direction of travel: angle reference and
+    lag of the trace. Tests that state no direction count as clockwise."""
+
+    sd_deg: float = 0.1
+    unit = Unit("rad", np.pi / 180.0, "°")
+    calibration = "a check of the angle's reference"
+    remedy = "Check the angle's reference and the lag of the trace."
+    instrument = True
+    on_demand = False
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        slope = derivative(setting.fitted)
+        lag = slope * np.where(setting.travel == 0.0, 1.0, setting.travel)[:, None]
+        sd = np.deg2rad(_expanded(setting.instrument.angle_U_deg, self.sd_deg))
+        return (Columns(("angle_reference", "angle_lag"), np.stack([slope, lag], axis=2), np.full(2, sd)),)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
@@ -394,10 +648,10 @@ class SetupShift(Term):
         return tuple(Scale(f"delta_{n}", "delta_um", "δ", f"set-up shift of order {n}") for n in (0, 1))
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        zero, centre = np.where(ORDERS == 0, 1.0, 0.0), np.where(ORDERS == 1, 1.0, 0.0)
+        zero, centre, circle = np.where(ORDERS == 0, 1.0, 0.0), np.where(ORDERS == 1, 1.0, 0.0), setting.circle
         if self.moves == "apart":
-            return BasisNoise("delta_0", zero), BasisNoise("delta_1", centre)
-        return (BasisNoise("delta", {"together": zero + centre, "zero": zero, "centre": centre}[self.moves]),)
+            return BasisNoise("delta_0", zero, circle), BasisNoise("delta_1", centre, circle)
+        return (BasisNoise("delta", {"together": zero + centre, "zero": zero, "centre": centre}[self.moves], circle),)
 
 
 @dataclass(frozen=True)
@@ -413,28 +667,52 @@ class Discrepancy(Term):
         return (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        return (BasisNoise("kappa", np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)),)
+        sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
+        return (BasisNoise("kappa", sd, setting.circle),)
+
+
+@dataclass(frozen=True)
+class CircleScale(Term):
+    """λ of every circle, which scales its set-up shift and its discrepancy, λ² ~ InvGamma(3/2, 3/2): circles scatter as Student's
+    t with three degrees of freedom, so that an odd one does not move the compliances. Off with fewer than four tests."""
+
+    stem = "lambda"
+    words = "scale of a circle"
+    remedy = "Repeat the odd circle."
+    on_demand = False
+
+    def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
+        names = dict.fromkeys(name for name in setting.circle.tolist() if name)
+        return tuple(Scale(name, 1.0, "λ", f"scale of {name.removeprefix('lambda_')}", "circle") for name in names)
+
+    def columns(self, setting: Setting) -> tuple[Columns, ...]:
+        return ()
 
 
 @dataclass(frozen=True)
 class Hysteresis(Term):
-    """s, s cos nθ, s sin nθ, n = 1 … 4, s = ±1 the sign of travel: what differs between the two directions (ISO 230-4).
+    """s cos nθ, s sin nθ, n = 0 … 12, s = ±1 the sign of travel: what differs between the two directions (ISO 230-4).
 
-    A constant part (backlash, reversal of the axes, servo lag) and one in proportion to force (friction in the bar, lost motion),
-    a set of each for every plane. Active where a plane is run both ways; in one direction it looks like machine.
-
-    One sd of the former is ``constant_um``/n, of the latter ``proportional_um_per_kN``/n.
+    A constant part (backlash, reversal spikes, servo mismatch), η/n, η at order 0, and one in proportion to force (friction in
+    the bar, lost motion), ``proportional_um_per_kN``/n; a set of each for every plane. Active where a plane is run both ways; in
+    one direction it looks like machine. With ``law`` fixed orders end at 4 and ``constant_um`` stands for η (first edition).
     """
 
     constant_um: float = 2.0
     proportional_um_per_kN: float = 2.0
+    law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
     on_demand = False
 
+    @property
+    def scales(self) -> tuple[Scale, ...]:
+        return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
+
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        count = 2 * _TRAVEL_ORDERS + 1
-        suffixes = ("0", *(f"{trig}{n}" for n in range(1, _TRAVEL_ORDERS + 1) for trig in ("cos", "sin")))
+        eta, size, last = ("eta", 1.0, MAX_ORDER) if self.law == "sampled" else (None, self.constant_um * 1e-3, _TRAVEL_ORDERS)
+        suffixes = ("0", *(f"{trig}{n}" for n in range(1, last + 1) for trig in ("cos", "sin")))
+        count = len(suffixes)
         spread = 1.0 / np.maximum(ORDERS[:count], 1.0)
         found = []
         for plane, stem, own in setting.each("plane"):
@@ -443,10 +721,12 @@ class Hysteresis(Term):
             values = np.zeros((setting.tests, SIZE, count))
             values[:, np.arange(count), np.arange(count)] = np.where(own, setting.travel, 0.0)[:, None]
             parts = (
-                ("hysteresis", values, self.constant_um * 1e-3),
-                ("hysteresis_force", values * setting.force_N[:, None, None], self.proportional_um_per_kN * 1e-6),
+                ("hysteresis", values, size, eta),
+                ("hysteresis_force", values * setting.force_N[:, None, None], self.proportional_um_per_kN * 1e-6, None),
             )
-            found += [Columns(tuple(f"{part}{stem}_{n}" for n in suffixes), own, sd * spread) for part, own, sd in parts]
+            found += [
+                Columns(tuple(f"{part}{stem}_{n}" for n in suffixes), own, sd * spread, hyper) for part, own, sd, hyper in parts
+            ]
         return tuple(found)
 
     @classmethod

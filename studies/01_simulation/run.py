@@ -210,7 +210,7 @@ def size_at(values: Values, error_um: float) -> float:
 def reach() -> dict[str, Any]:
     """How large errors may be before the linear model is off by the resolution, and what that does to the estimates."""
     plan = lb.Plan(tuple(lb.CircularTest(force, np.rad2deg(ANGLE)) for force in FORCES_N[1:]))
-    known = lb.identify(lb.HybridModel.default(1), plan).parameters
+    known = lb.identify(lb.HybridModel.first(1), plan).parameters
     sd = {name: entry.prior_sd for name, entry in known.items() if name.startswith("E_")}
     rng = np.random.default_rng(4)
     draws = [dict(zip(sd, (rng.standard_normal(len(sd)) * list(sd.values())).tolist(), strict=True)) for _ in range(DRAWS)]

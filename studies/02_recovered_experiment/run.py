@@ -39,7 +39,7 @@ from study import DATA, Study, run  # noqa: E402
 
 HARMONICS = ("1", "cos θ", "sin θ", "cos 2θ", "sin 2θ", "cos 3θ", "sin 3θ", "cos 4θ")
 COLUMNS = ("constant", "linear", "local")
-CONSTANT = lb.HybridModel.default(degree=0)
+CONSTANT = lb.HybridModel.first(degree=0)
 # Section 5.3.
 PRINTED_RMSE_MM = {"constant": 0.0011, "linear": 0.0009}
 PRINTED_GAIN_PERCENT = 18
@@ -277,7 +277,7 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
     top = whole.tests[-1]
     force = float(top.force_N or 0.0)
     local = {test.name: pairs()[upper_pair(pairs(), test.name)] for test in whole.tests}
-    linear = lb.HybridModel.default(1)
+    linear = lb.HybridModel.first(1)
     compared = lb.compare({"constant": linear.with_degree(0), "linear": linear}, whole)
     fitted = lb.sample(lb.HybridModel.paper(0), whole, sampler="independent", seed=1)
     along = found.open_directions

@@ -34,7 +34,7 @@ COMPLIANCES = {
     "C_CXY": (1e9, "nrad/N"),
     "C_CYY": (1e9, "nrad/N"),
 }
-CONSTANT = lb.HybridModel.default(degree=0)
+CONSTANT = lb.HybridModel.first(degree=0)
 FREE = CONSTANT.without("truncation")
 CALIBRATED_UM = 0.5
 CLOCKINGS_DEG = (0.0, 45.0, 90.0)

@@ -147,7 +147,7 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
     curve = campaign.forces_N * (campaign.forces_N - 0.5 * (campaign.forces_N.min() + campaign.forces_N.max()))
     hours = curve / np.abs(curve).max()
     timed = replace(campaign, tests=tuple(replace(t, time_s=3600.0 * h) for t, h in zip(campaign.tests, hours, strict=True)))
-    constant, linear = lb.HybridModel.default(0), lb.HybridModel.default(1)
+    constant, linear = lb.HybridModel.first(0), lb.HybridModel.first(1)
     slope_sd = float(lb.identify(linear, campaign).parameters["C_XXX_1"].prior_sd)
     length_um = 1e3 * slope_sd * float(np.abs(curve).max())
     common = lb.Drift("time", length_um=length_um, centre_um=CENTRE_UM)
@@ -174,7 +174,7 @@ def slopes(campaign: lb.Campaign) -> dict[str, Any]:
     """Posterior of the mean slope (C_XXX_1 + C_YYY_1) / 2 and of their difference [nm/N per kN], linear compliance."""
     found = {}
     for label in ("zero and centre move", "the centre alone moves"):
-        posterior = lb.sample(ASSUMPTIONS[label](lb.HybridModel.default(1)), campaign, sampler="independent", seed=1)["posterior"]
+        posterior = lb.sample(ASSUMPTIONS[label](lb.HybridModel.first(1)), campaign, sampler="independent", seed=1)["posterior"]
         x, y = (1e9 * posterior[name].to_numpy().ravel() for name in EQUAL)
         found[label] = {"mean": interval(0.5 * (x + y)), "difference": interval(x - y)}
     return found

@@ -36,7 +36,7 @@ SHOWN = {"common mode": BLUE, "the other four": ORANGE, "all six": GREY}
 @cache
 def comparison() -> lb.Comparison:
     """Constant against linear compliance, everything else as by default."""
-    linear = lb.HybridModel.default(degree=1)
+    linear = lb.HybridModel.first(degree=1)
     return lb.compare({"constant": linear.with_degree(0), "linear": linear}, undetermined.recovered())
 
 
@@ -49,7 +49,7 @@ def compared() -> dict[str, Any]:
     none = next(s["probability"] for s in record["slope_subsets"] if not s["varying"])
     return {
         "log_bayes_factor": record["log_bayes_factor"]["linear/constant"],
-        "kappa_um": 1e3 * float(lb.marginals(lb.HybridModel.default(0), undetermined.recovered()).loc["kappa", "mean"]),
+        "kappa_um": 1e3 * float(lb.marginals(lb.HybridModel.first(0), undetermined.recovered()).loc["kappa", "mean"]),
         "probability": {name: model["posterior_probability"] for name, model in record["models"].items()},
         "least_squares_rmse_um": {name: model["least_squares_rmse_um"] for name, model in record["models"].items()},
         "white_noise_overstates_by_nats": naive - record["log_bayes_factor"]["linear/constant"],

@@ -25,7 +25,7 @@ COS_4 = "cos 4θ of the lightest circle"
 DIRECTIONS = {"exchange of cos θ and cos 3θ": 1, "exchange of sin θ and sin 3θ": 2, COS_4: 7}
 # The weak prior of the recovery [µm]: harmonic = a + b (F − 389 N) / 353 N + scatter.
 LEVEL_UM, TREND_UM, SCATTER_UM = 20.0, 30.0, 0.5
-MODELS = {"constant": lb.HybridModel.default(0), "linear": lb.HybridModel.default(1)}
+MODELS = {"constant": lb.HybridModel.first(0), "linear": lb.HybridModel.first(1)}
 STEPS_SD = (-2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0)
 KINDS = {"drawn": 200, "near": 400}
 # Spread of the draws, in that of the weak prior: those nearby are where the evidences are largest.

@@ -40,7 +40,7 @@ class Truth:
 @cache
 def posterior(degree: int) -> dict[str, Any]:
     """Independent draws from the posterior of the recovered experiment, by name, shape (draws,)."""
-    tree = lb.sample(lb.HybridModel.default(degree), designs.pilot(), sampler="independent", seed=1)
+    tree = lb.sample(lb.HybridModel.first(degree), designs.pilot(), sampler="independent", seed=1)
     return {str(name): values.to_numpy().ravel() for name, values in tree["posterior"].data_vars.items()}
 
 

@@ -13,7 +13,7 @@ from study import DATA
 
 import ldbb_bayes as lb
 
-LINEAR = lb.HybridModel.default(degree=1)
+LINEAR = lb.HybridModel.first(degree=1)
 LEVELS_N = tuple(np.linspace(36.0, 742.0, 15))
 FINE_N = tuple(np.linspace(36.0, 742.0, 101))
 FIVE_N = tuple(np.linspace(36.0, 742.0, 5))

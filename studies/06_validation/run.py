@@ -28,7 +28,7 @@ FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 ARC_DEG, STEP_DEG, MORE = 220.0, 2.0, 4
 DRAWS, SEED, PROBABILITY = 99, 6, 0.99
 SHARE, LOW, AGAIN = 0.95, 0.9, 10
-LINEAR = lb.HybridModel.default(1)
+LINEAR = lb.HybridModel.first(1)
 KEPT = HERE / "ranks.csv"
 # A draw equal to the truth within rounding falls on either side of it, by version of the libraries.
 ONE_RANK = 1.5 / DRAWS

@@ -37,7 +37,7 @@ SPIKE_DEG = 2.0
 OUTLIER_UM = 10.0
 KNEE_N = 500.0
 QUADRANTS_DEG = (0.0, 90.0, 180.0, 270.0)
-BELIEVED = lb.HybridModel.default(degree=1)
+BELIEVED = lb.HybridModel.first(degree=1)
 
 
 @dataclass(frozen=True)

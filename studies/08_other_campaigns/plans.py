@@ -8,7 +8,7 @@ import numpy as np
 
 import ldbb_bayes as lb
 
-MODEL = lb.HybridModel.default(degree=1)
+MODEL = lb.HybridModel.first(degree=1)
 FORCES_N = (36.0, 212.0, 389.0, 566.0, 742.0)
 ANGLE_DEG = np.arange(360.0)
 FIVE_MINUTES_S = 300.0

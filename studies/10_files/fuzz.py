@@ -133,7 +133,7 @@ class Findings:
 
 def written() -> dict[str, bytes]:
     """Files of a campaign, a fit, a comparison and a design."""
-    model, campaign = lb.HybridModel.default(degree=0), awkward.campaign()
+    model, campaign = lb.HybridModel.first(degree=0), awkward.campaign()
     rule = StoppingRule(ess=1e6, block=2, max_steps=4)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
@@ -176,7 +176,7 @@ def readers(own: Mapping[str, bytes]) -> dict[str, Reader]:
         b"%d,%d,%d,1.5\n" % (k // 36, 36 + k // 36, 10 * (k % 36)) for k in range(72)
     )
     layout = layout_to_toml(lb.import_campaign(written_table()).layout).encode()
-    model = model_to_toml(lb.HybridModel.default()).encode()
+    model = model_to_toml(lb.HybridModel.first()).encode()
     truths = b"schema = 1\nforces_N = [36.0, 389.0]\nreadings = 90\n[parameters]\nC_XXX = 5e-5\n[hyper_um]\nsigma = 0.3\n"
     return {
         "import, text": Reader("light 1 bar.csv", texts, lb.import_campaign, 0.40),

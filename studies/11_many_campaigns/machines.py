@@ -25,7 +25,7 @@ READINGS = 90
 MACHINES, CAMPAIGNS = 12, 1
 SPREAD_SCALE, REPEATABILITY = 0.3, 0.01
 HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
-MODEL = lb.HybridModel.default(degree=1)
+MODEL = lb.HybridModel.first(degree=1)
 PLAN = lb.Plan(
     tuple(lb.CircularTest(force_N=force, angle_deg=np.arange(READINGS) * 360.0 / READINGS) for force in FORCES_N),
     name="seven forces",

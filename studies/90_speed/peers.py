@@ -185,7 +185,7 @@ class ReducedDensity:
             raise InputError("tests must be uniform circles for a peer, got another sampling. Leave the peers out.")
         self._log_likelihood = _uniform_log_likelihood(bound)
         hyper = bound.hyper_prior
-        at_lower = hyper.log_density(hyper.lower_mm) + 0.5 * ((hyper.lower_mm / hyper.scale_mm) ** 2).sum()
+        at_lower = hyper.log_density(hyper.lower) + 0.5 * ((hyper.lower / hyper.scale) ** 2).sum()
         self._constant = float(at_lower - np.log(bound.prior_sd).sum() - 0.5 * _LOG_2PI * len(bound.names))
         self._second_order: Callable[[Any], Any] | None = None
 
@@ -195,9 +195,9 @@ class ReducedDensity:
 
         bound, p = self.bound, len(self.bound.names)
         standard, free = x[:p], x[p:]
-        phi = bound.hyper_prior.lower_mm + jnp.exp(free)
+        phi = bound.hyper_prior.lower + jnp.exp(free)
         beta_square = ((standard + bound.centre / bound.prior_sd) ** 2).sum()
-        log_prior = free.sum() - 0.5 * (beta_square + ((phi / bound.hyper_prior.scale_mm) ** 2).sum())
+        log_prior = free.sum() - 0.5 * (beta_square + ((phi / bound.hyper_prior.scale) ** 2).sum())
         return self._constant + log_prior + self._log_likelihood(standard * bound.prior_sd, phi)
 
     def split(self, x: Array) -> tuple[Array, Array]:

@@ -45,7 +45,7 @@ from study import DATA, page  # noqa: E402
 
 Array = NDArray[Any]
 PACKAGES = ("numpy", "scipy", "emcee", "jax", "numpyro", "dynesty")
-MODEL = lb.HybridModel.default(degree=1)
+MODEL = lb.HybridModel.first(degree=1)
 TRUTH = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
 HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
 NUTS = {"NUTS, dense mass matrix": False, "NUTS, whitened by hand": True}
@@ -268,7 +268,7 @@ def evidence(size: Size) -> list[dict[str, Any]]:
     rows = []
     for degree in size.degrees:
         for truncated in (False, True):
-            model = lb.HybridModel.default(degree) if truncated else lb.HybridModel.default(degree).without("truncation")
+            model = lb.HybridModel.first(degree) if truncated else lb.HybridModel.first(degree).without("truncation")
             bound = model.bind(recovered())
             ways: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {"nodes": (5, partial(by_nodes, model))}
             if has("dynesty") and has("jax"):

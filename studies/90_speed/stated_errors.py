@@ -28,7 +28,7 @@ def campaign_of(seed: int) -> tuple[lb.HybridModel, lb.Campaign]:
         work, tool = (45.0 * rng.integers(0, 4, 2) * (seed % 3 == 0)).tolist()
         tests.append(lb.CircularTest(float(force), angle, name=f"t{len(tests)}", work_ball_deg=work, tool_ball_deg=tool))
     plan = lb.Campaign(tuple(tests))
-    model = lb.HybridModel.default(min(degree, plan.force_levels - 1))
+    model = lb.HybridModel.first(min(degree, plan.force_levels - 1))
     choices = {"tau": (0.0, 0.3, 15.0), "kappa": (0.0, 0.02, 0.5), "delta": (0.0, 0.3, 2.0), "sigma": (0.05, 0.3)}
     hyper_um = {name: float(rng.choice(own)) for name, own in choices.items()}
     campaign = model.simulate(plan, seed=seed, hyper_um=hyper_um).campaign

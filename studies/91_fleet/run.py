@@ -35,7 +35,7 @@ sys.path.insert(0, str(HERE.parent))
 from study import page  # noqa: E402
 
 FORCES_N = np.linspace(36.0, 742.0, 7)
-MODEL = lb.HybridModel.default(degree=1)
+MODEL = lb.HybridModel.first(degree=1)
 TRUTH = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
 HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
 POLL_S = 0.5

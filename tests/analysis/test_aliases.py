@@ -17,7 +17,7 @@ from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
 
 
 def found(campaign: lb.Campaign, degree: int = 1) -> dict[str, set[str]]:
-    every = degeneracies(lb.HybridModel.default(degree).bind(campaign))
+    every = degeneracies(lb.HybridModel.first(degree).bind(campaign))
     return {d.nuisances[0] if d.term else "": set(d.parameters) for d in every}
 
 
@@ -44,7 +44,7 @@ def test_recovered_experiment(recovered: lb.Campaign) -> None:
 
 def test_exchange_rates(recovered: lb.Campaign) -> None:
     """cos 2θ of 1 µm at R = 150 mm is E_XX1 − E_YY1 = 2/150 = 13.3 µm/m; a length of 1 µm is 1/150 on both."""
-    every = {d.nuisances[0]: d for d in degeneracies(lb.HybridModel.default(1).bind(recovered))}
+    every = {d.nuisances[0]: d for d in degeneracies(lb.HybridModel.first(1).bind(recovered))}
     form = every["form_cos2"].combination
     assert form["form_cos2"] == pytest.approx(1e-3)
     assert -form["E_XX1"] == pytest.approx(1e-3 / 150.0, rel=1e-9)
@@ -63,7 +63,7 @@ def test_exchange_rates(recovered: lb.Campaign) -> None:
 def exact_change_um(campaign: lb.Campaign, degeneracy: Degeneracy, degree: int = 1) -> float:
     """The largest change of a reading by the combination: geometry exactly, the rest from the definition of each nuisance."""
     change, largest = degeneracy.combination, 0.0
-    bound = lb.HybridModel.default(degree).bind(campaign)
+    bound = lb.HybridModel.first(degree).bind(campaign)
     estimate, kept = bound.setting.compliance_estimate, [c.label for c in bound.compliances]
     forces = campaign.forces_N
     for test, pressure in zip(campaign.tests, campaign.pressures_bar, strict=True):
@@ -109,7 +109,7 @@ def test_every_statement_holds_in_the_exact_model(recovered: lb.Campaign, which:
     }[which]
     if which == "one force" and degree:
         return
-    every = degeneracies(lb.HybridModel.default(degree).bind(campaign))
+    every = degeneracies(lb.HybridModel.first(degree).bind(campaign))
     assert every
     for degeneracy in every:
         change = exact_change_um(campaign, degeneracy, degree)
@@ -124,7 +124,7 @@ def test_clocking_ends_what_it_should(order: int) -> None:
 
     def left(turns: tuple[tuple[float, float], ...]) -> set[str]:
         """Nuisances of this order that some parameter imitates."""
-        every = degeneracies(lb.HybridModel.default(0).bind(clocked(turns)))
+        every = degeneracies(lb.HybridModel.first(0).bind(clocked(turns)))
         return {n for d in every for n in d.nuisances if n.endswith((f"cos{order}", f"sin{order}"))}
 
     assert bool(left(((0.0, 0.0),))) is (order < 4)
@@ -141,7 +141,7 @@ def test_a_second_radius_brings_a_second_length() -> None:
     """Form is told apart, lengths only from each other: in proportion to the radii they are a scale."""
     two = plan(work_deg=40.0, tool_deg=-65.0)
     two = replace(two, tests=tuple(replace(t, radius_mm=r) for t, r in zip(two.tests, (150, 100, 150, 100), strict=True)))
-    every = degeneracies(lb.HybridModel.default(1).bind(two))
+    every = degeneracies(lb.HybridModel.first(1).bind(two))
     lengths = [d for d in every if d.term == "BarLength"]
     assert len(lengths) == 1
     change = lengths[0].combination
@@ -151,7 +151,7 @@ def test_a_second_radius_brings_a_second_length() -> None:
 
 def test_cures_are_found_by_trying() -> None:
     def cure_of(campaign: lb.Campaign, degree: int) -> dict[str, str]:
-        bound = lb.HybridModel.default(degree).bind(campaign)
+        bound = lb.HybridModel.first(degree).bind(campaign)
         every = degeneracies(bound)
         names = [d.nuisances[0] if d.term else "+".join(d.parameters) for d in every]
         return dict(zip(names, map(cure_words, every, cures(bound, every)), strict=True))
@@ -180,11 +180,11 @@ def test_what_the_model_leaves_out_is_said_too(recovered: lb.Campaign) -> None:
 def test_what_no_reading_sees_has_no_partner(readings: int) -> None:
     """sin 12θ is zero at 24 uniform angles: that is not a likeness with compliances that are zero as well."""
     campaign = plan((readings,) * 4)
-    for degeneracy in degeneracies(lb.HybridModel.default(1).bind(campaign)):
+    for degeneracy in degeneracies(lb.HybridModel.first(1).bind(campaign)):
         largest = max(abs(change) for change in degeneracy.combination.values())
         assert largest < 1.0
         assert exact_change_um(campaign, replace(degeneracy, combination=lead_of(degeneracy))) > 0.024
-    bare = degeneracies(lb.HybridModel.default(1).without("ball-form").bind(plan((24,) * 4)))
+    bare = degeneracies(lb.HybridModel.first(1).without("ball-form").bind(plan((24,) * 4)))
     assert {name for d in bare if d.term == "BallForm" for name in d.parameters}.isdisjoint({"C_XXX", "C_YYY", "C_CCY"})
 
 
@@ -198,14 +198,14 @@ def lead_of(degeneracy: Degeneracy) -> dict[str, float]:
 def test_several_turns_of_the_same_angles(readings: int) -> None:
     angle = np.arange(readings) * 3.0
     campaign = lb.Campaign(tuple(lb.CircularTest(f, angle) for f in (36.0, 390.0, 742.0)))
-    assert len(degeneracies(lb.HybridModel.default(1).without("ball-form").bind(campaign))) == 7
+    assert len(degeneracies(lb.HybridModel.first(1).without("ball-form").bind(campaign))) == 7
 
 
 def test_both_directions_at_the_same_forces_show_friction() -> None:
     angle = np.arange(40) * 9.0
 
     def notes(pairs: tuple[tuple[float, str], ...]) -> bool:
-        bound = lb.HybridModel.default(0).bind(lb.Campaign(tuple(lb.CircularTest(f, angle, direction=d) for f, d in pairs)))
+        bound = lb.HybridModel.first(0).bind(lb.Campaign(tuple(lb.CircularTest(f, angle, direction=d) for f, d in pairs)))
         return any(own.kind == StandingKind.FRICTION for own in standing_degeneracies(bound, degeneracies(bound)))
 
     assert notes(((36.0, "CW"), (742.0, "CW")))

@@ -12,7 +12,7 @@ from scipy import stats
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS, _compared
 
-CONSTANT = lb.HybridModel.default(0).without("truncation")
+CONSTANT = lb.HybridModel.first(0).without("truncation")
 MODELS = {"constant": CONSTANT, "linear": CONSTANT.with_degree(1)}
 FORCES_N = (36.0, 200.0, 400.0, 600.0, 742.0)
 

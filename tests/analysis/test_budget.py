@@ -14,7 +14,7 @@ from ldbb_bayes.analysis.budget import Budget, budgets
 from ldbb_bayes.model.likelihood import NOISE
 from ldbb_bayes.report.wording import remedy_words
 
-MODEL = lb.HybridModel.default(1)
+MODEL = lb.HybridModel.first(1)
 PHI = np.array([HYPER_UM[name] * 1e-3 for name in ("sigma", "delta", "kappa", "tau")])
 
 

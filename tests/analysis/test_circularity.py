@@ -34,7 +34,7 @@ def second_harmonic(trace: np.ndarray) -> tuple[float, float]:
 @pytest.mark.parametrize("topology", ["wCAFYXZSt", "wYFXZt"])
 def test_the_machines_path(topology: str) -> None:
     """Every quantity of the exact model at the truth lies where the posterior says, at every force and at none."""
-    model = lb.HybridModel.default(0)
+    model = lb.HybridModel.first(0)
     planned = replace(plan((120,) * 4), topology=topology)
     names = set(model.bind(planned).names)
     truth = {name: value for name, value in TRUTH.items() if name in names}
@@ -75,7 +75,7 @@ def test_the_machines_path(topology: str) -> None:
 
 @pytest.fixture(scope="module")
 def fitted() -> tuple[lb.Campaign, Any]:
-    model = lb.HybridModel.default(2)
+    model = lb.HybridModel.first(2)
     campaign = model.simulate(plan(), seed=2, hyper_um=HYPER_UM).campaign
     return campaign, lb.sample(model, campaign, seed=1, sampler="independent")
 
@@ -83,7 +83,7 @@ def fitted() -> tuple[lb.Campaign, Any]:
 @pytest.fixture(scope="module")
 def both_ways() -> tuple[lb.Campaign, Any]:
     tests = tuple(replace(test, direction=way, name=f"{way}{k}") for way in ("CW", "CCW") for k, test in enumerate(plan().tests))
-    model = lb.HybridModel.default(0)
+    model = lb.HybridModel.first(0)
     campaign = model.simulate(replace(plan(), tests=tests), seed=3, hyper_um=QUIET).campaign
     # Lost motion: clockwise 2 µm of cos θ and 3 µm of sin 2θ more than the mean path, the other way as much less.
     moved = tuple(

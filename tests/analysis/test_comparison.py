@@ -26,7 +26,7 @@ from ldbb_bayes.model.terms import Discrepancy, SetupShift
 from ldbb_bayes.report.wording import comparison_sentences, strength_words, with_words
 from ldbb_bayes.result import json_text
 
-LINEAR = lb.HybridModel.default(1)
+LINEAR = lb.HybridModel.first(1)
 RATIO = "linear/constant"
 CENTRED = "set-up shift of order 1 (centre) only"
 SMALL = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)), seed=1)
@@ -205,7 +205,8 @@ def test_assumptions_change_one_thing() -> None:
     changed = {label: change(LINEAR) for label, change in discrepancy_assumptions([LINEAR.with_degree(0), LINEAR]).items()}
     assert "discrepancy κ/n" not in changed
     assert next(t for t in changed["discrepancy κ/n²"].nuisances if isinstance(t, Discrepancy)).decay == 2.0
-    assert changed["set-up shift: own scales for orders 0 and 1"].hypers == ("sigma", "delta_0", "delta_1", "kappa", "tau")
+    own = changed["set-up shift: own scales for orders 0 and 1"].scales
+    assert [scale.name for scale in own] == ["sigma", "delta_0", "delta_1", "kappa", "tau"]
     assert not any(isinstance(t, SetupShift) for t in changed["without set-up shift"].nuisances)
     plain = changed.pop(WHITE_NOISE)
     assert (plain.nuisances, plain.prior.truncated) == ((), False)
@@ -215,7 +216,7 @@ def test_assumptions_change_one_thing() -> None:
 
 def test_one_force_compares_nuisances_only() -> None:
     """Degree 0 at one force and one test: no slopes, nothing to leave out, and still an answer."""
-    model = lb.HybridModel.default(0).without("truncation", "setup-shift")
+    model = lb.HybridModel.first(0).without("truncation", "setup-shift")
     found = lb.compare({"with form": model, "without": model.without("ball-form")}, SMALL.select(["f400"]), tolerance=0.1)
     assert (found.slopes, found.slope_subsets, found.tests) == ({}, (), {})
     assert found.prior_sensitivity == ()

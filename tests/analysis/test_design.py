@@ -24,7 +24,7 @@ from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
 from ldbb_bayes.result import json_text
 
-LINEAR = lb.HybridModel.default(1)
+LINEAR = lb.HybridModel.first(1)
 LEVELS = tuple(np.linspace(36.0, 742.0, 13))
 THREE = (36.0, 389.0, 742.0)
 BOTH = tuple(product((0.0, 45.0, 90.0), repeat=2))

@@ -17,9 +17,9 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 from ldbb_bayes.model.terms import BasisNoise
 
-MODEL = lb.HybridModel.default(1).without("truncation")
-SIMULATED = lb.HybridModel.default(0)
-PHI = np.array([HYPER_UM[name] * 1e-3 for name in MODEL.hypers])
+MODEL = lb.HybridModel.first(1).without("truncation")
+SIMULATED = lb.HybridModel.first(0)
+PHI = np.array([HYPER_UM[name] * 1e-3 for name in (scale.name for scale in MODEL.scales)])
 
 
 def campaign_of(
@@ -27,7 +27,7 @@ def campaign_of(
 ) -> lb.Campaign:
     planned = plan(**options)
     tests = [replace(test, radius_mm=r, name=f"{test.name} {r:g}") for r in radii_mm for test in planned.tests]
-    hyper = {name: value for name, value in HYPER_UM.items() if name in model.hypers}
+    hyper = {name: value for name, value in HYPER_UM.items() if name in {scale.name for scale in model.scales}}
     return model.simulate(replace(planned, tests=tuple(tests)), seed=seed, parameters=TRUTH, hyper_um=hyper).campaign
 
 
@@ -70,7 +70,7 @@ def test_one_instrument_at_the_mean_hyper_parameters(two: tuple[Any, Any]) -> No
 
 def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
     """Posterior of both parameter vectors at PHI from all readings stacked: y = J₁ β₁ + J₂ β₂ + N ν + noise, N shared by both."""
-    value = dict(zip(MODEL.hypers, PHI, strict=True)) | {None: 1.0}
+    value = dict(zip((scale.name for scale in MODEL.scales), PHI, strict=True)) | {None: 1.0}
     designs, shared, noises, readings = [], [], [], []
     for bound in bounds:
         turns = [basis(test.angles_rad()) for test in bound.campaign.tests]
@@ -164,7 +164,7 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
 
 
 def test_refused(two: tuple[Any, Any]) -> None:
-    constant = lb.HybridModel.default(0)
+    constant = lb.HybridModel.first(0)
     other = lb.sample(constant, constant.simulate(replace(plan(), topology="wYFXZt"), seed=1).campaign, sampler="independent")
     with pytest.raises(lb.InputError, match="same topology"):
         lb.differences(two[0], other)

@@ -19,7 +19,7 @@ from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 from ldbb_bayes.report.wording import verdict_words, with_words
 
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
-LINEAR = lb.HybridModel.default(1)
+LINEAR = lb.HybridModel.first(1)
 AT = np.linspace(0.1, 6.0, 37)
 
 
@@ -97,7 +97,7 @@ def test_differences_are_not(recovered: lb.Campaign) -> None:
 
 def test_four_lobes_are_separated_from_rotation_by_force_only(recovered: lb.Campaign) -> None:
     def weak(campaign: lb.Campaign, degree: int) -> lb.ParameterIdentifiability:
-        return lb.identify(lb.HybridModel.default(degree), campaign).parameters["C_CCY"]
+        return lb.identify(lb.HybridModel.first(degree), campaign).parameters["C_CCY"]
 
     one = replace(recovered.plan(), tests=(recovered.plan().tests[-1],))
     assert "BallForm" in weak(one, 0).partners
@@ -118,14 +118,14 @@ def test_verdicts_of_a_posterior(recovered: lb.Campaign) -> None:
 
 def test_what_the_prior_decides_is_called_so() -> None:
     """A prior far narrower than the readings can tell leaves nothing to them."""
-    model = replace(lb.HybridModel.default(0), prior=replace(lb.Prior.default(), cross_mm_per_N=1e-8))
+    model = replace(lb.HybridModel.first(0), prior=replace(lb.Prior.first(), cross_mm_per_N=1e-8))
     entry = lb.identify(model, plan()).parameters["C_XYX"]
     assert (entry.verdict, verdict_words(entry)) == ("prior-limited", "prior-limited")
     assert entry.contraction < 0.2
 
 
 def test_a_term_left_out_bounds_nothing() -> None:
-    entry = lb.identify(lb.HybridModel.default(0).without("ball-form"), plan()).parameters["E_C0YX"]
+    entry = lb.identify(lb.HybridModel.first(0).without("ball-form"), plan()).parameters["E_C0YX"]
     assert verdict_words(entry) == "confounded with ball form (left out)"
     paper = lb.identify(lb.HybridModel.paper(0), simulated(plan()))
     assert paper.parameters["E_XX1"].verdict == "confounded"

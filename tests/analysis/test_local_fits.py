@@ -15,7 +15,7 @@ COLUMNS = ["force_low_N", "force_high_N", "force_N", "tests", "parameter", "unit
 
 def test_a_window_is_a_campaign_of_its_own(recovered: lb.Campaign) -> None:
     """Without truncation and force error: `marginals` and `least_squares` say the same, and fix what the model fixes."""
-    model = lb.HybridModel.default(0).without("truncation", "force-error").fixing("C_CCY")
+    model = lb.HybridModel.first(0).without("truncation", "force-error").fixing("C_CCY")
     some = recovered.select(["f036", "f238", "f364"])
     local = lb.local_fits(model, some)
     assert list(local.columns) == [*COLUMNS, "mean", "sd", "ci_low", "ci_high"]
@@ -37,7 +37,7 @@ def test_pairs_of_force_levels() -> None:
 
 def test_windows_that_lack_a_set_up_or_a_plane() -> None:
     """Low forces in one set-up, high ones in another; then in another plane: each window keeps the campaign's parameters."""
-    model = lb.HybridModel.default(0).without("truncation", "ball-form", "discrepancy")
+    model = lb.HybridModel.first(0).without("truncation", "ball-form", "discrepancy")
     for further in ({"setup": 2}, {"plane": "YZ", "setup": 2}):
         planned = plan((40,) * 4, forces_N=(50.0, 300.0, 500.0, 700.0))
         tests = (*planned.tests[:2], *(replace(test, **further) for test in planned.tests[2:]))

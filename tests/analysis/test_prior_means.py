@@ -26,7 +26,7 @@ def with_priors(model: lb.HybridModel) -> lb.HybridModel:
 
 
 def test_identifiability_compares_with_the_prior_about_its_mean() -> None:
-    model = with_priors(lb.HybridModel.default(1))
+    model = with_priors(lb.HybridModel.first(1))
     planned, measured = lb.identify(model, SMALL), lb.identify(model, simulated(SMALL))
     for found in (planned, measured):
         for name, entry in found.parameters.items():
@@ -41,7 +41,7 @@ def test_identifiability_compares_with_the_prior_about_its_mean() -> None:
 
 
 def test_plans_start_from_the_means() -> None:
-    model = with_priors(lb.HybridModel.default(1))
+    model = with_priors(lb.HybridModel.first(1))
     known = states_before(model, SMALL, 64, 1, augment=False)
     bound = model.bind(SMALL)
     np.testing.assert_array_equal(known.before.mean, np.tile(bound.prior_mean, (len(known.phi), 1)))
@@ -53,7 +53,7 @@ def test_plans_start_from_the_means() -> None:
 
 
 def test_texts_and_figures_show_mean_and_sd() -> None:
-    model, rule = lb.HybridModel.default(0), lb.StoppingRule(ess=100.0)
+    model, rule = lb.HybridModel.first(0), lb.StoppingRule(ess=100.0)
     for own in (with_priors(model), model):
         tree = lb.sample(own, simulated(SMALL), sampler="independent", seed=1, rule=rule)
         meant = own is not model
@@ -65,7 +65,7 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
 @pytest.mark.slow
 def test_calibrated_and_a_missed_mean_is_seen() -> None:
     """Ranks of truths drawn from priors with means: uniform where the same means are believed, at an end where none are."""
-    model = with_priors(lb.HybridModel.default(0).without("mount", "force-error", "bar-length"))
+    model = with_priors(lb.HybridModel.first(0).without("mount", "force-error", "bar-length"))
     blind = replace(model, prior=replace(model.prior, means=dict.fromkeys(PRIORS, 0.0)))
     planned = plan((30, 30), forces_N=(100.0, 600.0))
     right = lb.validate(model, planned, replicates=20, draws=19, seed=1)

@@ -16,7 +16,7 @@ from ldbb_bayes.report.wording import validation_verdict
 FORCES_N = (36.0, 238.0, 490.0, 742.0)
 CIRCLES = plan((60,) * 4, forces_N=FORCES_N)
 ARCS = plan((60, 45, 60, 30), forces_N=FORCES_N, arc_deg=240.0, work_deg=40.0)
-CONSTANT = lb.HybridModel.default(0)
+CONSTANT = lb.HybridModel.first(0)
 
 
 def made(ranks: np.ndarray, draws: int = 99) -> Validation:
@@ -90,7 +90,7 @@ def test_ecdf_counts_ranks() -> None:
     ("degree", "planned", "replicates"), [(1, CIRCLES, 200), (0, ARCS, 100)], ids=["linear, circles", "constant, arcs"]
 )
 def test_quadrature_is_calibrated(degree: int, planned: lb.Campaign, replicates: int) -> None:
-    found = lb.validate(lb.HybridModel.default(degree), planned, replicates=replicates, seed=11)
+    found = lb.validate(lb.HybridModel.first(degree), planned, replicates=replicates, seed=11)
     assert found.calibrated, found.outside
 
 

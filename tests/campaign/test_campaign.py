@@ -72,7 +72,7 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
     assert (levels(400.0, 400.001), levels(400.0, 400.3, 400.6), levels(36.0, 37.0, 742.0)) == (1, 2, 3)
     assert lb.preview(lb.Campaign((make(force_N=400.0), make(force_N=400.001)))).remarks[0].kind == "one force level"
     with pytest.raises(InputError, match="at least two force levels, got one"):
-        lb.HybridModel.default(1).bind(lb.Campaign((make(force_N=400.0), make(force_N=400.001))))
+        lb.HybridModel.first(1).bind(lb.Campaign((make(force_N=400.0), make(force_N=400.001))))
 
 
 @pytest.mark.parametrize(

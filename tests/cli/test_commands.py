@@ -49,7 +49,7 @@ def blank(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
     """--degree, --without and --drift beside --model, one by one."""
-    file, own = tmp_path / "m.toml", lb.HybridModel.default(1)
+    file, own = tmp_path / "m.toml", lb.HybridModel.first(1)
     file.write_text(model_to_toml(own), encoding="utf-8")
     assert model_from(model=file) == own
     assert model_from(model=file, degree=0) == own.with_degree(0)
@@ -69,7 +69,7 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert (result["model"]["degree"], result["provenance"]["seed"]) == (0, 5)
     assert json.loads((out / "summary.json").read_text()) == result
     assert names(out) == {"model.toml", "posterior.nc", "summary.json"}
-    assert lb.read_model(out / "model.toml") == lb.HybridModel.default(0)
+    assert lb.read_model(out / "model.toml") == lb.HybridModel.first(0)
     assert json.loads(invoke("summarize", out, "--json")[1]) == result
     narrow = json.loads(invoke("summarize", out / "posterior.nc", "--json", "--ci", 0.5)[1])["parameters"]["C_XXX"]["ci50"]
     wide = result["parameters"]["C_XXX"]["ci95"]
@@ -192,7 +192,7 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
     out, other = tmp_path / "out", tmp_path / "own.toml"
     without = ("truncation", "force-error", "mount", "discrepancy", "hysteresis")
     slopes = (f"{name}_1" for name in ("C_XXX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"))
-    other.write_text(model_to_toml(lb.HybridModel.default(1).without(*without).fixing(*slopes)))
+    other.write_text(model_to_toml(lb.HybridModel.first(1).without(*without).fixing(*slopes)))
     options = ("--without", ",".join(without), "--tolerance", 0.1, "--also", f"one slope={other}", "--json", "--seed", 2)
     code, shown, _ = invoke("compare", three, *options, "--out", out)
     record = json.loads(shown)
@@ -262,7 +262,7 @@ def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None
 
 @pytest.mark.usefixtures("few_states")
 def test_design_without_certificate(folder: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
-    design = lb.design(lb.HybridModel.default(1), lb.read_campaign(folder), tests=3, forces_N=(36.0, 742.0))
+    design = lb.design(lb.HybridModel.first(1), lb.read_campaign(folder), tests=3, forces_N=(36.0, 742.0))
     broken = replace(design, certificate=replace(design.certificate, max_sensitivity=2.0 * design.certificate.bound, holds=False))
     monkeypatch.setattr(lb, "design", lambda *_, **__: broken)
     code, shown, _ = invoke("design", folder)

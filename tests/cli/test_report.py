@@ -33,7 +33,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> No
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory, recovered: lb.Campaign) -> Path:
-    posterior = fitted(lb.HybridModel.default(1), recovered)
+    posterior = fitted(lb.HybridModel.first(1), recovered)
     folder = tmp_path_factory.mktemp("fit") / "result"
     write_result(posterior, full_result(posterior, 0.95), folder)
     return folder
@@ -87,8 +87,8 @@ def test_figures(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke)
 
 @pytest.mark.slow
 def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
-    campaign = lb.HybridModel.default(1).simulate(plan(), seed=1).campaign
-    lb.save(fitted(lb.HybridModel.default(1), replace(campaign, name="after | <b>repair</b>")), tmp_path / "after.nc")
+    campaign = lb.HybridModel.first(1).simulate(plan(), seed=1).campaign
+    lb.save(fitted(lb.HybridModel.first(1), replace(campaign, name="after | <b>repair</b>")), tmp_path / "after.nc")
     out = tmp_path / "out"
     arguments = ["report", result, tmp_path / "after.nc", "--out", out, "--comparison", comparison, "--quiet"]
     assert invoke(*arguments)[0] == 0
@@ -123,7 +123,7 @@ def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke,
     """One line, exit code 2, nothing written."""
     monkeypatch.setattr(lb, "load", cache(lb.load))
     other = tmp_path / "other.nc"
-    lb.save(fitted(lb.HybridModel.default(0), simulated(plan((40, 40), forces_N=(100.0, 600.0)))), other)
+    lb.save(fitted(lb.HybridModel.first(0), simulated(plan((40, 40), forces_N=(100.0, 600.0)))), other)
     damaged, foreign = tmp_path / "damaged", tmp_path / "foreign"
     damaged.mkdir()
     (damaged / "comparison.json").write_text("{")

@@ -49,7 +49,7 @@ def test_sets_means_and_sds_at_the_populations_force(tmp_path: Path) -> None:
     prior = lb.prior_from(written(tmp_path))
     assert prior == lb.prior_from(tmp_path / "population.json")
     assert (prior.machines, prior.campaigns, prior.sha256) == (24, 60, digest_of(RESULT))
-    model = lb.HybridModel.default(1)
+    model = lb.HybridModel.first(1)
     found, usual = prior.model(model).bind(plan()), model.bind(plan())
     assert found.setting.reference_force_N == 300.0
     own = {p.name: (p.prior_mean, p.prior_sd) for p in found.parameters}
@@ -106,7 +106,7 @@ def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
 
 
 def test_models_it_does_not_go_with(tmp_path: Path) -> None:
-    prior, model = lb.prior_from(written(tmp_path)), lb.HybridModel.default(1)
+    prior, model = lb.prior_from(written(tmp_path)), lb.HybridModel.first(1)
     with pytest.raises(InputError, match=r"must have proper priors to take a population's, got flat ones\. Use the default"):
         prior.model(lb.HybridModel.paper(0))
     with pytest.raises(InputError, match=r"C_XYX must be free to have the population's prior, got one fixed at zero"):

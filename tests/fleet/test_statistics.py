@@ -30,7 +30,7 @@ from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.wording import caveat_words
 
 CAMPAIGN = lb.read_campaign(lb.embedded_campaign())
-MODEL = lb.HybridModel.default(degree=1).without("truncation")
+MODEL = lb.HybridModel.first(degree=1).without("truncation")
 
 
 @pytest.fixture(scope="module")

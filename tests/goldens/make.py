@@ -279,7 +279,7 @@ def _fit(work: Work, name: str) -> Any:
 
 @golden(*circles.CAMPAIGNS)
 def _marginals(work: Work, name: str) -> Any:
-    model = lb.HybridModel.default(1).without("truncation") if name == "clocked" else lb.HybridModel.default(0)
+    model = lb.HybridModel.first(1).without("truncation") if name == "clocked" else lb.HybridModel.first(0)
     return work.cleaned(lb.marginals(model, work.read(name), tolerance=0.02))
 
 

@@ -24,7 +24,7 @@ from ldbb_bayes.model.truncation import Orthant
 
 FOUR = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e-10), "E_YY1": (-5e-5, 4e-5)}
 PRIORS = FOUR | {"C_XYX": (2e-6, 3e-6), "C_CXY": (3e-8, 3e-8)}
-SMALL = lb.HybridModel.default(0).without("ball-form", "setup-shift")
+SMALL = lb.HybridModel.first(0).without("ball-form", "setup-shift")
 SEEDS = (2, 3, 7, 17, 21, 170, 196, 207, 218, 259, 77, 103, 294)
 FORCES_N = (100.0, 400.0, 742.0)
 
@@ -74,7 +74,7 @@ def test_to_a_millionth_of_a_nat(campaign: lb.Campaign, priors: dict[str, tuple[
 def test_the_stated_error_holds() -> None:
     """A loose tolerance against a tight one, arcs and clockings, all four hyper-parameters."""
     for degree, planned in enumerate((plan(), plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0))):
-        bound = lb.HybridModel.default(degree).bind(simulated(planned, seed=degree))
+        bound = lb.HybridModel.first(degree).bind(simulated(planned, seed=degree))
         plain = HyperPosterior(bound, truncated=False)
         loose, tight = (plain.nodes(tolerance).evidence for tolerance in (3e-2, 1e-3))
         assert loose.error <= 3e-2
@@ -93,7 +93,7 @@ def test_the_stated_error_holds_on_campaigns_of_every_kind(root: Path) -> None:
 
 def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(recovered: lb.Campaign) -> None:
     """At degree 2 P(T | y, φ) comes from 256 points: common to all nodes they left the evidence with an sd of 0.011 nat."""
-    bound = lb.HybridModel.default(2).bind(recovered)
+    bound = lb.HybridModel.first(2).bind(recovered)
     near = HyperPosterior(bound, truncated=True).mode
     found = [HyperPosterior(bound, truncated=True, seed=seed, near=near).nodes(3e-2) for seed in range(6)]
     scatter = np.std([nodes.evidence.log_value for nodes in found], ddof=1)
@@ -119,7 +119,7 @@ def test_refused(campaign: lb.Campaign, model: lb.HybridModel, planned: bool, to
 def test_readings_of_the_wrong_sign(recovered: lb.Campaign, degree: int, without: tuple[str, ...]) -> None:
     """All compliances negative and strongly correlated through the mount: far from physical, and said so at once."""
     flipped = replace(recovered, tests=tuple(t.with_reading_um(-np.asarray(t.reading_um)) for t in recovered.tests))
-    bound = lb.HybridModel.default(degree).without(*without).bind(flipped)
+    bound = lb.HybridModel.first(degree).without(*without).bind(flipped)
     plain, truncated = HyperPosterior(bound, truncated=False), HyperPosterior(bound, truncated=True)
     found = log_prob_truncation(truncated)
     assert -2000.0 < found[0] < -50.0
@@ -134,7 +134,7 @@ UNIFORM = simulated(plan(), seed=1)
 @pytest.mark.slow
 @pytest.mark.parametrize("truncated", [False, True])
 def test_emcee_takes_over_where_weights_cannot_be_trusted(truncated: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    model = lb.HybridModel.default(0) if truncated else lb.HybridModel.default(0).without("truncation")
+    model = lb.HybridModel.first(0) if truncated else lb.HybridModel.first(0).without("truncation")
     exact = lb.log_evidence(model, UNIFORM)
     monkeypatch.setattr("ldbb_bayes.inference.integrals._LATTICE", 0)
     monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
@@ -147,7 +147,7 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(truncated: bool, monke
 @pytest.mark.parametrize("truncated", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
     """Slopes fixed, rescaled, known better: evidence and left-out densities are those of nodes of their own."""
-    linear = lb.HybridModel.default(1) if truncated else lb.HybridModel.default(1).without("truncation")
+    linear = lb.HybridModel.first(1) if truncated else lb.HybridModel.first(1).without("truncation")
     narrow = replace(linear, prior=replace(linear.prior, overrides={"C_YYY_1": 1e-9}))
     models = [linear.with_degree(0), linear.fixing(*SLOPES[1:4]), linear, linear.with_slope_scale(2.0), narrow]
     found = Evidences(UNIFORM, tolerance=4e-2).of(*models)
@@ -167,7 +167,7 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
 def test_nodes_that_do_not_suit_are_not_used() -> None:
     """Slopes that the readings need, taken away, move the noise out of reach of the nodes of the largest model."""
     truth = TRUTH | {"C_XXX_1": 4e-8, "C_YYY_1": -4e-8}
-    linear = lb.HybridModel.default(1).without("truncation", "setup-shift", "discrepancy")
+    linear = lb.HybridModel.first(1).without("truncation", "setup-shift", "discrepancy")
     campaign = linear.simulate(plan(), seed=2, parameters=truth, hyper_um={"sigma": 0.1, "tau": 0.0}).campaign
     larger, constant = Evidences(campaign, tolerance=1e-2).of(linear, linear.with_degree(0))
     own = HyperPosterior(constant.bound, truncated=False).nodes(1e-3).evidence
@@ -182,7 +182,7 @@ def test_different_readings_are_refused(campaign: lb.Campaign) -> None:
 
 
 def test_marginals_against_independent_draws() -> None:
-    model = lb.HybridModel.default(0)
+    model = lb.HybridModel.first(0)
     campaign = simulated(plan())
     exact = lb.marginals(model, campaign, tolerance=1e-2)
     tree = lb.sample(model, campaign, sampler="independent", seed=2, rule=StoppingRule(ess=6000.0))
@@ -205,7 +205,7 @@ def test_marginals_against_independent_draws() -> None:
 ])  # fmt: skip
 def test_marginals_refuse(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        lb.marginals(lb.HybridModel.default(0), **{"campaign": UNIFORM} | options)
+        lb.marginals(lb.HybridModel.first(0), **{"campaign": UNIFORM} | options)
 
 
 @pytest.mark.parametrize("mean", [-40.0, -2.0, 0.0, 1.0, 5.0])
@@ -234,14 +234,14 @@ def test_moments_inside_the_orthant_by_rejection(rows: int) -> None:
 def test_properties_of_the_campaign_stay_frozen() -> None:
     """F0, force range, Ĉ and the bar lengths are the campaign's: leaving out an end force moves none of them."""
     campaign = simulated(plan(), seed=1)
-    bound = lb.HybridModel.default(1).bind(campaign)
+    bound = lb.HybridModel.first(1).bind(campaign)
     rest = bound.keeping(bound.test_names[:-1])
     assert rest.setting.reference_force_N == bound.setting.reference_force_N == 389.0
     np.testing.assert_array_equal(rest.prior_sd, bound.prior_sd)
     np.testing.assert_array_equal(rest.setting.compliance_estimate, bound.setting.compliance_estimate)
     np.testing.assert_array_equal(rest.truncation.rows, bound.truncation.rows)
     mixed = lb.Campaign((*campaign.plan().tests[:3], lb.CircularTest(742.0, np.arange(40) * 9.0, radius_mm=100.0, name="small")))
-    whole = lb.HybridModel.default(0).bind(simulated(mixed))
+    whole = lb.HybridModel.first(0).bind(simulated(mixed))
     names = [name for part in whole.nuisance_columns for name in getattr(part, "names", ())]
     without = [name for part in whole.keeping(whole.test_names[:3]).nuisance_columns for name in getattr(part, "names", ())]
     assert names == without
@@ -251,7 +251,7 @@ def test_properties_of_the_campaign_stay_frozen() -> None:
 def test_replicates_are_the_predictive_distribution() -> None:
     """Mean and covariance of harmonics of a left-out circle, at given hyper-parameters, from the dense oracle."""
     test, campaign = 2, simulated(plan(), seed=4)
-    model = lb.HybridModel.default(1).without("truncation")
+    model = lb.HybridModel.first(1).without("truncation")
     bound = model.bind(campaign)
     name = bound.test_names[test]
     left = leave_one_out(HyperPosterior(bound, truncated=False).nodes(1e-2))

@@ -16,10 +16,10 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import JointDensity, LinearRedraw
 
 MODELS = {
-    "truncated": lb.HybridModel.default(1),
-    "untruncated": lb.HybridModel.default(1).without("truncation"),
+    "truncated": lb.HybridModel.first(1),
+    "untruncated": lb.HybridModel.first(1).without("truncation"),
     "flat": lb.HybridModel.paper(0),
-    "quadratic": lb.HybridModel.default(2),
+    "quadratic": lb.HybridModel.first(2),
 }
 
 
@@ -41,7 +41,7 @@ def test_the_weight_of_a_draw_is_that_of_the_point(name: str) -> None:
 
 def test_the_weights_are_nearly_even_and_average_to_the_evidence() -> None:
     """E_q[p / q] = Z; an effective share of more than half keeps most proposals."""
-    _, redraw = redraw_of(lb.HybridModel.default(0))
+    _, redraw = redraw_of(lb.HybridModel.first(0))
     _, log_weight, _ = redraw.draw(1500, np.random.RandomState(3))
     level = np.exp(log_weight - log_weight.max())
     mean, error = level.mean(), level.std() / np.sqrt(len(level))

@@ -16,12 +16,12 @@ from ldbb_bayes.model.hybrid import BoundModel
 
 @pytest.fixture(scope="module")
 def bound() -> BoundModel:
-    return lb.HybridModel.default(1).bind(simulated(plan()))
+    return lb.HybridModel.first(1).bind(simulated(plan()))
 
 
 def test_hopeless_truncation_is_exact(recovered: lb.Campaign) -> None:
     """σ alone is left: ln P(T | y) = −1311 by one-dimensional quadrature, C_CCY being the only constraint that binds."""
-    bound = lb.HybridModel.default(0).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
+    bound = lb.HybridModel.first(0).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
     row = bound.names.index("C_CCY")
     sigma = np.linspace(0.9e-3, 1.4e-3, 20_001)[:, None]
     log_evidence, given = bound.given(sigma)
@@ -35,7 +35,7 @@ def test_hopeless_truncation_is_exact(recovered: lb.Campaign) -> None:
 
 
 def test_hopeless_truncation_stays_finite(recovered: lb.Campaign) -> None:
-    bound = lb.HybridModel.default(2).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
+    bound = lb.HybridModel.first(2).without("ball-form", "discrepancy", "setup-shift").bind(recovered)
     truncated = HyperPosterior(bound, truncated=True)
     values = [log_prob_truncation(HyperPosterior(bound, truncated=True, seed=s))[0] for s in (0, 1)]
     assert -2500.0 < values[0] < -1500.0
@@ -48,7 +48,7 @@ def test_hopeless_truncation_stays_finite(recovered: lb.Campaign) -> None:
 
 def test_conditional_draws_have_the_conditional_moments(bound: BoundModel) -> None:
     rng = np.random.default_rng(0)
-    plain = lb.HybridModel.default(1).without("truncation").bind(bound.campaign)
+    plain = lb.HybridModel.first(1).without("truncation").bind(bound.campaign)
     free = np.tile(HyperPosterior(plain, truncated=False).mode, (6_000, 1))
     beta, exact = conditional_draws(plain, free, rng)
     _, given = plain.given(plain.hyper_prior.phi(free[:1]))
@@ -71,7 +71,7 @@ def test_draws_have_the_moments_of_the_nodes(
 ) -> None:
     """ln P(T | y) is −1.2: several β for each φ; and by tilting, as where it is far smaller."""
     monkeypatch.setattr(nodes, "_FEW_INSIDE", few_inside)
-    model = lb.HybridModel.default(1)
+    model = lb.HybridModel.first(1)
     posterior = HyperPosterior((model if truncated else model.without("truncation")).bind(recovered), truncated=truncated)
     expected = posterior.nodes(1e-2)
     size = 1500 if few_inside else 6000
@@ -92,7 +92,7 @@ def test_draws_have_the_moments_of_the_nodes(
 )
 def test_a_proposal_reaches_the_corners_of_the_density(planned: lb.Campaign, left_out: list[str]) -> None:
     """Where one noise vanishes and another makes up for it one draw would stand for hundreds: the lattice's nodes go there."""
-    model = lb.HybridModel.default(1)
+    model = lb.HybridModel.first(1)
     campaign = model.simulate(planned, seed=4, parameters=TRUTH, hyper_um=HYPER_UM).campaign
     posterior = HyperPosterior(model.without(*left_out).bind(campaign), truncated=False)
     free, _ = posterior.nodes(1e-2).integral.heaviest(1e-5)

@@ -18,7 +18,7 @@ from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import Columns
 from ldbb_bayes.report.wording import check_words, fit_verdict
 
-MODEL = lb.HybridModel.default(0)
+MODEL = lb.HybridModel.first(0)
 PHI = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
 
 
@@ -26,7 +26,7 @@ PHI = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
 def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> None:
     """E[form + length + mount + force error | y, β, φ] = S Σ⁻¹ (y − Jβ), all terms but set-up shift, discrepancy and noise."""
     campaign = simulated(planned)
-    bound, oracle = lb.HybridModel.default(1).bind(campaign), oracle_of(campaign, 1)
+    bound, oracle = lb.HybridModel.first(1).bind(campaign), oracle_of(campaign, 1)
     beta = bound.centre[None] + 0.01 * bound.scale
     shared = oracle.shared(PHI[0])
     residual = oracle.y - oracle.J @ beta[0]
@@ -44,7 +44,7 @@ def test_rmse_and_fitness_by_their_definition() -> None:
     """Eq. 34-35 on the readings themselves; of a dead circle fitness is not a number."""
     made = simulated(plan((9, 40, 50, 30)))
     campaign = lb.Campaign((*made.tests[:3], made.tests[3].with_reading_um(np.zeros(30))))
-    bound = lb.HybridModel.default(0).bind(campaign)
+    bound = lb.HybridModel.first(0).bind(campaign)
     beta = bound.centre[None].repeat(3, axis=0) * [[0.9], [1.0], [1.1]]
     phi = PHI.repeat(3, axis=0)
     quality = fit_quality(bound, phi, beta)
@@ -140,7 +140,7 @@ def test_the_line_puts_first_what_matters_most() -> None:
     assert Fit.from_dict(unlikely.as_dict()) == unlikely
 
 
-DRIFTING = lb.HybridModel.default(0).without("truncation").including(lb.Drift("time"))
+DRIFTING = lb.HybridModel.first(0).without("truncation").including(lb.Drift("time"))
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from ldbb_bayes.report.findings import fit_in_words
 
 QUICK = StoppingRule(ess=300.0, rhat=1.05, lengths=1.0)
 ROUGH = StoppingRule(ess=150.0, rhat=1.1, lengths=0.3)
-MODEL, CONSTANT = lb.HybridModel.default(1), lb.HybridModel.default(0)
+MODEL, CONSTANT = lb.HybridModel.first(1), lb.HybridModel.first(0)
 FEW = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)))
 
 

@@ -20,7 +20,7 @@ PLANS = {"circles": plan(), "two balls": plan(work_deg=40.0, tool_deg=-25.0), "a
 @pytest.mark.parametrize("name", PLANS)
 def test_known_terms_leave_the_oracle(name: str) -> None:
     campaign = simulated(PLANS[name])
-    information = information_of(lb.HybridModel.default(1).bind(campaign), PHI)
+    information = information_of(lb.HybridModel.first(1).bind(campaign), PHI)
     expected = np.diag(oracle_of(campaign, 1, terms=("form", "mount", "setup", "discrepancy")).given(PHI)[2])
     scale = information.scale[information.own]
     np.testing.assert_allclose(information.variances(["BarLength", "ForceError"]) * scale**2, expected, rtol=1e-5)
@@ -31,7 +31,7 @@ def test_at_several_hyper_parameters(name: str) -> None:
     """One after the other as each alone; by the dense oracle at both."""
     campaign = simulated(PLANS[name])
     several = np.array([PHI, PHI * [2.0, 0.5, 3.0, 0.7]])
-    for phi, information in zip(several, informations_of(lb.HybridModel.default(1).bind(campaign), several), strict=True):
+    for phi, information in zip(several, informations_of(lb.HybridModel.first(1).bind(campaign), several), strict=True):
         scale = information.scale[information.own]
         found = information.covariance()[np.ix_(information.own, information.own)] * np.outer(scale, scale)
         expected = oracle_of(campaign, 1).given(phi)[2]
@@ -41,7 +41,7 @@ def test_at_several_hyper_parameters(name: str) -> None:
 
 @pytest.mark.parametrize("known", [(), ("BarLength", "BallForm")])
 def test_readings_taken_several_times_have_less_noise(known: tuple[str, ...]) -> None:
-    information = information_of(lb.HybridModel.default(1).bind(PLANS["arcs"]), PHI)
+    information = information_of(lb.HybridModel.first(1).bind(PLANS["arcs"]), PHI)
     quieter = replace(information, noise=tuple({name: part / 4.0 for name, part in own.items()} for own in information.noise))
     found = information.variances(known, times=4.0)
     np.testing.assert_allclose(found, quieter.variances(known), rtol=1e-9)
@@ -50,7 +50,7 @@ def test_readings_taken_several_times_have_less_noise(known: tuple[str, ...]) ->
 
 @pytest.mark.parametrize("name", PLANS)
 def test_contributions_sum_to_one(name: str) -> None:
-    parts = information_of(lb.HybridModel.default(1).bind(PLANS[name]), PHI).contributions()
+    parts = information_of(lb.HybridModel.first(1).bind(PLANS[name]), PHI).contributions()
     assert set(parts) == {OWN, NOISE, "BallForm", "BarLength", "Mount", "ForceError", "SetupShift", "Discrepancy"}
     np.testing.assert_allclose(np.sum(list(parts.values()), axis=0), 1.0, atol=1e-9)
     assert all((share > -1e-12).all() for share in parts.values())
@@ -59,7 +59,7 @@ def test_contributions_sum_to_one(name: str) -> None:
 @pytest.mark.parametrize("name", ["arcs"])
 @pytest.mark.parametrize("term", ["BarLength", "SetupShift", NOISE, "BallForm"])
 def test_contributions_are_logarithmic_derivatives(name: str, term: str) -> None:
-    model = lb.HybridModel.default(1)
+    model = lb.HybridModel.first(1)
     bound = model.bind(PLANS[name])
     step = 1e-4
 

@@ -37,7 +37,7 @@ def points(bound: BoundModel, size: int = 3, seed: int = 0) -> tuple[np.ndarray,
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 def test_against_the_dense_oracle(sampling: str, degree: int) -> None:
     campaign = simulated(SAMPLINGS[sampling])
-    bound, oracle = lb.HybridModel.default(degree).bind(campaign), oracle_of(campaign, degree)
+    bound, oracle = lb.HybridModel.first(degree).bind(campaign), oracle_of(campaign, degree)
     assert list(bound.names) == oracle.names
     np.testing.assert_allclose(bound.setting.compliance_estimate / oracle.sd[:6], oracle.estimate[:6] / oracle.sd[:6], atol=1e-9)
     phi, beta = points(bound)
@@ -76,7 +76,7 @@ def test_flat_priors_integrate_to_the_formula(degree: int) -> None:
 def test_conditional_log_likelihood_per_test(sampling: str) -> None:
     """ln p(y_r | y_−r, β, φ) from the oracle's dense covariance, test by test."""
     campaign = simulated(SAMPLINGS[sampling])
-    bound, oracle = lb.HybridModel.default(1).bind(campaign), oracle_of(campaign, 1)
+    bound, oracle = lb.HybridModel.first(1).bind(campaign), oracle_of(campaign, 1)
     phi, beta = points(bound, 1)
     covariance, residual = oracle.covariance(phi[0]), oracle.y - oracle.J @ beta[0]
     edges = np.cumsum([0, *[t.angle.size for t in oracle.tests]])
@@ -93,7 +93,7 @@ def test_conditional_log_likelihood_per_test(sampling: str) -> None:
 
 def test_leaving_tests_out_keeps_the_campaigns_properties() -> None:
     campaign = simulated(plan(work_deg=40.0))
-    bound = lb.HybridModel.default(1).bind(campaign)
+    bound = lb.HybridModel.first(1).bind(campaign)
     rest = bound.keeping(["f036", "f300"])
     assert rest.test_names == ("f036", "f300")
     for name in ("reference_force_N", "force_range_N", "two_balls"):
@@ -110,7 +110,7 @@ def test_leaving_tests_out_keeps_the_campaigns_properties() -> None:
 
 
 def everything(campaign: Campaign, degree: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    bound = lb.HybridModel.default(degree).bind(campaign)
+    bound = lb.HybridModel.first(degree).bind(campaign)
     phi = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
     log_evidence, given = bound.given(phi)
     mean = given.mean
@@ -143,7 +143,7 @@ def test_columns_of_zeros_do_no_harm() -> None:
     dead = replace(plan(), tests=tuple(t.with_reading_um(np.zeros(40)) for t in plan().tests))
     middle = simulated(plan((40,) * 3, forces_N=(100.0, 300.0, 500.0)))
     for campaign, keep in ((simulated(planned), None), (dead, None), (middle, ["f300"])):
-        bound = lb.HybridModel.default(1).bind(campaign)
+        bound = lb.HybridModel.first(1).bind(campaign)
         if keep:
             bound = bound.keeping(keep)
             campaign = middle.select(keep)
@@ -163,7 +163,7 @@ def test_columns_of_zeros_do_no_harm() -> None:
 @pytest.mark.parametrize("sampling", ["uniform", "arc"])
 def test_results_do_not_depend_on_the_stack(sampling: str) -> None:
     """One φ alone, and any number of them in several passes."""
-    bound = lb.HybridModel.default(1).bind(simulated(SAMPLINGS[sampling]))
+    bound = lb.HybridModel.first(1).bind(simulated(SAMPLINGS[sampling]))
     phi, beta = points(bound, 700)
     together = bound.log_evidence(phi), bound.log_likelihood(phi, beta), bound.log_likelihood_per_test(phi, beta)
     given = bound.given(phi)[1]
@@ -179,12 +179,12 @@ def test_results_do_not_depend_on_the_stack(sampling: str) -> None:
 def test_prior_sd_of_zero_and_scales_of_zero_are_no_column_at_all() -> None:
     """A mount that does not yield, and a ball without form, to all digits; widely spread units of the others."""
     campaign = simulated(plan())
-    bound = lb.HybridModel.default(1).bind(campaign)
+    bound = lb.HybridModel.first(1).bind(campaign)
     phi, beta = points(bound)
     phi[:, bound.hyper_prior.names.index("tau")] = 0.0
     rigid = replace(bound.setting, deflection_um_per_bar=0.0)
     bound.setting = rigid
-    less = lb.HybridModel.default(1).without("ball-form", "mount").bind(campaign)
+    less = lb.HybridModel.first(1).without("ball-form", "mount").bind(campaign)
     kept = [bound.hyper_prior.names.index(name) for name in less.hyper_prior.names]
     np.testing.assert_allclose(bound.log_likelihood(phi, beta), less.log_likelihood(phi[:, kept], beta), rtol=1e-12)
     np.testing.assert_allclose(bound.log_evidence(phi), less.log_evidence(phi[:, kept]), rtol=1e-12)

@@ -23,7 +23,7 @@ CLOSE = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_conditional_and_evidence_are_the_oracles(degree: int) -> None:
     campaign = simulated(plan((30, 26, 40, 28), arc_deg=250.0, work_deg=20.0))
-    bound = with_priors(lb.HybridModel.default(degree), PRIORS).bind(campaign)
+    bound = with_priors(lb.HybridModel.first(degree), PRIORS).bind(campaign)
     dense = oracle_of(campaign, degree, given_priors=PRIORS)
     np.testing.assert_allclose(bound.prior_mean, dense.mean, rtol=1e-15)
     np.testing.assert_allclose(bound.prior_sd, dense.sd, rtol=1e-12)
@@ -39,11 +39,11 @@ def test_conditional_and_evidence_are_the_oracles(degree: int) -> None:
 
 
 def test_log_prior_is_that_of_normals_about_their_means(rng: np.random.Generator) -> None:
-    plain = with_priors(lb.HybridModel.default(1).without("truncation"), PRIORS).bind(plan())
+    plain = with_priors(lb.HybridModel.first(1).without("truncation"), PRIORS).bind(plan())
     beta = plain.prior_mean + rng.normal(size=(6, len(plain.names))) * plain.prior_sd
     expected = stats.norm.logpdf(beta, plain.prior_mean, plain.prior_sd).sum(axis=1)
     np.testing.assert_allclose(plain.log_prior(beta), expected, rtol=1e-12)
-    held = with_priors(lb.HybridModel.default(1), PRIORS).bind(plan())
+    held = with_priors(lb.HybridModel.first(1), PRIORS).bind(plan())
     inside = held.truncation.holds(beta)
     np.testing.assert_allclose(held.log_prior(beta)[inside], expected[inside] - held.log_prob_truncation_prior, rtol=1e-12)
     assert np.all(np.isneginf(held.log_prior(beta)[~inside]))
@@ -52,23 +52,23 @@ def test_log_prior_is_that_of_normals_about_their_means(rng: np.random.Generator
 
 def test_probability_of_the_truncation_in_closed_form() -> None:
     """Degree 0: one normal each. Degree 1: C at both ends of force, two correlated normals each."""
-    constant = with_priors(lb.HybridModel.default(0), CLOSE).bind(plan())
+    constant = with_priors(lb.HybridModel.first(0), CLOSE).bind(plan())
     expected = sum(stats.norm.logcdf(mean / sd) for mean, sd in CLOSE.values())
     assert constant.log_prob_truncation_prior == pytest.approx(expected, abs=1e-9)
-    linear = with_priors(lb.HybridModel.default(1), CLOSE).bind(plan())
+    linear = with_priors(lb.HybridModel.first(1), CLOSE).bind(plan())
     usual, total = {"C_XXX": 1e-4, "C_YYY": 1e-4, "C_CCY": 1e-9}, 0.0
     for name, (mean, sd) in CLOSE.items():
         slope = 0.3 * usual[name] / 706.0 * 353.0
         covariance = sd**2 + slope**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         total += stats.multivariate_normal([-mean, -mean], covariance, allow_singular=True).logcdf([0.0, 0.0])
     assert linear.log_prob_truncation_prior == pytest.approx(total, abs=1e-5)
-    certain = with_priors(lb.HybridModel.default(0), {name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()}).bind(plan())
+    certain = with_priors(lb.HybridModel.first(0), {name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()}).bind(plan())
     assert certain.log_prob_truncation_prior == pytest.approx(3.0 * stats.norm.logcdf(20.0), rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize("truncated", [True, False])
 def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> None:
-    model = with_priors(lb.HybridModel.default(0), CLOSE)
+    model = with_priors(lb.HybridModel.first(0), CLOSE)
     bound = (model if truncated else model.without("truncation")).bind(plan())
     draws = bound.draw_parameters(4000, rng)
     for name, values in zip(bound.names, draws.T, strict=True):
@@ -79,7 +79,7 @@ def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> No
 
 def test_slopes_keep_their_scale_beside_a_mean() -> None:
     """An override alone says how large a compliance may be, and its slope with it; beside a mean, how well it is known."""
-    model = lb.HybridModel.default(1)
+    model = lb.HybridModel.first(1)
     narrow = replace(model, prior=replace(model.prior, overrides={"C_XXX": 4e-6})).bind(plan())
     known = with_priors(model, {"C_XXX": (0.0, 4e-6)}).bind(plan())
     places = [narrow.names.index(name) for name in ("C_XXX", "C_XXX_1")]
@@ -88,7 +88,7 @@ def test_slopes_keep_their_scale_beside_a_mean() -> None:
 
 
 def test_means_stay_with_the_model() -> None:
-    model = with_priors(lb.HybridModel.default(1), PRIORS)
+    model = with_priors(lb.HybridModel.first(1), PRIORS)
     for other in (model.with_degree(0), model.with_degree(2), model.with_slope_scale(0.5), model.without("truncation", "mount")):
         assert dict(other.prior.means) == MEANS
     assert dict(model.fixing("C_CXY").prior.means) == MEANS | {"C_CXY": 0.0}
@@ -98,17 +98,17 @@ def test_means_stay_with_the_model() -> None:
 
 
 def test_toml_both_ways_and_digests_as_they_were() -> None:
-    model = with_priors(lb.HybridModel.default(1), PRIORS)
+    model = with_priors(lb.HybridModel.first(1), PRIORS)
     text = model_to_toml(model)
     assert "[prior.means]\nC_XXX = 5.1e-05" in text
     assert model_from_toml(text) == model
     assert model_sha256(model) != model_sha256(replace(model, prior=replace(model.prior, means={})))
-    assert "means" not in model_to_toml(lb.HybridModel.default(1))
+    assert "means" not in model_to_toml(lb.HybridModel.first(1))
     before = {
-        "75e40ac2d02916788a0c79b55cc693891aae420d671820db6edceaccf3e4309c": lb.HybridModel.default(1),
-        "326158735b7b5e8d8410e4ae893bc7b4c83c2847711a1fceca4ea231f9b90988": lb.HybridModel.paper(0),
-        "97c467c3800d102f35c2d62ad345fbe63e439084ca75909cff286a25ad103e71": lb.HybridModel(
-            0, prior=replace(lb.Prior.default(), overrides={"C_XXX": 1e-5})
+        "17c5304c3ff51f437b812fc393500f9dbbf841fa81312a7c2e49e46161726e35": lb.HybridModel.first(1),
+        "f6ebc15be3b03d018c48b292b3d5d4b3105472198d2a8409adcde005305585e9": lb.HybridModel.paper(0),
+        "00234eacc5e5111d036cdaa5fb9a8a00b435058c8ad41621746e7f9725e07d40": lb.HybridModel(
+            0, prior=replace(lb.Prior.first(), overrides={"C_XXX": 1e-5})
         ).fixing("E_C0YX"),
     }
     assert {digest: model_sha256(one) for digest, one in before.items()} == {digest: digest for digest in before}
@@ -117,14 +117,14 @@ def test_toml_both_ways_and_digests_as_they_were() -> None:
 def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
     """A plan's is the prior mean; at one force the readings leave compliance and geometry open between them."""
     priors = {"C_XXX": (5.1e-5, 4e-6), "C_CXY": (-2e-8, 3e-8)}
-    model = with_priors(lb.HybridModel.default(0), priors)
+    model = with_priors(lb.HybridModel.first(0), priors)
     planned = model.bind(plan())
     expected = {"C_XXX": 5.1e-5, "C_XYX": 0.0, "C_YYY": 5e-5, "C_CXY": -2e-8, "C_CYY": 0.0, "C_CCY": 0.0}
     labels = [name.label for name in planned.compliances]
     assert dict(zip(labels, planned.setting.compliance_estimate, strict=True)) == expected
     np.testing.assert_array_equal(planned.centre, planned.prior_mean)
     campaign = (
-        lb.HybridModel.default(0)
+        lb.HybridModel.first(0)
         .simulate(
             plan((60,), forces_N=(400.0,)),
             seed=1,
@@ -134,12 +134,12 @@ def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
         .campaign
     )
     found = dict(zip(labels, model.bind(campaign).setting.compliance_estimate, strict=True))
-    blind = dict(zip(labels, lb.HybridModel.default(0).bind(campaign).setting.compliance_estimate, strict=True))
+    blind = dict(zip(labels, lb.HybridModel.first(0).bind(campaign).setting.compliance_estimate, strict=True))
     assert abs(found["C_XXX"] - 5.1e-5) < 0.05 * abs(blind["C_XXX"] - 5.1e-5)
 
 
 def test_models_that_cannot_be() -> None:
-    model = with_priors(lb.HybridModel.default(1), PRIORS)
+    model = with_priors(lb.HybridModel.first(1), PRIORS)
     with pytest.raises(InputError, match=r"E_YY1 must be fixed at zero or have a prior mean, got both \(-5e-05\)\. Remove one"):
         replace(model, fixed=("E_YY1",))
     with pytest.raises(InputError, match=r"C_XXX must be fixed at zero or have a prior mean, got both"):

@@ -14,7 +14,7 @@ SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
 
 
 def test_seeded() -> None:
-    model = lb.HybridModel.default(1)
+    model = lb.HybridModel.first(1)
     first, same, other = (model.simulate(plan(), seed=s) for s in (1, 1, 2))
     assert first.campaign.sha256 == same.campaign.sha256 != other.campaign.sha256
     assert first.parameters == same.parameters
@@ -22,7 +22,7 @@ def test_seeded() -> None:
 
 
 def test_exact_readings_come_from_the_forward_model() -> None:
-    model = lb.HybridModel.default(0).without("bar-length", "mount", "force-error")
+    model = lb.HybridModel.first(0).without("bar-length", "mount", "force-error")
     campaign = model.simulate(plan(), seed=1, parameters=TRUTH, hyper_um=SILENT, exact=True).campaign
     errors = {name: value for name, value in TRUTH.items() if name.startswith("E")}
     compliances = {name: value for name, value in TRUTH.items() if name.startswith("C")}
@@ -40,7 +40,7 @@ def test_exact_readings_come_from_the_forward_model() -> None:
 
 def test_covariance_of_the_readings_is_the_oracles() -> None:
     """400 simulations of one small plan: whitened by the oracle's covariance they are standard normal."""
-    model, planned = lb.HybridModel.default(0), plan((12, 12), forces_N=(100.0, 700.0), work_deg=30.0)
+    model, planned = lb.HybridModel.first(0), plan((12, 12), forces_N=(100.0, 700.0), work_deg=30.0)
     readings = []
     for seed in range(400):
         campaign = model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
@@ -66,4 +66,4 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
 )
 def test_refused(arguments: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        lb.HybridModel.default(0).simulate(plan(), seed=1, **arguments)
+        lb.HybridModel.first(0).simulate(plan(), seed=1, **arguments)

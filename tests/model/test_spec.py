@@ -13,13 +13,14 @@ from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_
 from ldbb_bayes.model.terms import BarLength, Discrepancy, Drift, Mount, SetupShift
 
 MODELS = [
-    lb.HybridModel.default(1),
+    lb.HybridModel.first(1),
+    lb.HybridModel.default(2),
     lb.HybridModel.paper(0),
-    lb.HybridModel.default(2).without("mount", "truncation"),
-    lb.HybridModel.default(1).fixing("C_XYX_1", "E_C0YX"),
+    lb.HybridModel.first(2).without("mount", "truncation"),
+    lb.HybridModel.first(1).fixing("C_XYX_1", "E_C0YX"),
     lb.HybridModel(1, (SetupShift("apart"), Discrepancy(2.0))),
-    lb.HybridModel.default(1).including(Drift("temperature", centre_um=3.0), lb.Hysteresis(1.0, 4.0)),
-    lb.HybridModel(0, (BarLength(3.0), Mount(0.2)), replace(lb.Prior.default(), tau_um=9.0, overrides={"C_XXX": 1e-5}), 0.0),
+    lb.HybridModel.first(1).including(Drift("temperature", centre_um=3.0), lb.Hysteresis(1.0, 4.0)),
+    lb.HybridModel(0, (BarLength(3.0), Mount(0.2)), replace(lb.Prior.first(), tau_um=9.0, overrides={"C_XXX": 1e-5}), 0.0),
 ]
 
 
@@ -32,7 +33,10 @@ def test_round_trip(model: lb.HybridModel) -> None:
 
 def test_what_is_left_out_is_the_presets() -> None:
     assert model_from_toml("schema = 1") == lb.HybridModel.default(1)
-    assert "Drift" not in model_to_toml(lb.HybridModel.default(1))
+    first = lb.HybridModel.first(1)
+    alone = model_from_toml('schema = 1\npreset = "first"\n[terms.BallForm]\n[terms.Mount]\nrelative_sd = 0.2\n')
+    assert alone.nuisances == (first.nuisances[0], replace(first.nuisances[2], relative_sd=0.2))  # type: ignore[type-var]
+    assert "Drift" not in model_to_toml(lb.HybridModel.first(1))
     assert model_from_toml("schema = 1", degree=2).degree == 2
     model = model_from_toml("schema = 1\ndegree = 0\n[prior]\ntau_um = 15.0\n[terms.BarLength]\nsd_um = 2.0\n")
     assert model.nuisances == (BarLength(2.0),)
@@ -49,7 +53,7 @@ def test_what_is_left_out_is_the_presets() -> None:
         ("schema = 1\n[prior]\ntruncated = 1.0", "prior truncated must be a bool"),
         ("schema = 1\n[terms.BallForms]", "Did you mean 'BallForm'"),
         ("schema = 1\n[terms.BarLength]\nsd_um = -1.0", "BarLength sd_um must be"),
-        ("schema = 1\n[terms.BallForm]\nx = 1.0", "BallForm key must not be given here, got 'x'"),
+        ("schema = 1\n[terms.BallForm]\nx = 1.0", "BallForm key must be one of sphericity_um, law, got 'x'"),
         ("schema = 1\n[terms.SetupShift]\nmoves = 'zeros'", "SetupShift moves must be one of .* Did you mean 'zero'"),
         ("schema = 1\n[terms.Discrepancy]\ndecay = 'fast'", "Discrepancy decay must be a float, got 'fast'"),
         ("schema = 1\nreference_force_N = nan", "reference_force_N must be finite"),

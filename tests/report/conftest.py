@@ -13,5 +13,5 @@ from ldbb_bayes.report.page import Document, compose, html_page
 
 @pytest.fixture(scope="session")
 def published(recovered: lb.Campaign, compared: Comparison) -> tuple[Document, str]:
-    document = compose(find(fitted(lb.HybridModel.default(1), recovered), comparison=compared))
+    document = compose(find(fitted(lb.HybridModel.first(1), recovered), comparison=compared))
     return document, html_page(document)

@@ -31,13 +31,13 @@ LEVELS = tuple(np.linspace(36.0, 742.0, 9))
 
 def make(kind: str) -> xr.DataTree:
     if kind == "linear":
-        return lb.sample(lb.HybridModel.default(1), simulated(plan()), rule=QUICK)
+        return lb.sample(lb.HybridModel.first(1), simulated(plan()), rule=QUICK)
     if kind == "paper":
         return lb.sample(lb.HybridModel.paper(0), simulated(plan()), rule=QUICK)
     if kind == "one test, few readings":
-        return lb.sample(lb.HybridModel.default(0), simulated(plan((9,), forces_N=(300.0,))), rule=QUICK)
+        return lb.sample(lb.HybridModel.first(0), simulated(plan((9,), forces_N=(300.0,))), rule=QUICK)
     arcs = simulated(plan([30] * 11, forces_N=[50.0 + 60.0 * i for i in range(11)], arc_deg=300.0))
-    return lb.sample(lb.HybridModel.default(2), arcs, sampler="independent", rule=QUICK)
+    return lb.sample(lb.HybridModel.first(2), arcs, sampler="independent", rule=QUICK)
 
 
 @pytest.fixture(
@@ -64,7 +64,7 @@ def test_saved_in_both_formats_in_the_unit_of_the_tables(tmp_path: Path, monkeyp
     """Compliances near 5e-5 mm/N read 50 nm/N in figures and in the tables of a fit."""
     two = {name: FIGURES[name] for name in ("forest", "compliance_against_force")}
     monkeypatch.setattr("ldbb_bayes.report.figures.posteriors.FIGURES", two)
-    tree = lb.sample(lb.HybridModel.default(0), simulated(plan()), sampler="independent", rule=QUICK)
+    tree = lb.sample(lb.HybridModel.first(0), simulated(plan()), sampler="independent", rule=QUICK)
     written = save_figures(tree, tmp_path / "figures")
     assert len(written) == 4
     assert all(path.stat().st_size > 3000 for path in written)
@@ -102,7 +102,7 @@ def drawn(figure: Figure) -> set[str]:
     return labels | own | {text.get_text() for axes in figure.axes for text in axes.texts}
 
 
-@pytest.mark.parametrize("model", [lb.HybridModel.default(2), lb.HybridModel.paper(0)])
+@pytest.mark.parametrize("model", [lb.HybridModel.first(2), lb.HybridModel.paper(0)])
 def test_identifiability_shows_every_parameter(model: lb.HybridModel) -> None:
     found = lb.identify(model, simulated(plan()))
     texts = drawn(figures.prior_and_posterior(found))
@@ -145,7 +145,7 @@ def test_designs(kind: str) -> None:
     if kind == "flat":
         design = lb.design(lb.HybridModel.paper(1), plan(), tests=5, forces_N=LEVELS)
     else:
-        design = lb.design(lb.HybridModel.default(1), pilot, tests=6, forces_N=LEVELS, against={"own": pilot})
+        design = lb.design(lb.HybridModel.first(1), pilot, tests=6, forces_N=LEVELS, against={"own": pilot})
     figure = figures.expected_widths(design)
     figure.canvas.draw()
     check_units(figure)

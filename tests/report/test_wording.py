@@ -34,7 +34,7 @@ from ldbb_bayes.report.page import compose
 from ldbb_bayes.report.sections import Details, Picture
 from ldbb_bayes.result import Table, json_text
 
-MODEL = lb.HybridModel.default(1)
+MODEL = lb.HybridModel.first(1)
 QUICK = lb.StoppingRule(ess=100.0)
 FORCES_N = (36.0, 400.0, 742.0)
 
@@ -91,7 +91,7 @@ def campaigns() -> dict[str, lb.Campaign]:
 
 @pytest.fixture(scope="module")
 def turned(campaigns: dict[str, lb.Campaign]) -> xr.DataTree:
-    return lb.sample(lb.HybridModel.default(0), campaigns["turned"], seed=1, sampler="independent", rule=QUICK)
+    return lb.sample(lb.HybridModel.first(0), campaigns["turned"], seed=1, sampler="independent", rule=QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +130,7 @@ def analyses_of(campaign: lb.Campaign) -> Any:
 
 def rows_of(folders: dict[str, Path]) -> Any:
     """Rows of a batch, and which of its campaigns are relied on."""
-    settings = Settings(model_to_toml(lb.HybridModel.default(0)), ess=100.0)
+    settings = Settings(model_to_toml(lb.HybridModel.first(0)), ess=100.0)
     rows = [fit_row(settings, Job(k, str(folder), str(folder))) for k, folder in enumerate(folders.values())]
     relied, caveats = choose(pd.DataFrame(rows))
     assert list(relied["campaign"]) == [str(folders["good"])]

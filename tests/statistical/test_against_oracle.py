@@ -28,7 +28,7 @@ def test_simulated_campaigns(name: str, truncated: bool) -> None:
     campaign = simulated(CAMPAIGNS[name], seed=len(name))
     expected, found = [], []
     for degree in (0, 1):
-        model = lb.HybridModel.default(degree)
+        model = lb.HybridModel.first(degree)
         found.append(lb.log_evidence(model if truncated else model.without("truncation"), campaign).log_value)
         value, error = oracle_of(campaign, degree, truncated=truncated).log_evidence(points=POINTS, seed=1)
         assert error < 0.01
@@ -66,7 +66,7 @@ def sampled(campaign: lb.Campaign, model: lb.HybridModel) -> tuple[np.ndarray, n
 def test_means_and_sds(case: str, degree: int) -> None:
     campaign = simulated(CASES[case])
     mean, sd = reference(campaign, degree)
-    found_mean, found_sd = sampled(campaign, lb.HybridModel.default(degree))
+    found_mean, found_sd = sampled(campaign, lb.HybridModel.first(degree))
     np.testing.assert_allclose((found_mean - mean) / sd, 0.0, atol=0.1)
     np.testing.assert_allclose(found_sd / sd, 1.0, atol=0.05)
 
@@ -76,5 +76,5 @@ def test_a_wrong_model_fails_the_same_comparison() -> None:
     """With the mount left out of the oracle the agreement breaks: the comparison can see a wrong answer."""
     campaign = simulated(CASES["full circles"])
     mean, sd = reference(campaign, 0, terms=("form", "length", "force", "setup", "discrepancy"))
-    found_mean, found_sd = sampled(campaign, lb.HybridModel.default(0))
+    found_mean, found_sd = sampled(campaign, lb.HybridModel.first(0))
     assert max(np.abs((found_mean - mean) / sd).max() / 0.1, np.abs(found_sd / sd - 1.0).max() / 0.05) > 1.0

@@ -24,10 +24,10 @@ PLANS = {
     "few readings": plan((9, 40, 12, 30)),
 }
 MODELS = {
-    "constant": lb.HybridModel.default(0),
-    "linear": lb.HybridModel.default(1),
-    "constant without ball form": lb.HybridModel.default(0).without("ball-form"),
-    "linear without truncation": lb.HybridModel.default(1).without("truncation"),
+    "constant": lb.HybridModel.first(0),
+    "linear": lb.HybridModel.first(1),
+    "constant without ball form": lb.HybridModel.first(0).without("ball-form"),
+    "linear without truncation": lb.HybridModel.first(1).without("truncation"),
 }
 RULE = StoppingRule(ess=5000.0)
 
@@ -46,7 +46,7 @@ def differences(model: lb.HybridModel, campaign: lb.Campaign, seed: int) -> tupl
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 1])
 def test_recovered_experiment(recovered: lb.Campaign, degree: int) -> None:
-    z, ratio = differences(lb.HybridModel.default(degree), recovered, 1)
+    z, ratio = differences(lb.HybridModel.first(degree), recovered, 1)
     assert np.abs(z).max() < 4.0
     assert np.mean(np.abs(z) > 3.0) < 0.02
     assert np.abs(ratio).max() < 0.04
@@ -57,7 +57,7 @@ def test_simulated_campaigns() -> None:
     """Five plans, four models. Of some seven hundred differences a few pass three Monte Carlo errors by chance."""
     every_z, every_ratio = [], []
     for k, planned in enumerate(PLANS.values()):
-        campaign = lb.HybridModel.default(0).simulate(planned, seed=k, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+        campaign = lb.HybridModel.first(0).simulate(planned, seed=k, parameters=TRUTH, hyper_um=HYPER_UM).campaign
         for model in MODELS.values():
             z, ratio = differences(model, campaign, k)
             every_z.append(z.ravel())
@@ -72,7 +72,7 @@ def test_simulated_campaigns() -> None:
 @pytest.mark.slow
 def test_emcee_without_proposals(recovered: lb.Campaign) -> None:
     """Differential evolution alone: it starts from draws twice as wide as the nodes' and shares only the likelihood with them."""
-    model = lb.HybridModel.default(1)
+    model = lb.HybridModel.first(1)
     bound, exact = model.bind(recovered), lb.marginals(model, recovered)
     density = JointDensity(bound)
     redraw = LinearRedraw(density, HyperPosterior(bound, truncated=True))

@@ -229,6 +229,6 @@ def test_the_lines_of_the_readme_and_the_table_of_priors() -> None:
     assert "](studies/README.md)" in text
     results = {path.parent.name: stated(path.parent.name) for path in STUDIES.glob("0*/results.json")}
     assert text.endswith(f"\n\n{study.page(STUDIES, 'six_lines.md', results)}")
-    terms = {type(term).__name__: term for term in lb.HybridModel.default().nuisances}
-    priors = study.page(STUDIES, "priors.md", {"prior": lb.Prior.default(), **terms})
+    terms = {type(term).__name__: term for term in lb.HybridModel.first().nuisances}
+    priors = study.page(STUDIES, "priors.md", {"prior": lb.Prior.first(), **terms})
     assert f"\n\n{priors}\n" in (STUDIES / "README.md").read_text(encoding="utf-8")

@@ -20,6 +20,7 @@ from ldbb_bayes.analysis.design.forecast import (
     Expected,
     Forecast,
     States,
+    carried,
     discrimination_of,
     hyper_nodes,
     narrowed,
@@ -179,8 +180,8 @@ def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
     """W with tr(W S⁻¹) the variance of C_j(F) / var prior of C_j, averaged over the pilot's forces and the compliances."""
     forces = (bound.pilot or bound.campaign).forces_N
     own = [bound.names.index(name) for name in chosen]
-    prior = Prior.default() if bound.model.prior.flat else bound.model.prior
-    unit = prior.compliance_sd(bound.compliances, 0, bound.setting.force_range_N)
+    prior = Prior.first() if bound.model.prior.flat else bound.model.prior
+    unit = prior.compliance_sd(bound.compliances)
     concerned = {parameter.compliance for parameter in bound.parameters if parameter.name in chosen}
     used = [k for k, compliance in enumerate(bound.compliances) if compliance.label in concerned]
     at = np.linspace(forces.min(), forces.max(), _PREDICTED_FORCES)
@@ -195,7 +196,7 @@ def objective_of(bound: BoundModel, run: int, phi: Array, chosen: Sequence[str],
     """
     rows, prior = [], []
     order = kept = proper = np.zeros(0, dtype=int)
-    for k, information in enumerate(informations_of(bound, phi)):
+    for k, information in enumerate(informations_of(bound, carried(bound, phi, run))):
         blocks = _compact(information.blocks())
         if not k:
             own = [information.names.index(name) for name in chosen]
@@ -335,7 +336,7 @@ class Space:
         ``states``: the machine as it may be before them."""
         states = self.states if states is None else states
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
-        after, floor = posteriors(bound, states.phi)
+        after, floor = posteriors(bound, states.phi, len(self.pilot.tests) if self.augment else 0)
         if after is None:
             nothing = {p.name: Expected(p.unit, p.prior_sd, *[np.inf] * 4) for p in bound.parameters}
             return Forecast(nothing, np.inf, None)

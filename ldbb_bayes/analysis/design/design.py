@@ -312,7 +312,7 @@ def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, t
     candidates = frame_of(space.tests, columns)
     shown = optimum.share > _SHOWN_SHARE
     expected = space.forecast(tests)
-    sizes = 1e3 * np.sqrt((space.states.phi**2).mean(axis=0))
+    sizes = np.sqrt((space.states.phi**2).mean(axis=0))
     return Design(
         **vars(expected),
         criterion=space.criterion,
@@ -328,7 +328,7 @@ def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, t
         baseline=others[0].expected,
         compared=others,
         limits=_limits(space, tests, expected),
-        hyper_um=dict(zip(space.bound.hyper_prior.names, sizes.tolist(), strict=True)),
+        hyper_um=space.bound.hyper_prior.named(sizes),
         measured=not space.pilot.is_plan,
         pilot=pilot,
         sensitivity=candidates.assign(sensitivity=optimum.sensitivity),

@@ -20,7 +20,7 @@ from ldbb_bayes.model.gaussian import Gaussian, Sobol, singular_root
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of, informations_of
 from ldbb_bayes.result import Finite, Result
 
-__all__ = ["DECISIVE", "Discrimination", "Expected", "Forecast", "States", "hyper_nodes", "states_before"]
+__all__ = ["DECISIVE", "Discrimination", "Expected", "Forecast", "States", "carried", "hyper_nodes", "states_before"]
 
 Array = NDArray[Any]
 DECISIVE = 5.0
@@ -118,6 +118,26 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
         posterior = _posterior(model, pilot)
         nodes = posterior.bound.hyper_prior.phi(posterior.brief.pick(size, np.random.default_rng(seed)))
     return np.sqrt((nodes**2).mean(axis=0, keepdims=True)) if model.prior.flat else nodes
+
+
+def carried(bound: BoundModel, phi: Array, run: int) -> Array:
+    """φ (K, h) of the pilot for a binding of ``run`` of its circles and of circles to come. These have λ = 1, as 1/λ² is one on
+    average; scales that do not act on the pilot are spread over their prior."""
+    pilot = bound.pilot or bound.campaign
+    before = bound if pilot is bound.campaign else _posterior(bound.model, pilot).bound
+    place = {name: k for k, name in enumerate(before.hyper_prior.names)}
+    circles = dict(zip(bound.setting.circle[:run].tolist(), before.setting.circle.tolist(), strict=False))
+    levels = np.random.default_rng(0).permuted(
+        np.tile((np.arange(len(phi)) + 0.5) / len(phi), (len(bound.hyper_prior.names), 1)), axis=1
+    )
+    found = bound.hyper_prior.quantile(levels.T)
+    for k, (name, law) in enumerate(zip(bound.hyper_prior.names, bound.hyper_prior.laws, strict=True)):
+        own = circles.get(name, "") if law == "circle" else name
+        if own in place:
+            found[:, k] = phi[:, place[own]]
+        elif law == "circle":
+            found[:, k] = 1.0
+    return found
 
 
 def states_before(model: HybridModel, pilot: Campaign, size: int, seed: int, *, augment: bool) -> States:
@@ -249,16 +269,18 @@ def _points(count: int, dimensions: int, seed: int) -> Array:
     return np.asarray(ndtri((points + rng.random((count, 1, dimensions))) % 1.0))
 
 
-def posteriors(bound: BoundModel, phi: Array) -> tuple[Gaussian | None, Array]:
-    """p(β | y, φ) about zero and floor sd (p,), both in units of the prior sd; none where flat priors leave something open."""
+def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
+    """p(β | y, φ), ``run`` circles being the pilot's, about zero and floor sd (p,), both in units of the prior sd; none where
+    flat priors leave something open."""
+    phi = carried(bound, phi, run)
     one = information_of(bound, phi[0])
     own, flat, size = one.own, one.flat, len(one.names)
     # All that the readings say of the coefficients, in as few rows as these are.
     rows = np.array([np.linalg.qr(information.rows(), mode="r") for information in informations_of(bound, phi)])
     if flat and np.linalg.matrix_rank(rows[..., own], tol=_RANK).min() < len(own):
         return None, np.zeros(0)
-    run = np.array([1.0, np.sqrt(_VERY_OFTEN)])[:, None, None, None] * rows
-    nothing = np.zeros(run.shape[:-1])
+    repeated = np.array([1.0, np.sqrt(_VERY_OFTEN)])[:, None, None, None] * rows
+    nothing = np.zeros(repeated.shape[:-1])
     prior = Gaussian.of(np.zeros(size), np.ones(size))
-    both = Gaussian.from_rows(run, nothing) if flat else prior.observe(run, nothing).marginal(own.tolist())
+    both = Gaussian.from_rows(repeated, nothing) if flat else prior.observe(repeated, nothing).marginal(own.tolist())
     return Gaussian.factored(both.mean[0], both.root[0], both.scale[0]), np.sqrt((both.sd[1] ** 2).mean(axis=0))
