@@ -258,7 +258,7 @@ def _like_friction(bound: BoundModel) -> tuple[str, ...]:
 def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array]:
     """Names, owners, columns (tests, 25, m) and prior sd (m,) of parameters and of every shared nuisance, modelled or not."""
     own = {type(term): term for term in bound.model.nuisances}
-    edition = HybridModel.second() if bound.model.preset == "default" else HybridModel.first()
+    edition = HybridModel.default() if bound.model.preset == "default" else HybridModel.first()
     usual = {type(term): term for term in edition.nuisances}
     names, owners = list(bound.names), [""] * len(bound.names)
     values, sd = [bound.interest], [bound.scale]

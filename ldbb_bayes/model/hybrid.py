@@ -115,11 +115,6 @@ class HybridModel(Result):
         return cls(degree)
 
     @classmethod
-    def second(cls, degree: int = 1) -> HybridModel:
-        """All nuisances, proper priors, truncation."""
-        return cls(degree)
-
-    @classmethod
     def first(cls, degree: int = 1) -> HybridModel:
         """The model's first edition: form of 1/n, linear springs, circles of one scatter."""
         form, hysteresis = BallForm(law="1/n"), Hysteresis(law="fixed")
@@ -134,7 +129,7 @@ class HybridModel(Result):
     @classmethod
     def from_preset(cls, preset: str, degree: int) -> HybridModel:
         """The named preset."""
-        presets = {"default": cls.default, "first": cls.first, "second": cls.second, "paper": cls.paper}
+        presets = {"default": cls.default, "first": cls.first, "paper": cls.paper}
         check_known("preset", [preset], presets)
         return presets[preset](degree)
 

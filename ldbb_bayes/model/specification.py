@@ -32,7 +32,7 @@ _TABLES = ("overrides", "means")
 class _SpecFile(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
     schema_: Literal[1] = Field(alias="schema")
-    preset: Literal["default", "first", "second", "paper"] = "default"
+    preset: Literal["default", "first", "paper"] = "default"
     degree: Literal[0, 1, 2] | None = None
     reference_force_N: float | None = None
     fixed: list[str] = Field(default_factory=list)

@@ -69,7 +69,7 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert (result["model"]["degree"], result["provenance"]["seed"]) == (0, 5)
     assert json.loads((out / "summary.json").read_text()) == result
     assert names(out) == {"model.toml", "posterior.nc", "summary.json"}
-    assert lb.read_model(out / "model.toml") == lb.HybridModel.first(0)
+    assert lb.read_model(out / "model.toml") == lb.HybridModel.default(0)
     assert json.loads(invoke("summarize", out, "--json")[1]) == result
     narrow = json.loads(invoke("summarize", out / "posterior.nc", "--json", "--ci", 0.5)[1])["parameters"]["C_XXX"]["ci50"]
     wide = result["parameters"]["C_XXX"]["ci95"]
@@ -159,7 +159,7 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
         'schema = 1\nforces_N = [50.0, 300.0, 700.0]\nreadings = 90\nmachine_id = "VMC 07"\ndate = 2026-11-20\n'
         "[parameters]\nC_XXX = 6e-5\nC_YYY = 4e-5\n[hyper_um]\nsigma = 0.2\ndelta = 0.0\nkappa = 0.0\ntau = 0.0\n"
     )
-    options = ("--without", "bar-length,mount,force-error", "--seed", 3)
+    options = ("--preset", "first", "--without", "bar-length,mount,force-error", "--seed", 3)
     assert invoke("simulate", truths, "--out", tmp_path / "c", *options)[0] == 0
     campaign = lb.read_campaign(tmp_path / "c")
     truth = json.loads((tmp_path / "c" / "truth.json").read_text())
@@ -278,7 +278,7 @@ def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert names(out) == {"ranks.csv", "validation.json"} | drawn("rank_ecdf")
     assert json.loads((out / "validation.json").read_text()) == record
     ranks = pd.read_csv(out / "ranks.csv", index_col="replicate")
-    assert (ranks.shape, ranks.min().min() >= 0, ranks.max().max() <= 19) == ((10, 18), True, True)
+    assert (ranks.shape, ranks.min().min() >= 0, ranks.max().max() <= 19) == ((10, 19), True, True)
     assert "must not exist" in invoke(*common, "--out", out)[2]
 
 

@@ -132,7 +132,7 @@ def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypa
         ("batch SHOP --executor x", "--executor must be one of process, dask, got 'x'"),
         ("batch SHOP --scheduler tcp://x", "--scheduler must"),
         ("batch SHOP --retry", "retry must come with resume"),
-        ("batch SHOP --preset x", "preset must be one of default, paper"),
+        ("batch SHOP --preset x", "preset must be one of default, first, paper"),
         (f"batch SHOP --seed {2**63}", "--seed must be a whole number ≥ 0"),
         ("batch SHOP --radius-mm 0", "--radius-mm must be above zero"),
         ("population ROWS --parameters C_XX", "Did you mean 'C_XYX'?"),

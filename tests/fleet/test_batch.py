@@ -253,7 +253,7 @@ def test_other_campaigns_are_not_resumed(
         with pytest.raises(InputError, match=rf"got other campaigns \(20 where this run has {len(given)}, {own}"):
             lb.batch(given, out, resume=True)
     # The same said otherwise is the same batch.
-    same: dict[str, Any] = {"model": replace(lb.HybridModel.first(), nuisances=lb.HybridModel.first().nuisances[::-1])}
+    same: dict[str, Any] = {"model": replace(lb.HybridModel.default(), nuisances=lb.HybridModel.default().nuisances[::-1])}
     same |= {"seed": np.int64(1), "ess": np.float32(1000)}
     monkeypatch.chdir(tmp_path)
     for given in (f"@{out}/campaigns.txt", [os.path.relpath(path) for path in paths]):
