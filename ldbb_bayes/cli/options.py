@@ -300,7 +300,7 @@ _TERMS = "ball-form, bar-length, mount, force-error, setup-shift, discrepancy, h
 _MODEL = group(
     model_from,
     degree=option(int, "Compliance constant (0), linear (1) or quadratic (2) in force. Default 1.", min=0, max=2),
-    preset=option(str, "default: all nuisances and priors. first: those of the model's first edition. paper: plain least squares (Eq. 31)."),
+    preset=option(str, "default: all nuisances and priors. first: as in the first edition. paper: least squares (Eq. 31)."),
     without=option(NAMES, f"Comma-separated terms to leave out: {_TERMS}.", metavar=None),
     drift=option(str, "Centre and length drift with time or temperature, as the tests record it.", metavar="time|temperature"),
     model=option(Path, "Model as TOML (priors, terms, degree).", metavar="FILE.toml"),

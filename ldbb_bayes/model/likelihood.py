@@ -180,8 +180,10 @@ class StructuredGaussian:
         private += [_as_columns(term, len(reduced)) for term in noise if term not in absorbed]
         self._q, v = (sum(len(term.names) for term in terms) for terms in (shared, private))
         self._private = list(self._q + np.arange(len(reduced) * v).reshape(-1, v)) if v else []
-        every = [source for term in columns for source in term.sources]
-        self._hypers, self._sources = tuple(hypers), list(dict.fromkeys([Source(), Source("sigma"), *every]))
+        every = {Source(), Source("sigma"), *(source for term in columns for source in term.sources)}
+        place = {None: len(hypers)} | {name: k for k, name in enumerate(hypers)}
+        self._hypers = tuple(hypers)
+        self._sources = sorted(every, key=lambda own: (place[own.hyper], place[own.circle], own.order))
         readings = _reading_rows(reduced, absorbed, shared, private, interest, offset, self._sources, diagonal=diagonal)
         self._rows, self._unit, volume = _with_prior(readings, shared, private, self._sources)
         self._constant = np.array([*(-0.5 * _LOG_2PI * test.readings for test in reduced), volume])
