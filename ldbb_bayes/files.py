@@ -233,6 +233,8 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
         kinds = [kind for hint in hints for kind in (hint, *get_args(hint))]
         owner = next((kind for kind in kinds if hasattr(kind, "__pydantic_fields__")), owner)
     where = f" in [{' '.join(keys[:-1])}]" if len(keys) > 1 else ""
+    if isinstance(own := first.get("ctx", {}).get("error"), InputError):
+        raise InputError(f"{place}, [{' '.join(keys)}]: {own}")
     if first["type"] in _UNKNOWN:
         known = [field.alias or name for name, field in owner.__pydantic_fields__.items()]
         raise InputError(
@@ -243,7 +245,7 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
 
 
 def _invalid(what: str, first: Any) -> str:
-    why, got = first["msg"].removeprefix("Value error, "), first["input"]
+    why, got = re.sub(r"dictionary or an instance of _\w+", "table", first["msg"].removeprefix("Value error, ")), first["input"]
     if why.startswith(_SHOULD):
         return f"{what} must be {why.removeprefix(_SHOULD)}, got {got!r}. Correct it."
     return f"{what} must be valid, got {got!r}: {why[0].lower()}{why[1:]}. Correct it."

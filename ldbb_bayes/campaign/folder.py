@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, field, fields
+from dataclasses import asdict, field, fields, replace
 from datetime import date
 from importlib.resources import files
 from pathlib import Path
@@ -17,7 +17,21 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CampaignFields, CircularTest, ForceLaw, Length, Number, TestFields
+from ldbb_bayes.campaign.campaign import (
+    PER_TEST,
+    Ball,
+    Campaign,
+    CampaignFields,
+    CircularTest,
+    ForceLaw,
+    Instrument,
+    Length,
+    MountCompensation,
+    Number,
+    Percent,
+    Positive,
+    TestFields,
+)
 from ldbb_bayes.campaign.spreadsheet import columns_of, numbers_of, read_strict_table
 from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated
@@ -45,13 +59,15 @@ _OF_TEST = ("force_N", "pressure_bar", "direction", *PER_TEST)
 _TEXTS = ("test", "direction", "plane")
 
 
-def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
+def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, Any] | None = None, **options: Any) -> Campaign:
     """Return the campaign, or the plan, of a folder or file.
 
     Parameters
     ----------
     path : path
         A campaign folder, a campaign.toml, or one tidy CSV.
+    certificates : mapping, optional
+        Fields of `Instrument`, instead of what campaign.toml says of them.
     **options
         For a tidy CSV only: what campaign.toml would say (`radius_mm=150`, `mount=MountCompensation(...)`, …).
 
@@ -74,7 +90,8 @@ def read_campaign(path: str | os.PathLike[str], **options: Any) -> Campaign:
     else:
         tests, options = _tests_of_folder(path)
     with placed(path):
-        return Campaign(tests, **options)
+        instrument = replace(options.pop("instrument", Instrument()), **certificates or {})
+        return Campaign(tests, instrument=instrument, **options)
 
 
 def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
@@ -98,7 +115,10 @@ def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force:
     return folder
 
 
-@dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
+_STRICT = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True, kw_only=True, config=_STRICT)
 class _TestFile(TestFields):
     file: str | None = None
     readings: Annotated[int, Field(ge=9, le=1_000_000)] | None = None
@@ -106,13 +126,48 @@ class _TestFile(TestFields):
     arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
 
 
-@dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
+# Certificates: a key of a table is the field of `Instrument` called after both.
+@dataclass(frozen=True, config=_STRICT)
+class _Balls:
+    work: Ball = field(default_factory=Ball)
+    tool: Ball = field(default_factory=Ball)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class _Bar:
+    length_error_um: Number = 0.0
+    U_um: Positive | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class _Mount(MountCompensation):
+    stiffness_N_per_um: Positive | None = None
+    U_percent: Percent | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class _Force(ForceLaw):
+    U_percent: Percent | None = None
+    linearity_percent: Percent | None = None
+    random_N: Positive | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class _Angle:
+    U_deg: Positive | None = None
+
+
+@dataclass(frozen=True, kw_only=True, config=_STRICT)
 class _CampaignFile(CampaignFields):
     schema: Literal[1]
     topology: str
     plane: str
     radius_mm: Length
-    force_law: Annotated[ForceLaw, Field(alias="force")] = field(default_factory=ForceLaw)
+    mount: _Mount = field(default_factory=_Mount)
+    force_law: Annotated[_Force, Field(alias="force")] = field(default_factory=_Force)
+    balls: _Balls = field(default_factory=_Balls)
+    bar: _Bar = field(default_factory=_Bar)
+    angle: _Angle = field(default_factory=_Angle)
     test: Annotated[list[_TestFile], Field(min_length=1, max_length=1000)]
 
 
@@ -127,8 +182,23 @@ def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, An
     got = f"a plan must have at most {LARGEST_PLAN} readings, got {planned}"
     require(planned <= LARGEST_PLAN, f"{path}: {got}. Plan fewer readings a circle.")
     tests = tuple(_test(path, i, entry) for i, entry in enumerate(file.test, start=1))
-    stated = {key: own for key, own in vars(file).items() if key not in ("schema", "test")}
-    return tests, stated | {"name": file.name or path.resolve().parent.name}
+    stated = {own.name: getattr(file, own.name) for own in fields(CampaignFields)}
+    return tests, stated | {"name": file.name or path.resolve().parent.name} | _instrument_of(path, file, content)
+
+
+def _instrument_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Mount, force law and certificates; a stiffness is a deflection per bar by the slope of the force law."""
+    law, mount = file.force_law, file.mount
+    one = not {"stiffness_N_per_um", "deflection_um_per_bar"} <= content.get("mount", {}).keys()
+    require(one, f"{path}: [mount] must have stiffness_N_per_um or deflection_um_per_bar, got both. Keep one of them.")
+    stiffness = mount.stiffness_N_per_um
+    deflection = law.slope_N_per_bar / stiffness if stiffness else mount.deflection_um_per_bar
+    tables: dict[str, Any] = {"bar": file.bar, "mount": mount, "force": law, "angle": file.angle}
+    stated = vars(file.balls) | {f"{table}_{key}": own for table, held in tables.items() for key, own in vars(held).items()}
+    with placed(path):
+        instrument = Instrument(**{own.name: stated[own.name] for own in fields(Instrument)})
+    plain = ForceLaw(law.slope_N_per_bar, law.offset_N)
+    return {"mount": MountCompensation(deflection, mount.compensated), "force_law": plain, "instrument": instrument}
 
 
 def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
@@ -232,6 +302,10 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     head |= {key: getattr(campaign, key) for key in ("topology", "plane", "radius_mm", "name", "machine_id", "date")}
     head |= {"feed_mm_per_min": campaign.feed_mm_per_min, "resolution_um": campaign.resolution_um}
     head |= {"mount": asdict(campaign.mount), "force": asdict(campaign.force_law)}
+    known = asdict(campaign.instrument)
+    head["balls"] = {ball: own for ball in ("work", "tool") if (own := {k: v for k, v in known.pop(ball).items() if v})} or None
+    for table, key, own in ((*name.partition("_")[::2], own) for name, own in known.items() if own):
+        head.setdefault(table, {})[key] = own
     head["frames_mm"] = {axis: list(frame) for axis, frame in campaign.frames_mm.items()} or None
     entries = [f"\n[[test]]\n{tomli_w.dumps(_entry(campaign, test))}" for test in campaign.tests]
     (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")

@@ -232,6 +232,7 @@ _VALIDATE = group(
 def validate(
     plan: options.CampaignArgument,
     model: options.ChosenModel,
+    certificates: options.Certificates,
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _VALIDATE],
     pool: options.PoolOptions,
@@ -247,7 +248,7 @@ def validate(
 
     if "data_model" in asked:
         asked["generator"] = lb.read_model(asked.pop("data_model"), degree=model.degree)
-    campaign = options.campaign_from(plan)
+    campaign = options.campaign_from(plan, **certificates)
     output.check("validation.json", "ranks.csv", figures=["rank_ecdf"])
     with executor_named(**pool) as executor, counting_progress(output.quiet, "simulated campaigns") as progress:
         result = lb.validate(model, campaign, **asked, executor=executor, progress=progress)

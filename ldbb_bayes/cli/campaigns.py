@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -112,6 +113,7 @@ def import_(
     layout: Annotated[Any, _LAYOUT],
     name: Annotated[dict[str, Any], group(options.campaign_fields, name=option(str, "Name of the campaign."))],
     table: options.TableFields,
+    certificates: options.Certificates,
     force: Annotated[bool, options.FORCE],
     as_json: Annotated[bool, options.JSON],
 ) -> None:
@@ -124,7 +126,7 @@ def import_(
 
     output = Output(out, force, as_json, quiet=False)
     output.check(*files_of(out))
-    result = lb.import_campaign(files, layout=layout, **table, **name)
+    result = lb.import_campaign(files, layout=layout, **table, **name, instrument=lb.Instrument(**certificates))
     contents = {IMPORT_NAME: layout_to_toml(result.layout)}
     _deliver(output, result.campaign, result.as_dict(), result, contents, f". Look at it: ldbb-bayes check {out}")
 
@@ -150,6 +152,7 @@ def simulate(
     out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="DIR")],
     model: options.ChosenModel,
     truth: Annotated[Path | None, option(Path, "Truths for a plan, as TOML.", metavar="FILE.toml")],
+    certificates: options.Certificates,
     force: Annotated[bool, options.FORCE],
     seed: Annotated[int, SEED],
     as_json: Annotated[bool, options.JSON],
@@ -172,8 +175,9 @@ def simulate(
             raise InputError(
                 f"{source}: 'forces_N' must be given, got nothing. List the forces, or give a plan as first argument."
             )
+        plan = replace(plan, instrument=lb.Instrument(**certificates))
     else:
-        plan = options.campaign_from(source)
+        plan = options.campaign_from(source, **certificates)
         truths = Truths(None, None, {}, False) if truth is None else read_truths(truth)
         if truths.plan is not None:
             raise InputError(f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove one of them.")
@@ -256,6 +260,7 @@ def batch(
     out: Annotated[Path, option(Path, "Folder for the journal and the table.", REQUIRED, metavar="DIR")],
     model: options.ChosenModel,
     table: options.TableFields,
+    certificates: options.Certificates,
     asked: Annotated[dict[str, Any], _BATCH],
     pool: options.PoolOptions,
     as_json: Annotated[bool, options.JSON],
@@ -276,7 +281,8 @@ def batch(
     try:
         with counting_progress(quiet, "campaigns") as progress:
             executor = partial(executor_named, **pool)
-            done = lb.batch(campaigns, out, model=model, executor=executor, table=table, **asked, progress=progress)
+            given: dict[str, Any] = {"model": model, "table": table, "certificates": certificates, **asked}
+            done = lb.batch(campaigns, out, executor=executor, **given, progress=progress)
     except KeyboardInterrupt:
         if not (out / JOURNAL).exists():
             raise

@@ -6,6 +6,7 @@ import functools
 import inspect
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,12 +17,12 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, cast
 import typer
 
 import ldbb_bayes as lb
-from ldbb_bayes.errors import InputError, plain_reason
+from ldbb_bayes.errors import InputError, placed, plain_reason, require
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ldbb_bayes.campaign.campaign import Campaign
+    from ldbb_bayes.campaign.campaign import Ball, Campaign
     from ldbb_bayes.inference.mcmc import Progress
     from ldbb_bayes.model.hybrid import HybridModel
 
@@ -231,7 +232,16 @@ def points_in(entries: Iterable[str], option: str) -> list[tuple[float, ...]]:
     return points
 
 
+def ball_in(text: str, option: str) -> Ball:
+    """A grade, or a deviation from sphericity with its unit."""
+    size, like = re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text), "a grade like G20, or a deviation from sphericity like 0.5um"
+    require(size or text[:1] not in {*"+-.0123456789"}, f"{option} must be {like}, got {text!r}. Correct it.")
+    with placed(option):
+        return lb.Ball(grade=text) if size is None else lb.Ball(sphericity_um=float(size[1]))
+
+
 NAMES = Kind(str, names_in, "LIST")
+BALL = Kind(str, ball_in, "G20|0.5um")
 NEGATED = Kind(bool, lambda value, _: not value)
 POINTS = Kind(list[str], points_in, "X,Y,Z")
 
@@ -240,13 +250,19 @@ POINTS = Kind(list[str], points_in, "X,Y,Z")
 
 
 def campaign_from(path: Path, **options: Any) -> Campaign:
-    """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say."""
+    """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say, and what certificates say."""
+    certificates = certified(**{name: options.pop(name) for name in _CERTIFIED if name in options})
     given = campaign_fields(**options)
     if given and (path.is_dir() or path.suffix.lower() == ".toml"):
         named = {"mount": "--raw or --mount-um-per-bar", "force_law": "--force-slope or --force-offset"}
         said = ", ".join(named.get(name, "--" + name.replace("_", "-")) for name in given)
         raise InputError(f"{said} must come with a tidy CSV, got {path}. Write what it says into its campaign.toml.")
-    return lb.read_campaign(path, **given)
+    return lb.read_campaign(path, certificates=certificates, **given)
+
+
+def certified(*, balls: Ball | None = None, **given: Any) -> dict[str, Any]:
+    """What the options say of the instrument: those given, as fields of `Instrument`."""
+    return ({} if balls is None else {"work": balls, "tool": balls}) | given
 
 
 def campaign_fields(*, raw: bool = False, **given: Any) -> dict[str, Any]:
@@ -296,6 +312,21 @@ _TABLE = in_panel(
     force_slope=option(float, "Force law, N per bar. Default 126.04."),
     force_offset=option(float, "Force law, force at zero pressure (N). Default -14.2."),
 )
+_LEAST = 1e-6
+_CERTIFICATES = in_panel(
+    "What certificates say (U: expanded uncertainty, k = 2), before campaign.toml",
+    balls=option(BALL, "Form of both balls: grade (ISO 3290: G3 to G200), or deviation from sphericity, for example 0.5um."),
+    work_ball=option(BALL, "The work ball's, likewise.", to="work"),
+    tool_ball=option(BALL, "The tool ball's, likewise.", to="tool"),
+    bar_length_error_um=option(float, "Error of the bar's length (µm)."),
+    bar_U_um=option(float, "U of the bar's length (µm).", min=_LEAST),
+    mount_U_percent=option(float, "U of the mount's deflection (%).", min=_LEAST, max=100),
+    force_U_percent=option(float, "U of the force's gain (%).", min=_LEAST, max=100),
+    force_linearity_percent=option(float, "Non-linearity of the force, at most (% of the largest force).", min=_LEAST, max=100),
+    force_random_N=option(float, "Random error of every force (N, 1 sd).", min=_LEAST),
+    angle_U_deg=option(float, "U of the angle (°).", min=_LEAST),
+)
+_CERTIFIED = [own.to or name for name, own in _CERTIFICATES.items()]
 _TERMS = "ball-form, bar-length, mount, force-error, setup-shift, discrepancy, hysteresis, drift, truncation"
 _MODEL = group(
     model_from,
@@ -307,7 +338,8 @@ _MODEL = group(
 )
 CampaignArgument = Annotated[Path, typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN")]
 _PATH = inspect.Parameter("campaign", inspect.Parameter.KEYWORD_ONLY, annotation=CampaignArgument)
-GivenCampaign = Annotated["Campaign", group(campaign_from, _PATH, **_TABLE)]
+GivenCampaign = Annotated["Campaign", group(campaign_from, _PATH, **_TABLE, **_CERTIFICATES)]
+Certificates = Annotated[dict[str, Any], group(certified, **_CERTIFICATES)]
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE)]
 ChosenModel = Annotated["HybridModel", _MODEL]
 

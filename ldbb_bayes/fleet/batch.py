@@ -116,7 +116,7 @@ _LONGEST_REASON = 1200
 class Settings:
     """How every campaign of a batch is fitted.
 
-    ``table`` are fields of `Campaign` that tidy CSVs do not say.
+    ``table`` are fields of `Campaign` that tidy CSVs do not say, ``certificates`` of `Instrument` instead of what campaigns say.
     """
 
     model_toml: str
@@ -126,6 +126,7 @@ class Settings:
     ci_prob: float = 0.95
     compare: bool = True
     table: Mapping[str, Any] = field(default_factory=dict)
+    certificates: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def model(self) -> HybridModel:
@@ -151,7 +152,7 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
     try:
         with warnings.catch_warnings(action="ignore"):
             is_table = not os.path.isdir(job.place) and not job.place.lower().endswith(".toml")
-            campaign = read_campaign(job.place, **(settings.table if is_table else {}))
+            campaign = read_campaign(job.place, certificates=settings.certificates, **(settings.table if is_table else {}))
             row |= _origin(campaign)
             return row | _fitted(settings, campaign)
     except Exception as error:  # noqa: BLE001  # one campaign must not end the others
@@ -276,8 +277,9 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
 def _record(settings: Settings) -> dict[str, Any]:
     """What makes a batch what it is."""
     table = {
-        f"table option {name}": asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-        for name, value in settings.table.items()
+        f"{kind} {name}": asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+        for kind, given in (("table option", settings.table), ("certificate", settings.certificates))
+        for name, value in given.items()
     }
     return {
         "model": model_sha256(settings.model)[:12],
@@ -446,6 +448,7 @@ def batch(
     ci_prob: float = 0.95,
     compare: bool = True,
     table: Mapping[str, Any] | None = None,
+    certificates: Mapping[str, Any] | None = None,
     resume: bool = False,
     retry: bool = False,
     force: bool = False,
@@ -473,6 +476,8 @@ def batch(
         Weigh linear compliance against constant by their evidences.
     table : mapping, optional
         Fields of `Campaign` for tidy CSVs: what campaign.toml would say.
+    certificates : mapping, optional
+        Fields of `Instrument` for all campaigns, instead of what campaign.toml says of them.
     resume, retry : bool
         Go on with what an earlier run left (with nothing there, begin); also do again what failed.
     force : bool
@@ -501,7 +506,8 @@ def batch(
     folder, paths = Path(out), gather(campaigns)
     # The same text whatever order its terms were given in.
     written = model_to_toml(model_from_toml(model_to_toml(model or HybridModel.default())))
-    settings = Settings(written, sampler, seed, float(ess), float(ci_prob), compare, dict(table or {}))
+    given = dict(table or {}), dict(certificates or {})
+    settings = Settings(written, sampler, seed, float(ess), float(ci_prob), compare, *given)
     jobs = [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
     with _journal(folder) as journal, executor() if callable(executor) else nullcontext(executor) as pool:
         record = _record(settings)

@@ -49,6 +49,37 @@ def test_round_trip(tmp_path: Path) -> None:
     assert len([*folder.glob("*.csv")]) == 3
 
 
+STATED = """[balls.work]
+grade = "G20"
+[balls.tool]
+harmonics_um = [[2, 0.21, 35.0], [3, 0.1, -10]]
+U_um = 0.05
+[bar]
+length_error_um = -0.4
+U_um = 1.0
+[mount]
+stiffness_N_per_um = 50.0
+U_percent = 2
+[force]
+slope_N_per_bar = 130.0
+U_percent = 1
+linearity_percent = 0.5
+random_N = 1.5
+[angle]
+U_deg = 0.05
+[[test]]"""
+
+
+def test_certificates_are_read_and_written(tmp_path: Path) -> None:
+    stated = lb.read_campaign(write(tmp_path, TOML.replace("[[test]]", STATED, 1)))
+    balls = lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0), (3, 0.1, -10.0)), U_um=0.05)
+    assert stated.instrument == lb.Instrument(*balls, -0.4, 1.0, 2.0, 1.0, 0.5, 1.5, 0.05)
+    assert stated.mount == lb.MountCompensation(130.0 / 50.0)
+    back = lb.read_campaign(lb.write_campaign(stated, tmp_path / "c"), certificates={"tool": balls[0]})
+    assert back.instrument == replace(stated.instrument, tool=balls[0])
+    assert (back.mount, back.force_law, back.sha256) == (stated.mount, stated.force_law, stated.sha256)
+
+
 @given(
     reading=hnp.arrays(float, 12, elements=st.floats(-1e5, 1e5)),
     force=st.floats(1.0, 2000.0),
@@ -107,6 +138,12 @@ def test_radians_millimetres_bom_crlf_semicolons_and_decimal_commas(tmp_path: Pa
         ("force_N = 36.0", "force_N = 36.0\nreadings = 99", "readings must stand in planned tests only"),
         ('[[test]]\nfile = "a.csv"', "[[test\nfile", "must be valid TOML"),
         ("force_N = 36.0", "force_N = 36.0\n[mount]\ndeflection = 1.0", r"Did you mean 'deflection_um_per_bar'"),
+        ("schema = 1", "schema = 1\nmount = {stiffness_N_per_um = 9, deflection_um_per_bar = 2}", "mount. must have .* got both"),
+        ("schema = 1", "schema = 1\nballs.wrk.grade = 'G20'", r"keys in \[balls\] must be among work, tool, .* mean 'work'"),
+        ("schema = 1", "schema = 1\nballs.work.grade = 'G21'", r"toml, \[balls work\]: grade of a ball .*Did you mean 'G20'"),
+        ("schema = 1", "schema = 1\nforce.linearity_percent = 0", r"'linearity_percent' in \[force\] must be greater than 0"),
+        ("schema = 1", "schema = 1\nbar.length_error_um = 2", "toml: the bar's length error must come with its U_um"),
+        ("schema = 1", "schema = 1\nangle = 3", "'angle' must be a table, got 3"),
     ],
 )
 def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -172,6 +172,19 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     assert lb.read_campaign(tmp_path / "d").sha256 == campaign.sha256
 
 
+def test_certificates_are_options_too(folder: Path, planned: Path, tmp_path: Path, invoke: Invoke) -> None:
+    """Of what reads, and of what writes a campaign: they say what is written over what campaign.toml says."""
+    table = tidy(lb.read_campaign(folder), tmp_path / "t.csv")
+    stated = ("--balls", "G20", "--tool-ball", "0.1um", "--bar-U-um", 2)
+    known = lb.Instrument(lb.Ball(grade="G20"), lb.Ball(sphericity_um=0.1), bar_U_um=2.0)
+    for command in (("simulate", planned), ("design", folder, "--tests", 3, "--forces", "36,742"), ("import", table)):
+        out = tmp_path / command[0]
+        assert invoke(*command, *stated, "--out", out)[0] == 0
+        assert lb.read_campaign(out).instrument == known
+    assert invoke("simulate", out, "--out", tmp_path / "again", "--bar-U-um", 3)[0] == 0
+    assert lb.read_campaign(tmp_path / "again").instrument == replace(known, bar_U_um=3.0)
+
+
 def test_identify(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its goldens."""
     out = tmp_path / "i"

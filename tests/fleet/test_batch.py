@@ -155,6 +155,8 @@ def test_a_tidy_csv_takes_what_its_table_does_not_say(tmp_path: Path) -> None:
     row = fit_row(settings, Job(0, "t.csv", str(tmp_path / "t.csv")))
     assert row["sha256"] == lb.read_campaign(tmp_path / "t.csv", radius_mm=100.0).sha256
     assert row["sha256"] != lb.read_campaign(tmp_path / "t.csv").sha256
+    alone = replace(settings, certificates={"bar_length_error_um": 1.0})
+    assert "must come with its U_um" in fit_row(alone, Job(0, "t.csv", str(tmp_path / "t.csv")))["reason"]
 
 
 def test_gather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -232,6 +234,7 @@ def test_interrupted_anywhere_and_resumed(made: tuple[list[str], list[int]], tmp
     [
         ({"seed": 2}, "got seed 1 where this run has 2"),
         ({"ci_prob": 0.9}, "got ci_prob 0.95 where this run has 0.9"),
+        ({"certificates": {"bar_U_um": 1.0}}, "got certificate bar_U_um nothing where this run has 1.0"),
         ({"table": {"radius_mm": 100.0}}, "got table option radius_mm nothing where this run has 100.0"),
     ],
 )
