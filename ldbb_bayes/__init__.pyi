@@ -81,7 +81,9 @@ from .model.terms import Mount as Mount
 from .model.terms import Scale as Scale
 from .model.terms import SetupShift as SetupShift
 from .model.terms import Term as Term
+from .model.terms import Uncertainties as Uncertainties
 from .model.terms import Unit as Unit
+from .model.terms import uncertainties as uncertainties
 from .report import figures as figures
 from .report.figures import save_figures as save_figures
 from .report.findings import fit_in_words as fit_in_words

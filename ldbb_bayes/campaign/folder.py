@@ -115,7 +115,7 @@ def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force:
     return folder
 
 
-_STRICT = ConfigDict(extra="forbid")
+_STRICT = ConfigDict(extra="forbid", defer_build=True)
 
 
 @dataclass(frozen=True, kw_only=True, config=_STRICT)

@@ -142,8 +142,11 @@ def _deliver(output: Output, campaign: lb.Campaign, record: Any, result: Any, co
 @command
 def check(campaign: options.GivenCampaign, as_json: Annotated[bool, options.JSON]) -> None:
     """Preview a campaign: per test what is there and what looks odd, and what a fit will assume. Fits nothing."""
-    seen = lb.preview(campaign)
-    Output(as_json=as_json).deliver(lb.with_words(seen), seen)
+    from ldbb_bayes.report.text import parts_of
+
+    seen, known = lb.preview(campaign), lb.uncertainties(campaign)
+    record = lb.with_words(seen) | {"uncertainties": known.as_dict()["assumed"]}
+    Output(as_json=as_json).deliver(record, (*parts_of(seen), *parts_of(known)))
 
 
 @command

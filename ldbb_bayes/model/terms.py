@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
@@ -16,16 +16,18 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Ball
+from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, WAYS, Setting, derivative
+from ldbb_bayes.result import Result
 
 __all__ = [
     "FORM_ORDER",
     "NOISE",
     "OWN",
     "Angle",
+    "Assumed",
     "BallForm",
     "BarLength",
     "BasisNoise",
@@ -47,7 +49,9 @@ __all__ = [
     "SetupShift",
     "Source",
     "Term",
+    "Uncertainties",
     "Unit",
+    "uncertainties",
 ]
 
 Array = NDArray[Any]
@@ -200,6 +204,37 @@ class BasisNoise:
         return np.stack([self.sd_at(phi, r) for r in range(tests)]) * rng.standard_normal((tests, SIZE))
 
 
+@dataclass(frozen=True)
+class Assumed:
+    """What a term takes for granted of the instrument: a value and its standard uncertainty, in ``unit`` (mm, N, rad), the field
+    of `Instrument` that states it (empty: none does), and whether a certificate has stated it."""
+
+    name: str
+    value: float
+    sd: float
+    unit: str
+    certificate: str
+    stated: bool
+
+
+@dataclass(frozen=True)
+class Uncertainties(Result):
+    """Everything that the terms of a model take for granted of the instrument."""
+
+    assumed: tuple[Assumed, ...]
+
+
+def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
+    """Return what terms, by default those of the default model, take for granted of the instrument of a campaign or plan."""
+    used = [kind() for kind in Term.kinds.values() if not kind.on_demand] if terms is None else terms
+    return Uncertainties(tuple(own for term in used for own in term.assumed(campaign)))
+
+
+def _assumed(campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0) -> Assumed:
+    stated = bool(certificate) and getattr(campaign.instrument, certificate) is not None
+    return Assumed(name, value, sd, Term.owner(name).unit_of(name).inside, certificate, stated)
+
+
 class Term:
     """A nuisance of the readings. Derive a frozen dataclass to have one of your own in fits, results, designs and model files.
 
@@ -276,6 +311,10 @@ class Term:
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
         """Its columns in a setting; none where it does not act."""
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
+
+    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+        """What it takes for granted of the instrument."""
+        yield from ()
 
     @classmethod
     def key(cls) -> str:
@@ -404,6 +443,17 @@ class BallForm(Term):
         scaled = {"sd": np.sqrt(share), "decay": "decay", "orders": orders.astype(float)}
         return scaled | {"stated": np.sqrt(stated) * 1e-3, "mean": mean * 1e-3}
 
+    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+        """Of the orders 2 and 3, beside what all orders share, and of those that a certificate states, their amplitudes."""
+        for name in ("work", "tool"):
+            ball: Ball = getattr(campaign.instrument, name)
+            stated, sphericity = {n: own for n, own, _ in ball.harmonics_um}, ball.stated_sphericity_um
+            usual = np.sqrt(_OF_SPHERICITY) * (self.sphericity_um if sphericity is None else sphericity)
+            for n in sorted({2, 3, *stated}) if self.law == "decay" else ():
+                value, sd = (stated[n], 0.5 * (ball.U_um or 0.0)) if n in stated else (0.0, float(usual))
+                known = n in stated or sphericity is not None
+                yield Assumed(f"{name}_form_{n}", value * 1e-3, sd * 1e-3, "mm", name, known)
+
     @staticmethod
     def _ball(coefficient: str) -> str:
         return {"w": "the work ball", "t": "the tool ball"}.get(coefficient[0], "")
@@ -466,6 +516,12 @@ class BarLength(Term):
         sd, mean = _expanded(stated.bar_U_um, self.sd_um), np.full(len(names), stated.bar_length_error_um * 1e-3)
         return (Columns(names, values, np.full(len(names), sd * 1e-3), mean=mean if mean.any() else None),)
 
+    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+        own = campaign.instrument
+        yield _assumed(
+            campaign, "bar_length", "bar_U_um", _expanded(own.bar_U_um, self.sd_um) * 1e-3, own.bar_length_error_um * 1e-3
+        )
+
     @classmethod
     def describe(cls, coefficient: str) -> str:
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
@@ -500,6 +556,13 @@ class Mount(Term):
         sd = np.array([self.curvature_um * 1e-3])
         return linear, Columns(("mount_curvature",), setting.constant(setting.bow), sd)
 
+    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+        nominal = campaign.mount.deflection_um_per_bar * 1e-3
+        relative = _expanded(campaign.instrument.mount_U_percent, self.relative_sd, 0.01)
+        yield _assumed(campaign, "mount", "mount_U_percent", relative * nominal, nominal)
+        if self.curvature_um:
+            yield _assumed(campaign, "mount_curvature", "", self.curvature_um * 1e-3)
+
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
         return Term.unit if coefficient == "mount_curvature" else cls.unit
@@ -526,17 +589,30 @@ class ForceError(Term):
     on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        deflection, stated = (setting.wrench @ setting.compliance_estimate)[:, :, None], setting.instrument
-        linearity = stated.force_linearity_percent
-        curvature = self.curvature_sd if linearity is None else 0.01 * linearity / np.sqrt(3.0)
-        parts = [("force_gain", setting.force_N, _expanded(stated.force_U_percent, self.gain_sd, 0.01))]
-        if self.curvature_sd:
-            parts.append(("force_curvature", setting.largest_force_N * setting.bow, curvature))
-        random = self.random_sd_N if stated.force_random_N is None else stated.force_random_N
+        deflection, sd = (setting.wrench @ setting.compliance_estimate)[:, :, None], self._sds(setting.instrument)
+        forces = {"force_gain": setting.force_N, "force_curvature": setting.largest_force_N * setting.bow}
+        parts = [(name, force[:, None, None] * deflection) for name, force in forces.items() if name in sd]
         return (
-            *(Columns((name,), force[:, None, None] * deflection, np.array([sd])) for name, force, sd in parts),
-            Columns(("force_random",), deflection, np.array([random]), private=True),
+            *(Columns((name,), values, np.array([sd[name]])) for name, values in parts),
+            Columns(("force_random",), deflection, np.array([sd["force_random"]]), private=True),
         )
+
+    def _sds(self, stated: Instrument) -> dict[str, float]:
+        """As it is, or as a certificate states; a linearity is a bound, each value within it as likely as another."""
+        linearity, random = stated.force_linearity_percent, stated.force_random_N
+        curvature = self.curvature_sd if linearity is None else 0.01 * linearity / np.sqrt(3.0)
+        found = {"force_gain": _expanded(stated.force_U_percent, self.gain_sd, 0.01), "force_curvature": float(curvature)}
+        found |= {"force_random": self.random_sd_N if random is None else random}
+        return {name: sd for name, sd in found.items() if self.curvature_sd or name != "force_curvature"}
+
+    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+        for name, sd in self._sds(campaign.instrument).items():
+            named = {
+                "force_gain": "force_U_percent",
+                "force_curvature": "force_linearity_percent",
+                "force_random": "force_random_N",
+            }
+            yield _assumed(campaign, name, named[name], sd)
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
@@ -623,6 +699,11 @@ class Angle(Term):
         lag = slope * np.where(setting.travel == 0.0, 1.0, setting.travel)[:, None]
         sd = np.deg2rad(_expanded(setting.instrument.angle_U_deg, self.sd_deg))
         return (Columns(("angle_reference", "angle_lag"), np.stack([slope, lag], axis=2), np.full(2, sd)),)
+
+    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+        sd = float(np.deg2rad(_expanded(campaign.instrument.angle_U_deg, self.sd_deg)))
+        for name in ("angle_reference", "angle_lag"):
+            yield _assumed(campaign, name, "angle_U_deg", sd)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.wording import (
     IN_FORCE,
+    assumed_words,
     assumption_words,
     comparison_sentences,
     concern_sentences,
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.inference.posterior import Fit
     from ldbb_bayes.inference.predictive import LeastSquares
     from ldbb_bayes.model.hybrid import HybridModel, Simulation
+    from ldbb_bayes.model.terms import Uncertainties
 
 __all__ = [
     "Passage", "html_of", "nuisance_table", "parameter_table", "parts_of", "parts_of_fit", "results_table", "text_of",
@@ -152,6 +154,18 @@ def _(seen: CampaignPreview) -> tuple[Passage, ...]:
     last = ("end − start (µm)", "peak to peak (µm)")
     table = Table.of("", (*heads, *last), rows, text=("direction", "plane", "centre (mm)"))
     return (table, *preview_sentences(seen), "A fit will assume:", tuple(map(remark_words, seen.assumptions)))
+
+
+@parts_of.register
+def _(found: Uncertainties) -> tuple[Passage, ...]:
+    """With nominal value, u, where that is from, and what certificate states it."""
+    rows = []
+    for own in found.assumed:
+        (_, one, label), (words, where) = Term.owner(own.name).unit_of(own.name), assumed_words(own)
+        nominal, spread = value_and_uncertainty(own.value / one, own.sd / one)
+        rows.append((words, nominal, spread, label, "certificate" if own.stated else "the model", where))
+    heads = ("assumed", "nominal", "u (1 sd)", "unit", "from", "certificate (campaign.toml)")
+    return (Table.of("A fit will take for granted of the instrument", heads, rows, text=heads[3:]),)
 
 
 @parts_of.register

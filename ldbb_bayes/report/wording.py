@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.preview import CampaignPreview, Remark
     from ldbb_bayes.inference.posterior import Concern, Fit
     from ldbb_bayes.inference.predictive import Check
+    from ldbb_bayes.model.terms import Assumed
 
 DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
@@ -376,6 +377,13 @@ def _(result: CampaignPreview) -> dict[str, Any]:
         own["remarks"] = [remark_words(remark) for remark in found.remarks]
     record["assumptions"] = [remark_words(remark) for remark in result.assumptions]
     return record
+
+
+def assumed_words(own: Assumed) -> tuple[str, str]:
+    """Return what is taken for granted of the instrument, and where a certificate says it."""
+    (table, _, key), kind = own.certificate.partition("_"), Term.owner(own.name)
+    where = f"[{table}] {key}" if key else f"[balls.{table}]" if table else f"none: [terms.{kind.__name__}] of a model"
+    return nuisance_words(own.name.replace("form_", "form_cos")).partition(" (")[0], where
 
 
 # ---- machine

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -133,3 +134,37 @@ def test_preview_is_silent_on_a_good_campaign() -> None:
     rounded = [test.with_reading_um(0.24 * np.rint(test.reading_um / 0.24)) for test in campaign.tests]
     for good in (campaign, lb.Campaign(tuple(rounded))):
         assert all(test.remarks == () for test in lb.preview(good).tests)
+
+
+# Standard uncertainties of the model, and of certificates [mm, N, rad].
+TAKEN = {
+    "work_form_2": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5),
+    "work_form_3": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5),
+    "tool_form_2": (2.5e-3 / 24**0.5, 0.025e-3),
+    "tool_form_3": (2.5e-3 / 24**0.5, 2.5e-3 / 24**0.5),
+    "bar_length": (9.4e-3, 1e-3),
+    "mount": (0.233e-3, 0.0233e-3),
+    "mount_curvature": (0.5e-3, 0.5e-3),
+    "force_gain": (0.01, 0.005),
+    "force_curvature": (0.01, 0.006 / 3**0.5),
+    "force_random": (4.0, 1.5),
+    "angle_reference": (np.deg2rad(0.1), np.deg2rad(0.025)),
+    "angle_lag": (np.deg2rad(0.1), np.deg2rad(0.025)),
+}
+
+
+def test_what_is_taken_for_granted_is_what_a_fit_has() -> None:
+    balls = lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0),), U_um=0.05)
+    stated, model = lb.Instrument(*balls, -0.4, 2.0, 2.0, 1.0, 0.6, 1.5, 0.05), lb.HybridModel.default()
+    for k, instrument in enumerate((lb.Instrument(), stated)):
+        campaign = replace(plan(work_deg=45.0, tool_deg=30.0), instrument=instrument)
+        assumed = lb.uncertainties(campaign).assumed
+        expected = pytest.approx({name: sd[k] for name, sd in TAKEN.items()}, rel=1e-12)
+        assert {own.name: own.sd for own in assumed} == expected
+        assert {own.name for own in assumed if not own.stated} == ({"mount_curvature", "tool_form_3"} if k else TAKEN.keys())
+        found = [own for term in model.nuisances for own in term.columns(model.bind(campaign).setting)]
+        sds = {}
+        for own in (own for own in found if isinstance(own, lb.Columns)):
+            sds |= dict(zip(own.names, own.sd if own.stated is None else own.stated, strict=True))
+        assert {name: sds[name.replace("form_", "form_cos")] for name in TAKEN} == expected
+    assert [own.value for own in assumed if own.value] == pytest.approx([0.21e-3, -0.4e-3, 2.33e-3])

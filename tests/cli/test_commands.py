@@ -150,7 +150,10 @@ def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
     seen = json.loads(invoke("check", tmp_path / "all.csv", *options)[1])
     assert (seen["tests"][0]["force_N"], seen["plane"]) == (200.0, "YZ")
     assert any("1.5 µm/bar, not compensated" in text for text in seen["assumptions"])
-    assert invoke("check", tmp_path / "all.csv", *options[:-1])[1].count("Look at a, b: readings go in steps of 1 µm") == 1
+    shown = invoke("check", tmp_path / "all.csv", *options[:-1], "--mount-U-percent", 2)[1]
+    assert shown.count("Look at a, b: readings go in steps of 1 µm") == 1
+    assert re.search(r"mount deflection +1.500 +0.015 +µm/bar +certificate +\[mount\] U_percent", shown)
+    assert [own["sd"] for own in seen["uncertainties"] if own["name"] == "bar_length"] == [9.4e-3]
 
 
 def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
