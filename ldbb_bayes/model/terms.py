@@ -27,7 +27,6 @@ __all__ = [
     "NOISE",
     "OWN",
     "Angle",
-    "Assumed",
     "BallForm",
     "BarLength",
     "BasisNoise",
@@ -50,6 +49,7 @@ __all__ = [
     "Source",
     "Term",
     "Uncertainties",
+    "Uncertainty",
     "Unit",
     "uncertainties",
 ]
@@ -205,7 +205,7 @@ class BasisNoise:
 
 
 @dataclass(frozen=True)
-class Assumed:
+class Uncertainty:
     """What a term takes for granted of the instrument: a value and its standard uncertainty, in ``unit`` (mm, N, rad), the field
     of `Instrument` that states it (empty: none does), and whether a certificate has stated it."""
 
@@ -221,7 +221,7 @@ class Assumed:
 class Uncertainties(Result):
     """Everything that the terms of a model take for granted of the instrument."""
 
-    assumed: tuple[Assumed, ...]
+    assumed: tuple[Uncertainty, ...]
 
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
@@ -230,9 +230,9 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
     return Uncertainties(tuple(own for term in used for own in term.assumed(campaign)))
 
 
-def _assumed(campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0) -> Assumed:
+def _assumed(campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0) -> Uncertainty:
     stated = bool(certificate) and getattr(campaign.instrument, certificate) is not None
-    return Assumed(name, value, sd, Term.owner(name).unit_of(name).inside, certificate, stated)
+    return Uncertainty(name, value, sd, Term.owner(name).unit_of(name).inside, certificate, stated)
 
 
 class Term:
@@ -312,7 +312,7 @@ class Term:
         """Its columns in a setting; none where it does not act."""
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
-    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+    def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """What it takes for granted of the instrument."""
         yield from ()
 
@@ -443,7 +443,7 @@ class BallForm(Term):
         scaled = {"sd": np.sqrt(share), "decay": "decay", "orders": orders.astype(float)}
         return scaled | {"stated": np.sqrt(stated) * 1e-3, "mean": mean * 1e-3}
 
-    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+    def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Of the orders 2 and 3, beside what all orders share, and of those that a certificate states, their amplitudes."""
         for name in ("work", "tool"):
             ball: Ball = getattr(campaign.instrument, name)
@@ -452,7 +452,7 @@ class BallForm(Term):
             for n in sorted({2, 3, *stated}) if self.law == "decay" else ():
                 value, sd = (stated[n], 0.5 * (ball.U_um or 0.0)) if n in stated else (0.0, float(usual))
                 known = n in stated or sphericity is not None
-                yield Assumed(f"{name}_form_{n}", value * 1e-3, sd * 1e-3, "mm", name, known)
+                yield Uncertainty(f"{name}_form_{n}", value * 1e-3, sd * 1e-3, "mm", name, known)
 
     @staticmethod
     def _ball(coefficient: str) -> str:
@@ -516,7 +516,7 @@ class BarLength(Term):
         sd, mean = _expanded(stated.bar_U_um, self.sd_um), np.full(len(names), stated.bar_length_error_um * 1e-3)
         return (Columns(names, values, np.full(len(names), sd * 1e-3), mean=mean if mean.any() else None),)
 
-    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+    def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         own = campaign.instrument
         yield _assumed(
             campaign, "bar_length", "bar_U_um", _expanded(own.bar_U_um, self.sd_um) * 1e-3, own.bar_length_error_um * 1e-3
@@ -556,7 +556,7 @@ class Mount(Term):
         sd = np.array([self.curvature_um * 1e-3])
         return linear, Columns(("mount_curvature",), setting.constant(setting.bow), sd)
 
-    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+    def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         relative = _expanded(campaign.instrument.mount_U_percent, self.relative_sd, 0.01)
         yield _assumed(campaign, "mount", "mount_U_percent", relative * nominal, nominal)
@@ -605,7 +605,7 @@ class ForceError(Term):
         found |= {"force_random": self.random_sd_N if random is None else random}
         return {name: sd for name, sd in found.items() if self.curvature_sd or name != "force_curvature"}
 
-    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+    def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         for name, sd in self._sds(campaign.instrument).items():
             named = {
                 "force_gain": "force_U_percent",
@@ -700,7 +700,7 @@ class Angle(Term):
         sd = np.deg2rad(_expanded(setting.instrument.angle_U_deg, self.sd_deg))
         return (Columns(("angle_reference", "angle_lag"), np.stack([slope, lag], axis=2), np.full(2, sd)),)
 
-    def assumed(self, campaign: Campaign) -> Iterator[Assumed]:
+    def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         sd = float(np.deg2rad(_expanded(campaign.instrument.angle_U_deg, self.sd_deg)))
         for name in ("angle_reference", "angle_lag"):
             yield _assumed(campaign, name, "angle_U_deg", sd)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.preview import CampaignPreview, Remark
     from ldbb_bayes.inference.posterior import Concern, Fit
     from ldbb_bayes.inference.predictive import Check
-    from ldbb_bayes.model.terms import Assumed
+    from ldbb_bayes.model.terms import Uncertainty
 
 DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
@@ -379,7 +379,7 @@ def _(result: CampaignPreview) -> dict[str, Any]:
     return record
 
 
-def assumed_words(own: Assumed) -> tuple[str, str]:
+def assumed_words(own: Uncertainty) -> tuple[str, str]:
     """Return what is taken for granted of the instrument, and where a certificate says it."""
     (table, _, key), kind = own.certificate.partition("_"), Term.owner(own.name)
     where = f"[{table}] {key}" if key else f"[balls.{table}]" if table else f"none: [terms.{kind.__name__}] of a model"

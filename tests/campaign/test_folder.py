@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,31 +50,12 @@ def test_round_trip(tmp_path: Path) -> None:
     assert len([*folder.glob("*.csv")]) == 3
 
 
-STATED = """[balls.work]
-grade = "G20"
-[balls.tool]
-harmonics_um = [[2, 0.21, 35.0], [3, 0.1, -10]]
-U_um = 0.05
-[bar]
-length_error_um = -0.4
-U_um = 1.0
-[mount]
-stiffness_N_per_um = 50.0
-U_percent = 2
-[force]
-slope_N_per_bar = 130.0
-U_percent = 1
-linearity_percent = 0.5
-random_N = 1.5
-[angle]
-U_deg = 0.05
-[[test]]"""
-
-
-def test_certificates_are_read_and_written(tmp_path: Path) -> None:
-    stated = lb.read_campaign(write(tmp_path, TOML.replace("[[test]]", STATED, 1)))
+def test_certificates_are_read_and_written(root: Path, tmp_path: Path) -> None:
+    """Those of the docs."""
+    (block,) = re.findall(r"```toml\n(.*?)```", (root / "docs" / "files.md").read_text("utf-8"), re.S)
+    stated = lb.read_campaign(write(tmp_path, TOML.replace("[[test]]", f"{block}[[test]]", 1)))
     balls = lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0), (3, 0.1, -10.0)), U_um=0.05)
-    assert stated.instrument == lb.Instrument(*balls, -0.4, 1.0, 2.0, 1.0, 0.5, 1.5, 0.05)
+    assert stated.instrument == lb.Instrument(*balls, -0.4, 1.0, 2.0, 1.0, 0.6, 1.5, 0.05)
     assert stated.mount == lb.MountCompensation(130.0 / 50.0)
     back = lb.read_campaign(lb.write_campaign(stated, tmp_path / "c"), certificates={"tool": balls[0]})
     assert back.instrument == replace(stated.instrument, tool=balls[0])
