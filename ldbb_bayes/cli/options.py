@@ -314,7 +314,7 @@ _TABLE = in_panel(
 )
 _LEAST = 1e-6
 _CERTIFICATES = in_panel(
-    "What certificates say (U: expanded uncertainty, k = 2), before campaign.toml",
+    "Certificates (U: expanded, k = 2), before what campaign.toml says",
     balls=option(BALL, "Form of both balls: grade (ISO 3290: G3 to G200), or deviation from sphericity, for example 0.5um."),
     work_ball=option(BALL, "The work ball's, likewise.", to="work"),
     tool_ball=option(BALL, "The tool ball's, likewise.", to="tool"),
