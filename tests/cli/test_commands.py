@@ -20,6 +20,7 @@ from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.cli.options import model_from
 from ldbb_bayes.fleet.population import digest_of
+from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.figures import style
 
@@ -184,6 +185,8 @@ def test_certificates_are_options_too(folder: Path, planned: Path, tmp_path: Pat
         out = tmp_path / command[0]
         assert invoke(*command, *stated, "--out", out)[0] == 0
         assert lb.read_campaign(out).instrument == known
+    assert invoke("fit", folder, *FIT, "--preset", "first", *stated, "--out", tmp_path / "fit")[0] == 0
+    assert campaign_of(lb.load(tmp_path / "fit")).instrument == known
     assert invoke("simulate", out, "--out", tmp_path / "again", "--bar-U-um", 3)[0] == 0
     assert lb.read_campaign(tmp_path / "again").instrument == replace(known, bar_U_um=3.0)
 
