@@ -42,6 +42,7 @@ _UNITS: Mapping[str, tuple[float, str]] = {
     "rad": (1e6, "µrad"),
     "mm": (1e3, "µm"),
     "um": (1.0, "µm"),
+    "": (1.0, ""),
 }
 _CHOSEN: ContextVar[Mapping[str, tuple[float, str]]] = ContextVar("units chosen for reading")
 _READABLE, _HARDLY, _ZERO = 0.1, 0.2, 1e-12

@@ -126,8 +126,9 @@ class Degeneracy:
         Parameters of interest in it that do more than a fiftieth of what the nuisance does.
     units : mapping of name to unit
         Of all parameters in it.
-    modelled : bool
-        False when the model leaves the nuisance out: then nothing bounds it, and the intervals ignore it.
+    modelled, stated : bool
+        Whether the model has the nuisance: else nothing bounds it, and the intervals ignore it; whether a certificate says how
+        large it is.
     prior_sds : float
         Its length in units of the prior sd.
     change_um : float
@@ -139,6 +140,7 @@ class Degeneracy:
     parameters: tuple[str, ...]
     units: Mapping[str, str]
     modelled: bool
+    stated: bool
     prior_sds: float
     change_um: float
 
@@ -180,7 +182,7 @@ class Standing(Result):
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """The sparse null space of a campaign's or plan's design, as far as it holds parameters of interest."""
     names, owners, values, sd = _coefficients(bound)
-    modelled = {type(term).__name__ for term in bound.model.nuisances}
+    modelled = {type(term).__name__: term for term in bound.model.nuisances}
     scaled = _effects(bound, values) * sd
     limit = 0.1 * bound.campaign.resolution_um * _MICROMETRE
     p = len(bound.names)
@@ -208,6 +210,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
                 main,
                 {names[i]: bound.parameters[i].unit for i in own},
                 all(owners[i] in modelled for i in others),
+                all(owners[i] in modelled and modelled[owners[i]].is_stated(names[i], bound.setting.instrument) for i in others),
                 float(np.linalg.norm(change / sd)),
                 float(together / _MICROMETRE) if together > _ROUNDING * (space.largest * np.abs(change / sd)).max() else 0.0,
             )

@@ -26,7 +26,7 @@ from ldbb_bayes.units import ranked
 __all__ = ["Budget", "Contribution", "budgets"]
 
 Kind = Literal["A", "B"]
-_LISTED = 1e-3
+_LISTED, _HALF = 1e-3, 0.5
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,8 @@ class Budget(Result):
     u : float
         Posterior standard deviation.
     contributions : tuple of Contribution
-        The largest first; shares sum to one. The term with the largest share is the ``heaviest``.
+        The largest first; shares sum to one. The term with the largest share, of those of type B where these hold more than half,
+        is the ``heaviest``.
     u_if_known : float or None
         Standard uncertainty that would be left if the heaviest term were known exactly; None where that is the noise of the
         readings or the parameters' own priors, which nothing makes known.
@@ -119,7 +120,10 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
         by_term: dict[str, float] = {}
         for line in ordered:
             by_term[line.term] = by_term.get(line.term, 0.0) + line.share
-        heaviest = ranked(by_term, by_term.__getitem__)[0]
+        # More circles are no help where what all circles share holds the variance.
+        of_circles = {line.term for line in ordered if line.kind == "A"}
+        shared = {term: by_term[term] for term in by_term if term not in of_circles}
+        heaviest = ranked(shared if sum(shared.values()) > _HALF else by_term, by_term.__getitem__)[0]
         left = u * float(np.sqrt(known[heaviest][i] / joint[own[i], own[i]])) if heaviest in known else None
         found[parameter.name] = Budget(parameter.name, parameter.unit, u, ordered, heaviest, left)
     return found

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, cures, degeneracies, standing_degeneracies
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 Array = NDArray[Any]
-_TENTH, _HALF, _CONTRACTED, _NAMED = 0.1, 0.5, 0.75, 0.05
+_TENTH, _HALF, _CONTRACTED, _NAMED, _QUARTER = 0.1, 0.5, 0.75, 0.05, 0.25
 _ROUNDING = 1e-12
 
 
@@ -55,11 +55,14 @@ class Verdict(StrEnum):
     """What is known of one parameter. The rule, in this order:
 
     1. *confounded*, when a nuisance that the model leaves out looks exactly like it: nothing bounds it then.
-    2. *confounded*, when more than half of its variance lies along directions in which the priors outweigh the readings, and more
+    2. *confounded*, when nuisances that look exactly like it, whose size neither these readings measure nor a certificate states,
+       make up more than half of its standard uncertainty: knowing them would take a quarter of its variance. What is carried over
+       from other orders of the circle is not measured.
+    3. *confounded*, when more than half of its variance lies along directions in which the priors outweigh the readings, and more
        than half would vanish if something else were known: the nuisance terms, and with them the parameters that no reading
        separates from it; or, where the priors outweigh the readings tenfold, the parameter it is correlated with most.
-    3. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of the prior sd.
-    4. *identified* otherwise.
+    4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of the prior sd.
+    5. *identified* otherwise.
     """
 
     IDENTIFIED = "identified"
@@ -145,6 +148,8 @@ class Identifiability(Result):
         Posterior correlations of parameters and shared nuisances.
     effective_parameters : float
         How many parameters the readings determine: the sum of the contractions, all of them when the prior is flat.
+    certificates : dict of name to dict of parameter to float
+        Standard uncertainty that would be left with a certificate of the instrument that there is none of yet, by what it states.
     hyper_um : dict of name to float
         φ it holds at [µm].
     measured : bool
@@ -158,8 +163,40 @@ class Identifiability(Result):
     effective_parameters: float
     alias: ByRow
     correlation: ByRow
+    certificates: dict[str, dict[str, float]]
     hyper_um: dict[str, float]
     measured: bool
+
+
+# Certificates one could have, and what they would state.
+CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
+    "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
+    "bar ± 1 µm": {"bar_U_um": 1.0},
+    "mount ± 2 %": {"mount_U_percent": 2.0},
+    "force ± 0.5 %, linearity 0.2 %, random 1 N": {
+        "force_U_percent": 0.5,
+        "force_linearity_percent": 0.2,
+        "force_random_N": 1.0,
+    },
+    "angle ± 0.05°": {"angle_U_deg": 0.05},
+}
+
+
+def _worth_of_certificates(bound: BoundModel, phi: Array) -> dict[str, dict[str, float]]:
+    """Standard uncertainties with each certificate, and with all of them, at the same φ."""
+    own, none = bound.campaign.instrument, Instrument()
+    open_ = {
+        name: stated for name, stated in CERTIFICATES.items() if all(getattr(own, key) == getattr(none, key) for key in stated)
+    }
+    if len(open_) > 1:
+        open_ = {**open_, "all of these": {key: value for stated in open_.values() for key, value in stated.items()}}
+    found = {}
+    for name, stated in open_.items():
+        more = BoundModel(bound.model, replace(bound.campaign, instrument=replace(own, **stated)), pilot=bound.pilot)
+        information = information_of(more, phi)
+        sd = np.sqrt(information.variances()) * information.scale[information.own]
+        found[name] = dict(zip(bound.names, sd.tolist(), strict=True))
+    return found
 
 
 @one_blas_thread
@@ -183,6 +220,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         effective_parameters=len(bound.names) - (0.0 if information.flat else float(information.variances().sum())),
         alias=_alias_matrix(bound, information),
         correlation=_correlation(information),
+        certificates={} if information.flat else _worth_of_certificates(bound, phi),
         hyper_um=bound.hyper_prior.named(phi),
         measured=not campaign.is_plan,
     )
@@ -274,6 +312,9 @@ def _verdict(
     left_out = tuple(dict.fromkeys(d.term for d in mine if not d.modelled))
     if left_out:
         return Verdict.CONFOUNDED, (*left_out, *exact)
+    open_terms = [term for term in exact if any(d.term == term and d.modelled and not d.stated for d in mine)]
+    if open_terms and lost_by_knowing(information, open_terms)[i] > _QUARTER:
+        return Verdict.CONFOUNDED, tuple(open_terms)
     same = {name for d in mine if not d.term for name in d.parameters}
     twins = [name for name in rivals if name in same]
     partners = tuple(name for name in (*(exact or heavy), *twins) if share[name] > _NAMED)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import hashlib
 import json
-import math
 import os
 import sys
 import warnings
@@ -25,7 +24,7 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.mcmc import diagnose
-from ldbb_bayes.inference.predictive import Check, TestChecks, shared_terms
+from ldbb_bayes.inference.predictive import Check, CheckKind, TestChecks, every_check, failing, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
@@ -63,7 +62,7 @@ __all__ = [
 Array = NDArray[Any]
 _POWERS, _SENSITIVE = (0.99, 1.01), 0.05
 _COUNT = 10.0
-_FAILS, _SMALLEST = 0.01, 1e-300
+_MOVED, _WIDER = 0.5, 0.1
 _MOST_PER_BYTE, _REASON = 20, 120
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 _OF_TESTS = ("per_test", "force_N", "pressure_bar", "work_ball_deg", "tool_ball_deg", "radius_mm")
@@ -92,6 +91,7 @@ class ConcernKind(StrEnum):
     TRUNCATION = "truncation"
     FORCES = "forces"
     HYPER = "hyper"
+    CENTRE = "centre"
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,7 @@ class Concern(Result):
 
     NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least expected. FORCES: force levels,
     and how many the degree needs. HYPER: median [mm] of the hyper-parameter ``name``, and its prior's quantile at 99.9 %.
+    CENTRE: the p-value of no shift of the circle's centre along the axis ``name`` in proportion to force.
     """
 
     kind: ConcernKind
@@ -122,6 +123,12 @@ class Fit(Result):
         Largest difference of the linear model from the exact geometry [µm].
     sensitivity : dict of parameter to dict of part to float
         Power-scaling sensitivity to prior, hyper_prior and likelihood.
+    shift : dict of test to float
+        Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is
+        left out.
+    widening : float
+        By which share the widest interval grows when all noise is taken as the worst that the checks of noise and of its
+        autocorrelation found.
     """
 
     rmse_um: float
@@ -133,18 +140,26 @@ class Fit(Result):
     concerns: tuple[Concern, ...]
     predictive_checks: dict[str, TestChecks]
     sensitivity: dict[str, dict[str, float]]
+    shift: dict[str, float]
+    widening: float
 
     @property
     def checks(self) -> list[Check]:
         """Posterior predictive checks, the smallest p first."""
-        every = [check for name, checks in self.predictive_checks.items() for check in checks.of(name)]
-        return ranked(every, lambda check: -math.log(max(check.p, _SMALLEST)))
+        return every_check(self.predictive_checks)
+
+    @property
+    def unexpected(self) -> tuple[Check, ...]:
+        """Checks that fail at 1 % after allowing for their number (Bonferroni), worst first."""
+        return failing(self.checks)
 
     @property
     def misfits(self) -> tuple[Check, ...]:
-        """Checks that fail at 1 % after allowing for their number (Bonferroni), worst first."""
-        checks = self.checks
-        return tuple(check for check in checks if check.p * len(checks) < _FAILS)
+        """Those for which intervals would move: by half a u without the test, or by a tenth of their width."""
+        moved = [name for name, shift in self.shift.items() if shift > _MOVED]
+        return tuple(
+            own for own in self.unexpected if (own.test in moved if own.kind == CheckKind.ORDER else self.widening > _WIDER)
+        )
 
     @property
     def kinds(self) -> tuple[str, ...]:

@@ -7,7 +7,8 @@ estimate and prediction (Eq. 31): least squares of readings on the hybrid Jacobi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -15,17 +16,19 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import chdtrc, ndtr
+from scipy.special import chdtrc, ndtr, stdtr
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.machine.chain import PLANES
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, harmonic_index
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.terms import BasisNoise, Columns
 from ldbb_bayes.result import ByRow, Numbers, Result
+from ldbb_bayes.units import ranked
 
 __all__ = [
     "Check",
@@ -35,7 +38,11 @@ __all__ = [
     "TestChecks",
     "autocorrelation",
     "band_um",
+    "centre_shift",
     "draw_shared",
+    "effects",
+    "every_check",
+    "failing",
     "fit_quality",
     "harmonics_of",
     "least_squares",
@@ -53,6 +60,7 @@ Array = NDArray[Any]
 _DRAWS = 500
 _RANK = 1e-6
 _STRETCH = 100_000
+_FAILS, _SMALLEST, _MOST_CORRELATED, _FEWEST_SHIFTED = 0.01, 1e-300, 0.95, 4
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
@@ -236,6 +244,61 @@ class TestChecks(Result):
         others = ((CheckKind.NOISE, self.noise_p), (CheckKind.AUTOCORRELATION, self.autocorrelation_p))
         orders = [Check(CheckKind.ORDER, test, p, n) for n, p in self.orders_p.items()]
         return orders + [Check(kind, test, p) for kind, p in others if p is not None]
+
+
+def every_check(checks: Mapping[str, TestChecks]) -> list[Check]:
+    """All checks of all tests, the smallest p first."""
+    every = [check for name, own in checks.items() for check in own.of(name)]
+    return ranked(every, lambda check: -math.log(max(check.p, _SMALLEST)))
+
+
+def failing(checks: Sequence[Check]) -> tuple[Check, ...]:
+    """Those that fail at 1 % after allowing for their number (Bonferroni)."""
+    return tuple(check for check in checks if check.p * len(checks) < _FAILS)
+
+
+def effects(bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]) -> tuple[dict[str, float], float]:
+    """What failing checks would do to the intervals at φ (h,): of tests with a failing order the largest change of a parameter,
+    in its sd, when the test is left out; and by which share the widest interval grows with the noise that the others found."""
+    found = failing(every_check(checks))
+    names = dict.fromkeys(check.test for check in found if check.kind == CheckKind.ORDER)
+    given, shift = bound.given(phi[None])[1], dict[str, float]()
+    for name in names if len(bound.test_names) > 1 else ():
+        rest = bound.keeping([other for other in bound.test_names if other != name])
+        shift[name] = float((np.abs(rest.given(phi[None])[1].mean - given.mean) / given.sd).max())
+    factor, sigma = 1.0, bound.hyper_prior.names.index("sigma")
+    for check in found:
+        if check.kind != CheckKind.ORDER:
+            reduced = bound.reduced[bound.test_names.index(check.test)]
+            rho = min(max(checks[check.test].autocorrelation or 0.0, 0.0), _MOST_CORRELATED)
+            variance = reduced.residual_ss / (reduced.readings - SIZE) / phi[sigma] ** 2
+            # Low orders see noise of lag-one correlation ρ as (1 + ρ)/(1 − ρ) times as strong.
+            factor = max(factor, variance * (1.0 + rho) / (1.0 - rho))
+    noisy = phi.copy()
+    noisy[sigma] *= np.sqrt(factor)
+    before, after = (information_of(bound, own).variances() for own in (phi, noisy))
+    return shift, float(np.sqrt((after / before).max()) - 1.0)
+
+
+def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
+    """p-value, by axis, of no shift of the circles' centre in proportion to force, beyond what the machine β (p,) does: Student's
+    t of the slope of order 1 over force. For planes of at least four tests at three forces."""
+    misfits = _misfits(bound, machine_coefficients(bound, beta[None])[0])
+    rest = [harmonics_of(bound, r) @ misfit for r, misfit in enumerate(misfits)]
+    found: dict[str, float] = {}
+    for plane, _, own in bound.setting.each("plane"):
+        force = bound.setting.force_N[own]
+        if len(force) < _FEWEST_SHIFTED or len(np.unique(force)) < _FEWEST_SHIFTED - 1:
+            continue
+        lever = force - force.mean()
+        for axis, k in zip(PLANES[plane], harmonic_index(1), strict=False):
+            values = np.array([rest[r][k] for r in np.flatnonzero(own)])
+            slope = lever @ values / (lever @ lever)
+            left = values - values.mean() - slope * lever
+            freedom = len(force) - 2
+            spread = np.sqrt(left @ left / freedom / (lever @ lever))
+            found[axis] = float(2.0 * stdtr(freedom, -abs(slope) / max(spread, 1e-300)))
+    return found
 
 
 def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> dict[str, TestChecks]:

@@ -19,7 +19,7 @@ from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_jointly
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
-from ldbb_bayes.inference.predictive import fit_quality, predictive_checks
+from ldbb_bayes.inference.predictive import centre_shift, effects, fit_quality, predictive_checks
 from ldbb_bayes.jobs import one_blas_thread, versions
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
@@ -36,6 +36,7 @@ _WALKERS, _START_TEMPERATURE, _TRIES = 128, 1.5, 2
 _QUALITY_DRAWS = 1000
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
+_SHIFTED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,6 +290,7 @@ def _fit(
     prior, hyper_prior = groups["log_prior"]["parameters"], groups["log_prior"]["hyper"]
     jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
     likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
+    checks = predictive_checks(bound, flat_phi, flat_beta, rng)
     parts = {"prior": prior, "hyper_prior": hyper_prior, "likelihood": likelihood}
     return Fit(
         quality.rmse_um,
@@ -296,13 +298,14 @@ def _fit(
         *truncation,
         bound.log_prob_truncation_prior,
         bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
-        (*missed, *_concerns(bound, flat_phi, truncation[0])),
-        predictive_checks(bound, flat_phi, flat_beta, rng),
+        (*missed, *_concerns(bound, flat_phi, flat_beta.mean(axis=0), truncation[0])),
+        checks,
         power_sensitivity(groups["posterior"], parts),
+        *effects(bound, flat_phi.mean(axis=0), checks),
     )
 
 
-def _concerns(bound: BoundModel, phi: Array, log_prob_truncation: float) -> Iterator[Concern]:
+def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float) -> Iterator[Concern]:
     if log_prob_truncation < _IMPROBABLE:
         yield Concern(ConcernKind.TRUNCATION, log_prob_truncation, _IMPROBABLE)
     levels, needed = bound.campaign.force_levels, bound.model.degree + 2
@@ -313,6 +316,10 @@ def _concerns(bound: BoundModel, phi: Array, log_prob_truncation: float) -> Iter
     for name, median, top, is_length in sizes:
         if is_length and median > top:
             yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
+    shifts = centre_shift(bound, beta)
+    for axis, p in shifts.items():
+        if p * len(shifts) < _SHIFTED:
+            yield Concern(ConcernKind.CENTRE, p, _SHIFTED, axis)
 
 
 def _groups(bound: BoundModel, beta: Array, phi: Array, size: int, rng: np.random.Generator) -> dict[str, dict[str, Array]]:

@@ -211,8 +211,8 @@ class HyperPrior:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """mm, or 1 of a number."""
-        return tuple("mm" if length else "1" for length in self.in_mm)
+        """mm, or none of a number."""
+        return tuple("mm" if length else "" for length in self.in_mm)
 
     @property
     def shown(self) -> Array:

@@ -316,6 +316,10 @@ class Term:
         """What it takes for granted of the instrument."""
         yield from ()
 
+    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
+        """Whether a certificate says how large a coefficient is."""
+        return False
+
     @classmethod
     def key(cls) -> str:
         """Its name among options: ball-form for BallForm."""
@@ -454,6 +458,11 @@ class BallForm(Term):
                 known = n in stated or sphericity is not None
                 yield Uncertainty(f"{name}_form_{n}", value * 1e-3, sd * 1e-3, "mm", name, known)
 
+    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
+        own = {"w": (instrument.work,), "t": (instrument.tool,)}.get(coefficient[0], (instrument.work, instrument.tool))
+        order = int(re.findall(r"\d+$", coefficient)[0])
+        return all(b.stated_sphericity_um is not None or order in [n for n, *_ in b.harmonics_um] for b in own)
+
     @staticmethod
     def _ball(coefficient: str) -> str:
         return {"w": "the work ball", "t": "the tool ball"}.get(coefficient[0], "")
@@ -522,6 +531,9 @@ class BarLength(Term):
             campaign, "bar_length", "bar_U_um", _expanded(own.bar_U_um, self.sd_um) * 1e-3, own.bar_length_error_um * 1e-3
         )
 
+    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
+        return instrument.bar_U_um is not None
+
     @classmethod
     def describe(cls, coefficient: str) -> str:
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
@@ -562,6 +574,9 @@ class Mount(Term):
         yield _assumed(campaign, "mount", "mount_U_percent", relative * nominal, nominal)
         if self.curvature_um:
             yield _assumed(campaign, "mount_curvature", "", self.curvature_um * 1e-3)
+
+    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
+        return coefficient == "mount" and instrument.mount_U_percent is not None
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
@@ -613,6 +628,10 @@ class ForceError(Term):
                 "force_random": "force_random_N",
             }
             yield _assumed(campaign, name, named[name], sd)
+
+    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
+        own = instrument.force_U_percent if coefficient == "force_gain" else instrument.force_linearity_percent
+        return own is not None
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:

@@ -15,6 +15,7 @@ from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_
 from ldbb_bayes.report.wording import (
     DEGREES,
     alias_sentences,
+    check_notes,
     check_words,
     concern_sentences,
     fit_verdict,
@@ -54,7 +55,14 @@ def fit_in_words(posterior: xr.DataTree) -> dict[str, Any]:
         "kinds": list(fit.kinds),
         "verdict": fit_verdict(fit),
         "misfits": [check_words(check) for check in fit.misfits],
-        "warnings": [*concerns, *alias_sentences(alike), *standing, *look_sentences(seen), *further_remarks(seen)],
+        "warnings": [
+            *concerns,
+            *check_notes(fit),
+            *alias_sentences(alike),
+            *standing,
+            *look_sentences(seen),
+            *further_remarks(seen),
+        ],
     }
 
 

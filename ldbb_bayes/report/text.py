@@ -237,13 +237,19 @@ def _in_its_units(table: Callable[..., Table]) -> Callable[..., Table]:
     return inner
 
 
+_ODD = 2.5
+
+
 @_in_its_units
 def parameter_table(result: Mapping[str, Any]) -> Table:
-    """Return posterior mean ± sd, credible interval and prior sd (where priors have means, mean ± sd) from the JSON of a fit."""
+    """Return posterior mean ± sd, credible interval and prior sd (where priors have means, mean ± sd) from the JSON of a fit; of
+    the circles' scales λ those of odd circles alone."""
     entries = {**result["parameters"], **result["hyper"]}
     means = any(entry.get("prior_mean") for entry in entries.values())
     rows = []
     for name, entry in entries.items():
+        if name.startswith("lambda_") and entry["median"] < _ODD:
+            continue
         factor, unit = display_unit(entry["unit"])
         spread, decimals = round_uncertainty(entry["sd"] * factor)
         low, high = (round_like(bound * factor, decimals) for bound in interval_of(entry))

@@ -187,6 +187,8 @@ _CONCERNS = {
     "by the readings; here their priors do it.",
     "hyper": "Misfit: {name} = {um:.3g} µm lies far above what its prior expects ({limit_um:.3g} µm at 99.9 %). The model misses "
     "something in these readings.",
+    "centre": "The circle's centre shifts along {name} in proportion to force (p = {value:.1g}): compliance that changes along "
+    "the travel, or a set-up that yields. C_CXY and C_CYY rest on what is assumed of it; circles at several centres would tell.",
 }
 
 
@@ -207,13 +209,30 @@ def fit_verdict(fit: Fit) -> str:
 
 
 def expectation(fit: Fit) -> str:
-    """Return whether the model expects readings like these."""
-    misfits = [check_words(check) for check in fit.misfits]
-    if misfits:
-        more = f" and {len(misfits) - _FEW} more" if len(misfits) > _FEW else ""
-        return f"the model does not expect readings like these ({', '.join(misfits[:_FEW])}{more})"
+    """Return whether the model expects readings like these, and else what that does to the intervals."""
+    if fit.misfits:
+        return f"the model does not expect readings like these ({_some_checks(fit.misfits)}): {_effect(fit)}"
+    if fit.unexpected:
+        return f"what the model does not expect ({_some_checks(fit.unexpected)}) hardly moves an interval"
     worst, count = fit.checks[0], len(fit.checks)
     return f"the model expects readings like these ({count} checks, smallest p = {worst.p:.2g}, {check_words(worst)})"
+
+
+def _some_checks(checks: Sequence[Check]) -> str:
+    more = f" and {len(checks) - _FEW} more" if len(checks) > _FEW else ""
+    return ", ".join(check_words(check) for check in checks[:_FEW]) + more
+
+
+def _effect(fit: Fit) -> str:
+    moved = [f"without {name} a parameter moves by {shift:.1f} u" for name, shift in fit.shift.items()]
+    wider = f"intervals would be up to {100.0 * fit.widening:.0f} % wider"
+    return joined([*moved, *([wider] if any(own.kind != "order" for own in fit.unexpected) else [])])
+
+
+def check_notes(fit: Fit) -> Iterator[str]:
+    """Return a note on what is not expected though it hardly moves an interval."""
+    if quiet := [own for own in fit.unexpected if own not in fit.misfits]:
+        yield f"The model does not expect {_some_checks(quiet)}: {_effect(fit)}."
 
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
@@ -419,6 +438,12 @@ def sum_in_words(seen: Seen) -> str:
 # ---- identifiability
 
 
+def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
+    """Return hyper-parameters with their values, the circles' scales left out."""
+    sizes = {name: f"{value:.2g}{'' if name == 'decay' else ' µm'}" for name, value in hyper_um.items()}
+    return ", ".join(f"{name}{equals}{size}" for name, size in sizes.items() if not name.startswith("lambda_"))
+
+
 def verdict_words(entry: ParameterIdentifiability) -> str:
     """Return the verdict with the share of the variance that every partner holds."""
     known = entry.partner_shares
@@ -440,13 +465,32 @@ def _(result: Identifiability) -> dict[str, Any]:
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     """Return what the numbers rest on, and how much the readings narrow."""
-    values = ", ".join(f"{name} = {value:.2g} µm" for name, value in result.hyper_um.items())
+    values = joined_sizes(result.hyper_um, " = ")
     return (
         f"At {values} ({'posterior mean' if result.measured else 'prior median; no readings'}), without truncation.",
         f"Effective number of parameters {result.effective_parameters:.1f} of {len(result.parameters)} (what the readings narrow "
         "against the priors; a confounded parameter may be narrowed and still not known).",
         "Contraction 1 − (sd / prior sd)²; a term's share is what knowing it would take from the variance.",
+        *_certificate_sentences(result),
     )
+
+
+def _certificate_sentences(result: Identifiability) -> Iterator[str]:
+    """What certificates would be worth: u of the parameters that they narrow by a tenth."""
+    for name, left in result.certificates.items():
+        share = {own: sd / result.parameters[own].sd for own, sd in left.items()}
+        narrowed = []
+        for own in ranked(share, share.__getitem__):
+            entry = result.parameters[own]
+            factor, unit = display_unit(entry.unit)
+            if share[own] < 0.9:
+                before, after = (round_uncertainty(u * factor)[0] for u in (entry.sd, left[own]))
+                narrowed.append(f"{display_name(own)} {before} → {after} {unit}")
+        yield (
+            f"A certificate ({name}) would bring u of {joined(narrowed)}."
+            if narrowed
+            else (f"A certificate ({name}) would narrow no parameter by a tenth.")
+        )
 
 
 # ---- calibration
@@ -591,11 +635,11 @@ def design_sentences(design: Design) -> tuple[str, ...]:
 
 def design_notes(design: Design) -> tuple[str, ...]:
     """Return what the tests do not show, what would, and what the numbers rest on."""
-    values = ", ".join(f"{name} {value:.2g}" for name, value in design.hyper_um.items())
+    values = joined_sizes(design.hyper_um, " ")
     source = f"what {design.pilot.name!r} leaves likely" if design.measured else "their prior"
     basis = (
         f"Parameters are at F0 = {design.reference_force_N:g} N. Averaged over the hyper-parameters, {source} (root mean square "
-        f"{values} µm)."
+        f"{values})."
     )
     error = max(own.sd_error / own.sd for own in design.expected.values())
     if error > 0.0:
@@ -873,7 +917,7 @@ def _value(result: Mapping[str, Any], name: str) -> str:
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what forbids or limits the use of the numbers."""
-    grave = tuple(concern for concern in fit.concerns if concern.kind != "forces")
+    grave = tuple(concern for concern in fit.concerns if concern.kind not in ("forces", "centre"))
     lines = list(concern_sentences(grave, result["sampler"]))
     if fit.misfits and not {"not-converged", "truncation"} & set(fit.kinds):
         lines.append(f"Misfit: {expectation(fit)}. Intervals assume that the model holds.")

@@ -16,7 +16,7 @@ from ldbb_bayes.inference.predictive import TestChecks, autocorrelation, fit_qua
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import Columns
-from ldbb_bayes.report.wording import check_words, fit_verdict
+from ldbb_bayes.report.wording import check_notes, check_words, fit_verdict
 
 MODEL = lb.HybridModel.first(0)
 PHI = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
@@ -82,9 +82,11 @@ def test_a_right_model_passes() -> None:
     (7, 4.0, {"order 7 of f520"}), (20, 1.0, {"white noise of f520", "autocorrelation of f520"}),
 ])  # fmt: skip
 def test_a_wave_on_one_circle_is_found_where_it_is(harmonic: int, amplitude_um: float, found: set[str]) -> None:
-    every = [check_words(check) for check in fit_to(planted(harmonic, amplitude_um)).misfits]
+    fit = fit_to(planted(harmonic, amplitude_um))
+    every = [check_words(check) for check in fit.unexpected]
     assert found <= set(every)
     assert every[0] in found
+    assert fit.state == State.USABLE, "neither moves an interval"
 
 
 def test_autocorrelation_of_white_noise_is_uniform() -> None:
@@ -121,7 +123,7 @@ def test_sensitivity_is_that_of_arviz() -> None:
 def test_the_line_puts_first_what_matters_most() -> None:
     checks = {"a": TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)}
     sensitivity = {"E_XX1": {"prior": 0.06}, "C_XXX": {"prior": 0.2}, "C_XYX": {"prior": 0.01}}
-    fit = Fit(1.0, {"a": 99.0}, -1.0, 0.0, -2.0, 0.0, (), checks, sensitivity)
+    fit = Fit(1.0, {"a": 99.0}, -1.0, 0.0, -2.0, 0.0, (), checks, sensitivity, {"a": 0.7}, 0.2)
     missed, against = Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0), Concern(ConcernKind.TRUNCATION, -20.0, -6.9)
     assert fit_verdict(fit) == (
         "Converged; the model expects readings like these (15 checks, smallest p = 0.2, white noise of a); "
@@ -133,7 +135,13 @@ def test_the_line_puts_first_what_matters_most() -> None:
     assert fit_verdict(replace(fit, concerns=(missed, against))) == "NOT CONVERGED: do not use the numbers."
     assert replace(fit, concerns=(missed,)).state == State.UNUSABLE
     unlikely = replace(fit, predictive_checks={"a": replace(checks["a"], orders_p={0: 1e-9, 1: 0.5})})
-    assert fit_verdict(unlikely).startswith("Converged; the model does not expect readings like these (order 0 of a); 2 of 3")
+    assert fit_verdict(unlikely).startswith(
+        "Converged; the model does not expect readings like these (order 0 of a): without a a "
+    )
+    quiet = replace(unlikely, shift={"a": 0.3})
+    assert "(order 0 of a) hardly moves an interval" in fit_verdict(quiet)
+    assert (quiet.state, quiet.kinds, len(quiet.unexpected)) == (State.USABLE, (), 1)
+    assert list(check_notes(quiet)) == ["The model does not expect order 0 of a: without a a parameter moves by 0.3 u."]
     assert (unlikely.state, unlikely.kinds) == (State.DOUBTFUL, ("order",))
     assert "order" not in str(fit)
     assert "<p>Converged; the model does not expect" in unlikely._repr_html_()
