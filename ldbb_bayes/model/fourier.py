@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
+from math import gamma
 from typing import Any, Literal
 
 import numpy as np
@@ -41,9 +42,7 @@ SIZE = 2 * MAX_ORDER + 1
 ORDERS = np.array([0, *(n for n in range(1, MAX_ORDER + 1) for _ in range(2))])
 ORDERS.setflags(write=False)
 TRAVEL = {"CW": 1.0, "CCW": -1.0}
-WAYS = {1.0: "CW", -1.0: "CCW", 0.0: "any"}
-# Points of the circle on which functions that are no polynomials are projected; a multiple of four.
-_FINE = 2880
+WAYS = {1.0: "CW", -1.0: "CCW"}
 _HOUR_S = 3600.0
 _CHUNK = 8192
 _ORTHOGONAL = 1e-9
@@ -59,11 +58,6 @@ def basis(angle_rad: Array) -> Array:
         power = power * turn
         columns[:, 2 * n - 1], columns[:, 2 * n] = power.real, power.imag
     return columns
-
-
-@cache
-def _fine_basis() -> Array:
-    return basis(np.arange(_FINE) * (2 * np.pi / _FINE))
 
 
 def harmonic_index(order: int) -> tuple[int, int]:
@@ -129,7 +123,7 @@ class Setting:
     ----------
     force_N, pressure_bar, radius_mm, work_ball_rad, tool_ball_rad, plane, setup : ndarray, shape (tests,)
     travel : ndarray, shape (tests,)
-        +1 clockwise, −1 counterclockwise, 0 where not stated.
+        +1 clockwise or not stated, −1 counterclockwise.
     time_h, temperature_K : ndarray, shape (tests,)
         From the mean of the whole campaign; NaN where not recorded.
     direction, wrench, geometric : ndarray, shape (tests, 25, 3 or compliances or geometric errors)
@@ -211,12 +205,17 @@ class Setting:
         return [(k, abs(float(size))) for k, size in enumerate(self.axial_estimate) if moved[k] and size != 0.0]
 
     def along(self, axis: int, power: float, *, signed: bool = False) -> Array:
-        """|u|^power, u the bar's direction along an axis, times the sign of u where ``signed``, shape (tests, 25), projected."""
-        columns = _fine_basis()
-        u = self.direction[:, :, axis] @ columns.T
-        values = np.abs(u) ** power * (np.sign(u) if signed else 1.0)
-        found = values @ (columns * (np.where(ORDERS == 0, 1.0, 2.0) / _FINE))
-        return np.where(np.abs(found) > 1e-9, found, 0.0)
+        """|u|^a, u = A cos(θ − ϑ) the bar's direction along an axis, times the sign of u where ``signed``, to order 12, shape
+        (tests, 25): A^a Σ s_n cos n(θ − ϑ), s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), n even or, signed, odd; s_0/2."""
+        first, share = int(signed), np.zeros(MAX_ORDER + 1)
+        share[first] = 2.0 ** (1.0 - power) * gamma(power + 1.0)
+        share[first] /= gamma(1.0 + (power + first) / 2.0) * gamma(1.0 + (power - first) / 2.0)
+        for n in range(first, MAX_ORDER - 1, 2):
+            share[n + 2] = share[n] * (power - n) / (power + n + 2)
+        share[0] /= 2.0
+        cosine, sine = self.direction[:, 1, axis], self.direction[:, 2, axis]
+        found = np.hypot(cosine, sine)[:, None] ** power * share[ORDERS] * basis(np.arctan2(sine, cosine))
+        return np.where(np.abs(found) > 1e-12, found, 0.0)
 
     def each(self, what: Literal["plane", "radius", "setup"]) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
         """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only one), and its tests."""
@@ -285,7 +284,7 @@ def setting_of(
         tool_ball_rad=clockings[:, 1],
         plane=np.array([str(test.plane) for test in tests]),
         setup=np.array([test.setup or 1 for test in tests]),
-        travel=np.array([TRAVEL.get(test.direction or "", 0.0) for test in tests]),
+        travel=np.array([TRAVEL[test.direction or "CW"] for test in tests]),
         time_h=_recorded("time_s", campaign, pilot) / _HOUR_S,
         temperature_K=_recorded("temperature_C", campaign, pilot),
         direction=direction,

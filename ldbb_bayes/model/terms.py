@@ -715,7 +715,7 @@ class Angle(Term):
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         slope = derivative(setting.fitted)
-        lag = slope * np.where(setting.travel == 0.0, 1.0, setting.travel)[:, None]
+        lag = slope * setting.travel[:, None]
         sd = np.deg2rad(_expanded(setting.instrument.angle_U_deg, self.sd_deg))
         return (Columns(("angle_reference", "angle_lag"), np.stack([slope, lag], axis=2), np.full(2, sd)),)
 
