@@ -89,6 +89,7 @@ def oracle_tests(campaign: Campaign) -> list[OracleTest]:
             np.deg2rad(test.work_ball_deg),
             np.deg2rad(test.tool_ball_deg),
             float(test.radius_mm or 0.0),
+            -1.0 if test.direction == "CCW" else 1.0,
         )
         for test in campaign.tests
     ]

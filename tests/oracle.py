@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from scipy import linalg, optimize, special, stats
@@ -19,7 +20,7 @@ GEOMETRIC = ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
 SD_C = np.array([1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9])
 SD_E = np.array([2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02])
 TERMS = {"first": ("form", "length", "mount", "force", "setup", "discrepancy")}
-TERMS["second"] = (*TERMS["first"], "pattern", "joint", "position", "angle", "hysteresis")
+TERMS["second"] = (*TERMS["first"], "pattern", "joint", "position", "angle", "hysteresis", "circle")
 SCALES = {"first": {"sigma": 1e-3, "delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}}  # of half-normal priors, mm
 SCALES["second"] = SCALES["first"] | {"tau": 1.5e-3, "omega": 1.5e-3, "eta": 2e-3}
 Phi = Mapping[str, float] | np.ndarray  # by name, or in the order of Oracle.hypers
@@ -68,11 +69,16 @@ def waves(order: int, angle: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(order * angle), np.sin(order * angle)][: 2 if order else 1], axis=1)
 
 
+@cache
+def spectrum_of_power(power: float) -> np.ndarray:
+    """Coefficients of cos nθ in |cos θ|^power, n = 0 to 12, by the midpoint rule."""
+    grid = (np.arange(2**16) + 0.5) * np.pi / 2**15
+    return np.array([np.mean(np.abs(np.cos(grid)) ** power * np.cos(n * grid)) * (2.0 if n else 1.0) for n in range(13)])
+
+
 def projected_power(power: float, angle: np.ndarray) -> np.ndarray:
-    """|cos θ|^power without its Fourier orders above 12, by the midpoint rule."""
-    grid = (np.arange(8192) + 0.5) * np.pi / 4096
-    means = [np.mean(np.abs(np.cos(grid)) ** power * np.cos(n * grid)) for n in range(13)]
-    return sum((1.0 if n == 0 else 2.0) * mean * np.cos(n * angle) for n, mean in enumerate(means))
+    """|cos θ|^power without its Fourier orders above 12."""
+    return np.cos(np.outer(angle, np.arange(13))) @ spectrum_of_power(power)
 
 
 @dataclass
@@ -120,7 +126,7 @@ class Oracle:
         for name, (mean, sd) in self.given_priors.items():
             self.mean[self.names.index(name)], self.sd[self.names.index(name)] = mean, sd
         self.grams: dict[tuple[tuple[str, ...], int], np.ndarray] = {((), 0): np.zeros((self.y.size, self.y.size))}
-        for term in self.terms:
+        for term in (term for term in self.terms if term != "circle"):
             getattr(self, f"_{term}")()
         used = {name for hypers, order in self.grams for name in (*hypers, *(["p"] if order else []))} | {"sigma"}
         self.hypers = [name for name in ("sigma", "delta", "kappa", "tau", "p", "omega", "eta") if name in used]
@@ -133,7 +139,7 @@ class Oracle:
         self.grams[hypers, order] = self.grams.get((hypers, order), 0.0) + scaled @ scaled.T
 
     def _odd(self, r: int) -> tuple[str, ...]:
-        return (f"lambda_{r + 1}",) if self.edition == "second" and len(self.tests) >= 4 else ()
+        return (f"lambda_{r + 1}",) if "circle" in self.terms and len(self.tests) >= 4 else ()
 
     def _form(self) -> None:
         for ball, angle in (("work", self.theta - self.work), ("tool", self.theta + np.pi - self.tool)):
