@@ -42,7 +42,6 @@ from .errors import InputError as InputError
 from .fleet.batch import Batch as Batch
 from .fleet.batch import batch as batch
 from .fleet.charts import control_chart as control_chart
-from .fleet.charts import machine_chart as machine_chart
 from .fleet.dataset import read_batch as read_batch
 from .fleet.population import Population as Population
 from .fleet.population import population as population

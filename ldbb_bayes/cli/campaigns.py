@@ -308,8 +308,8 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
     )
     parts = []
     named = (
-        ("Failed", [(one.campaign, one.reason) for one in done.failures], done.failed),
-        ("To look at", [(one.campaign, one.verdict) for one in done.doubts], done.not_converged + done.doubtful),
+        ("Failed", [tuple(one.values()) for one in done.failures], done.failed),
+        ("To look at", [tuple(one.values()) for one in done.doubts], done.not_converged + done.doubtful),
     )
     for head, entries, number in named:
         said = [f"  {text if text.startswith(campaign) else f'{campaign}: {text}'}" for campaign, text in entries[:_SHOWN]]
@@ -380,10 +380,10 @@ def population(batches: BatchesArgument, output: options.OutputOptions, asked: A
     """
     from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, read_batch
 
-    output.check("population.json", "machines.csv", figures=["machines"])
+    output.check("population.json", "machines.csv")
     rows = read_batch(batches, FLEET_COLUMNS)
     with counting_progress(output.quiet, "machines left out") as progress:
         result = lb.population(rows, **asked, progress=progress)
     record = lb.with_words(result)
     contents = {"population.json": record, "machines.csv": result.machines_table().rename_axis("machine").reset_index()}
-    output.deliver(record, result, contents, {"machines": partial(lb.machine_chart, result)})
+    output.deliver(record, result, contents)

@@ -41,7 +41,7 @@ from ldbb_bayes.result import Result
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Batch", "Doubt", "Failure", "Job", "Settings", "batch", "fit_row", "gather"]
+__all__ = ["Batch", "Job", "Settings", "batch", "fit_row", "gather"]
 
 LIST = "campaigns.txt"
 _OURS = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm", f"{JOURNAL}-journal", LIST, DATASET, PART)
@@ -383,53 +383,21 @@ def _rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 
 
 @dataclass(frozen=True)
-class Failure(Result):
-    """A campaign that could not be fitted, and why."""
-
-    campaign: str
-    reason: str
-
-
-@dataclass(frozen=True)
-class Doubt(Result):
-    """A campaign that is not converged or doubtful, and its verdict."""
-
-    campaign: str
-    verdict: str
-
-
-@dataclass(frozen=True)
 class Batch(Result):
-    """A finished batch.
-
-    Attributes
-    ----------
-    out, dataset : Path
-        Its folder, and the Parquet table in it.
-    campaigns, done, failed : int
-        In JSON the last is ``failures``.
-    not_converged, doubtful : int
-        Of those done: that missed the sampling target; whose readings the model does not expect, or that speak against it.
-    failures, doubts : tuple of Failure, of Doubt
-        The first 10 000 each; in JSON the former is ``failed``.
-    fitted, seconds : int, float
-        Campaigns fitted by this run, and the time that took; the others were there.
-    resumed : bool
-        Whether an earlier run was gone on with.
-    """
+    """A finished batch."""
 
     out: Path
-    dataset: Path
+    dataset: Path  # the Parquet table in it
     campaigns: int
     done: int
     failed: Annotated[int, Field(alias="failures")]
-    not_converged: int
-    doubtful: int
-    failures: Annotated[tuple[Failure, ...], Field(alias="failed")]
-    doubts: tuple[Doubt, ...]
-    fitted: int
-    seconds: float
-    resumed: bool
+    not_converged: int  # of those done: that missed the sampling target
+    doubtful: int  # of those done: whose readings the model does not expect, or that speak against it
+    failures: Annotated[tuple[dict[str, str], ...], Field(alias="failed")]  # campaign and reason, of the first 10 000
+    doubts: tuple[dict[str, str], ...]  # campaign and verdict, likewise
+    fitted: int  # campaigns fitted by this run, the others were there
+    seconds: float  # that took
+    resumed: bool  # whether an earlier run was gone on with
 
     def rows(self) -> pd.DataFrame:
         """Return every row; see `read_batch`."""
@@ -523,8 +491,11 @@ def _finished(journal: sqlite3.Connection, out: Path, campaigns: int, fitted: in
     counts = dict(journal.execute("SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1").fetchall())
     failed, unusable, doubtful = (counts.get(kind, 0) for kind in ("failed", State.UNUSABLE, State.DOUBTFUL))
     named = "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
-    failures = map(json.loads, (row for (row,) in journal.execute(named, ("failed", "failed", _MOST_NAMED))))
-    doubts = map(json.loads, (row for (row,) in journal.execute(named, (State.UNUSABLE, State.DOUBTFUL, _MOST_NAMED))))
+
+    def first(why: str, *states: str) -> tuple[dict[str, str], ...]:
+        rows = map(json.loads, (row for (row,) in journal.execute(named, (states[0], states[-1], _MOST_NAMED))))
+        return tuple({key: row[key] for key in ("campaign", why)} for row in rows)
+
     return Batch(
         out=out,
         dataset=out / DATASET,
@@ -533,8 +504,8 @@ def _finished(journal: sqlite3.Connection, out: Path, campaigns: int, fitted: in
         failed=failed,
         not_converged=unusable,
         doubtful=doubtful,
-        failures=tuple(Failure(row["campaign"], row["reason"]) for row in failures),
-        doubts=tuple(Doubt(row["campaign"], row["verdict"]) for row in doubts),
+        failures=first("reason", "failed"),
+        doubts=first("verdict", State.UNUSABLE, State.DOUBTFUL),
         fitted=fitted,
         seconds=seconds,
         resumed=resumed,

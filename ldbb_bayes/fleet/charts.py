@@ -1,4 +1,4 @@
-"""Figures of many campaigns: a control chart of one machine with the times of a change, and the machines of a population."""
+"""The control chart of one machine, with the times of a change."""
 
 from __future__ import annotations
 
@@ -9,18 +9,15 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ldbb_bayes.fleet.population import PooledParameter, Population
 from ldbb_bayes.fleet.trend import LIMITS, Trend
-from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, panels, styled
+from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
 from ldbb_bayes.report.wording import probability_words
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty, units_for
 
-__all__ = ["control_chart", "machine_chart"]
+__all__ = ["control_chart"]
 
 Array = NDArray[Any]
 _SHARES = (4.0, 1.0)
@@ -116,60 +113,3 @@ def _label_time(axes: Axes, trend: Trend, places: Array) -> None:
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(mdates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     axes.set_xlabel("date of the campaign")
-
-
-_MOST, _NAMED, _COLUMNS = 60, 24, 3
-_ALONE, _ODD, _BAND = "#9DB8CC", PALETTE[1], "#EDEDED"
-
-
-@styled
-def machine_chart(population: Population) -> Figure:
-    """Every parameter's machines in order of their estimates, alone and pooled, before the population.
-
-    Of more than 60 machines those that stand out most are drawn.
-    """
-    columns, shown = min(_COLUMNS, len(population.parameters)), min(len(population.machine), _MOST)
-    height = max(2.2, 0.6 + (0.14 if shown <= _NAMED else 0.065) * shown)
-    figure, every = panels(len(population.parameters), columns, 3.4 * columns + 0.4, height, 0.9)
-    with units_for(population.sizes()):
-        for axes, (name, parameter) in zip(every, population.parameters.items(), strict=True):
-            _machines_panel(axes, population, name, parameter)
-    percent = f"{100 * population.ci_prob:g} %"
-    handles = [
-        Line2D([], [], color=_ALONE, marker="o", markersize=3, linewidth=1.4, label=f"alone, {percent}"),
-        Line2D([], [], color=ACCENT, marker="o", markersize=3, linewidth=1.4, label=f"pooled, {percent}"),
-        *([Line2D([], [], color=_ODD, marker="o", markersize=3, label="does not belong")] if population.not_belonging else []),
-        Line2D([], [], color=GREY, linewidth=1.0, label="mean of the population"),
-        Patch(color=_BAND, label=f"{percent} of the next machine"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2 * columns))
-    drawn = "" if len(population.machine) <= _MOST else f", the {_MOST} that stand out most"
-    comma = ",\n" if columns == 1 else ", "
-    figure.suptitle(
-        f"{len(population.machine)} machines at {population.reference_force_N:g} N{comma}in order of their estimates{drawn}",
-        fontsize=9.5,
-    )
-    return figure
-
-
-def _machines_panel(axes: Axes, population: Population, name: str, parameter: PooledParameter) -> None:
-    every = sorted(population.machine.values(), key=lambda own: (-max(map(abs, own.z.values()), default=0.0), own.name))[:_MOST]
-    chosen = sorted(every, key=lambda own: (own.estimate[name].mean, own.name))
-    factor, label = axis_label(name, parameter.unit)
-    axes.axvspan(*(factor * end for end in parameter.next.interval), color=_BAND, zorder=0)
-    axes.axvline(factor * parameter.mean.mean, color=GREY, linewidth=1.0, zorder=1)
-    width, size = (1.4, 3.0) if len(chosen) <= _NAMED else (0.9, 1.8)
-    for row, own in enumerate(chosen):
-        for shift, found, colour in (
-            (0.2, own.alone[name], "#F0BE9C" if own.flag else _ALONE),
-            (-0.2, own.estimate[name], _ODD if own.flag else ACCENT),
-        ):
-            axes.plot([factor * end for end in found.interval], [row + shift] * 2, color=colour, linewidth=width, zorder=2)
-            axes.plot(factor * found.mean, row + shift, "o", color=colour, markersize=size, zorder=3)
-    named = {row: own.name for row, own in enumerate(chosen) if len(chosen) <= _NAMED or own.flag}
-    axes.set_yticks(list(named), [own if len(own) <= 16 else f"…{own[-15:]}" for own in named.values()])
-    axes.tick_params(axis="y", labelsize=6.5, length=0)
-    axes.grid(visible=False, axis="y")
-    axes.set_ylim(-0.8, len(chosen) - 0.2)
-    axes.locator_params(axis="x", nbins=5)
-    axes.set_xlabel(label)

@@ -25,19 +25,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "DATASET",
-    "FLEET_COLUMNS",
-    "JOURNAL",
-    "PART",
-    "Caveat",
-    "CaveatKind",
-    "check_pyarrow",
-    "choose",
-    "labels",
-    "moment",
-    "read_batch",
-    "write_dataset",
-]
+    "DATASET", "FLEET_COLUMNS", "JOURNAL", "PART", "Caveat", "CaveatKind", "check_pyarrow", "choose", "labels", "moment",
+    "read_batch", "write_dataset",
+]  # fmt: skip
 
 JOURNAL, DATASET = "batch.sqlite", "campaigns.parquet"
 PART = f".{DATASET}.part"
@@ -204,7 +194,7 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
 # The columns of a batch's table that a trend or a population asks for.
 FLEET_COLUMNS = (
     *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances"),
-    *("force_min_N", "force_max_N", "reference_force_N", "model_sha256", "converged", "kinds"),
+    *("force_min_N", "force_max_N", "reference_force_N", "converged", "kinds"),
     *("gaussian_names", "gaussian_units", "gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"),
 )
 
@@ -218,23 +208,18 @@ class CaveatKind(StrEnum):
     NO_STATISTICS = "no-statistics"
     GIVEN_AGAIN = "given-again"
     UNEXPECTED = "unexpected"
-    UNEXPECTED_KEPT = "unexpected-kept"
     NOT_CONVERGED = "not-converged"
     NOT_WHITE = "not-white"
-    MODELS_DIFFER = "models-differ"
     NO_MACHINES = "no-machines"
     WITHOUT_MACHINE = "without-machine"
     MACHINES_OF_THEIR_OWN = "machines-of-their-own"
     EXTRAPOLATED = "extrapolated"
     NO_DATES = "no-dates"
-    SAME_DATES = "same-dates"
     TWO_CAMPAIGNS = "two-campaigns"
     SPREADS_NOT_TRUSTED = "spreads-not-trusted"
     ONE_INSTRUMENT = "one-instrument"
-    CHANGED_MACHINES = "changed-machines"
     FEW_MACHINES = "few-machines"
     UNCERTAIN_P_VALUES = "uncertain-p-values"
-    OUTLIERS_INCLUDED = "outliers-included"
 
 
 _NEEDED = ("campaign", "status", "machine_id", "date", "topology", "reference_force_N", "gaussian_names", "gaussian_mean")
@@ -258,23 +243,12 @@ def choose(
     *,
     among: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, list[Caveat]]:
-    """Return the rows of a batch to rely on, what was left out and why, and what is to be minded of the others.
+    """Return the rows of a batch (`read_batch`) to rely on, what was left out and why, and what is to be minded of the others.
 
+    Left out are ``exclude``, campaigns (path as given, last part of it, or name) and machines (machine_id) of the whole batch
+    (``among``); campaigns before ``since`` (ISO 8601) and those without a date; and, but for ``include_misfits``, those whose
+    readings the model does not expect: orders of a circle that fail their check, or readings against non-negative compliance.
     Readings a thousand times too large would move the mean of a population, widen its spread, and hide a change of their machine.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        Of `read_batch`; of columns that it lacks nothing is said.
-    exclude : sequence of str
-        Campaigns (path as given, last part of it, or name) and machines (machine_id) to leave out.
-    since : str, optional
-        ISO 8601 date or time; campaigns before it, and those without a date, are left out.
-    include_misfits : bool
-        Keep campaigns whose readings the model does not expect: orders of a circle that fail their check, or readings against
-        non-negative compliance.
-    among : DataFrame, optional
-        The whole batch, what ``exclude`` may name; default: the rows.
 
     Raises
     ------
@@ -308,15 +282,12 @@ def choose(
         said = " ".join(map(caveat_words, caveats))
         raise InputError(f"campaigns must be left to rely on, got none of {len(rows)}. {said} Mend these, or exclude fewer.")
     minded = {
-        CaveatKind.UNEXPECTED_KEPT: unexpected,
         CaveatKind.NOT_CONVERGED: unconverged,
         CaveatKind.NOT_WHITE: not_white & ~unexpected,
     }
     for kind, which in minded.items():
         if (here := which[relied.index]).any():
             caveats.append(Caveat(kind, tuple(labels(relied[here]))))
-    if "model_sha256" in relied and relied["model_sha256"].nunique(dropna=True) > 1:
-        caveats.append(Caveat(CaveatKind.MODELS_DIFFER))
     return relied, caveats
 
 

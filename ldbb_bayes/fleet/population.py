@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.special import chdtrc, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose, labels
@@ -147,56 +147,31 @@ def _averaged(weights: Array, z: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class PooledParameter(Result):
-    """One parameter over the machines.
-
-    Attributes
-    ----------
-    prior_sd : float
-        What was believed of the mean of the population, about zero.
-    mean : Summary
-        Of the population.
-    spread : Summary
-        Standard deviation of the machines about it.
-    next : Summary
-        A machine of the population that was not measured.
-    instrument_sd : float
-        Part of the sd of the mean that comes with the one instrument: more machines do not make it less.
-    """
+    """One parameter over the machines."""
 
     unit: str
-    prior_sd: float
-    mean: Summary
-    spread: Summary
-    next: Summary
-    instrument_sd: float
+    prior_sd: float  # of what was believed of the mean of the population, about zero
+    mean: Summary  # of the population
+    spread: Summary  # standard deviation of the machines about it
+    next: Summary  # a machine of the population that was not measured
+    instrument_sd: float  # part of the sd of the mean that comes with the one instrument: more machines do not make it less
 
 
 @dataclass(frozen=True)
 class PooledMachine(Result):
     """One machine.
 
-    Attributes
-    ----------
-    estimate : dict of parameter to Summary
-        With what the population tells of it.
-    alone : dict of parameter to Summary
-        From its own campaigns and the prior of a fit, the instrument's errors as all campaigns know them.
-    p_value : float or None
-        At most, that of so many machines of one population a parameter of one stands out so much from the others (Bonferroni over
-        parameters, Holm over machines); none with too few machines.
-    flag : bool
-        The p-value is below 5 %.
-    z : dict of parameter to float
-        Of each by itself, against what the other machines predict.
+    ``p_value`` is, at most, that of so many machines of one population a parameter of one stands out so much from the others
+    (Bonferroni over parameters, Holm over machines); none with too few machines.
     """
 
     name: Annotated[str, Field(exclude=True)]
     campaigns: int
-    estimate: dict[str, Summary]
-    alone: dict[str, Summary]
+    estimate: dict[str, Summary]  # with what the population tells of it
+    alone: dict[str, Summary]  # from its campaigns and the prior of a fit, the instrument's errors as all campaigns know them
     p_value: float | None = None
-    flag: bool = False
-    z: dict[str, float] = field(default_factory=dict)
+    flag: bool = False  # the p-value is below 5 %
+    z: dict[str, float] = field(default_factory=dict)  # of each parameter, against what the other machines predict
 
 
 _CONSTANT = re.compile(r"C_...")
@@ -204,44 +179,24 @@ _CONSTANT = re.compile(r"C_...")
 
 @dataclass(frozen=True, eq=False)
 class Population(Result):
-    """Machines of one kind, partially pooled.
-
-    Attributes
-    ----------
-    reference_force_N : float
-        Force at which compliances are meant.
-    forces_N : tuple of float
-        Lowest and highest force tested in all campaigns.
-    compliances : mapping of compliance to mapping
-        What they stand for, where the batch says it.
-    instrument : tuple of str
-        Errors taken as common to all campaigns.
-    spread_scale : float
-        Prior of a spread: HalfNormal(spread_scale · prior_sd).
-    pareto_k, trusted : float, bool
-        Of the weights of the spreads, the lower the better; whether that is low enough.
-    judged : bool
-        Whether the p-value of every machine can be trusted: only then none standing out means that.
-    readings : tuple of str
-        Digests of the campaigns' readings, so that none of them takes its prior from what it said itself.
-    """
+    """Machines of one kind, partially pooled; only where all could be ``judged`` none standing out means that."""
 
     parameters: dict[str, PooledParameter]
     machine: dict[str, PooledMachine]
     campaigns: int
-    reference_force_N: float
-    forces_N: tuple[float, float]
+    reference_force_N: float  # at which compliances are meant
+    forces_N: tuple[float, float]  # lowest and highest tested in all campaigns
     topology: str
-    compliances: Mapping[str, Meaning]
-    instrument: tuple[str, ...]
-    spread_scale: float
+    compliances: Mapping[str, Meaning]  # what they stand for, where the batch says it
+    instrument: tuple[str, ...]  # errors taken as common to all campaigns
+    spread_scale: float  # prior of a spread: HalfNormal(spread_scale · prior_sd)
     seed: int
-    pareto_k: float
-    trusted: bool
+    pareto_k: float  # of the weights of the spreads, the lower the better
+    trusted: bool  # whether that is low enough
     caveats: tuple[Caveat, ...]
     ci_prob: Annotated[float, Field(exclude=True)]
     judged: Annotated[bool, Field(exclude=True)]
-    readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
+    readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()  # so that no campaign takes its prior from itself
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
@@ -365,48 +320,14 @@ def _pooled_machines(
     return found
 
 
-_CONTRADICTION, _SEEN = 0.01, 1e-6
-
-
-def contradicting(statistics: FleetStatistics, mean: Array, covariance: Array) -> tuple[str, ...]:
-    """Machines whose campaigns contradict one another: family-wise p (Holm) below 1 %; arguments as for the p-values."""
-    p = _repeat_p_values(statistics, mean, covariance)
-    return tuple(name for name, own in zip(p, holm(np.array(list(p.values()))), strict=True) if own < _CONTRADICTION)
-
-
-def _repeat_p_values(statistics: FleetStatistics, mean: Array, covariance: Array) -> dict[str, float]:
-    """χ² p of every machine with at least two campaigns; mean (s,) and covariance (s, s) of b, as all campaigns know it."""
-    c, found = len(statistics.parameters), dict[str, float]()
-    for name, places in pd.Series(statistics.machines).groupby(list(statistics.machines), sort=False).groups.items():
-        if len(places) < 2:
-            continue
-        rows, left = [], []
-        for i in places:
-            precision = statistics.likelihood.precision[i, :c]
-            values, vectors = np.linalg.eigh(precision[:, :c])
-            white = (vectors / np.sqrt(np.where(values > _SEEN, values, np.inf))).T
-            rows.append(white @ precision)
-            left.append(white @ (statistics.likelihood.shift[i, :c] - precision[:, c:] @ mean))
-        design = np.concatenate(rows)
-        root = np.linalg.cholesky(np.eye(len(design)) + design[:, c:] @ covariance @ design[:, c:].T)
-        own, reading = np.linalg.solve(root, design[:, :c]), np.linalg.solve(root, np.concatenate(left))
-        best, _, rank, _ = np.linalg.lstsq(own, reading, rcond=1e-10)
-        freedom = int(design.any(axis=1).sum()) - int(rank)
-        found[str(name)] = float(chdtrc(freedom, np.sum((reading - own @ best) ** 2))) if freedom > 0 else 1.0
-    return found
-
-
 def _caveats(
     statistics: FleetStatistics,
     parameters: Mapping[str, PooledParameter],
     spreads: Spreads,
     belonging: Belonging | None,
     machines: Sequence[str],
-    changed: tuple[str, ...],
 ) -> Iterator[Caveat]:
     yield from force_caveats(statistics)
-    if changed:
-        yield Caveat(CaveatKind.CHANGED_MACHINES, changed)
     if not spreads.trusted:
         yield Caveat(CaveatKind.SPREADS_NOT_TRUSTED, values=(spreads.pareto_k, spreads.good_k))
     if statistics.instrument:
@@ -420,8 +341,6 @@ def _caveats(
     if belonging.doubtful.any():
         names = tuple(name for name, own in zip(machines, belonging.doubtful, strict=True) if own)
         yield Caveat(CaveatKind.UNCERTAIN_P_VALUES, names)
-    if (belonging.p_value < FALSE_ALARMS).any():
-        yield Caveat(CaveatKind.OUTLIERS_INCLUDED)
 
 
 def population(
@@ -497,9 +416,6 @@ def pool(
     spreads = draw_spreads(density, len(statistics.parameters), seed=seed, size=sizes[0])
     few = spreads.first(sizes[1])
     common = common_of(likelihood, few.spread)
-    c = len(statistics.parameters)
-    instrument = mixture_covariance(few.weight, common.mean[:, c:], common.covariance[:, c:, c:])
-    changed = contradicting(statistics, *instrument)
     parameters = _pooled_parameters(statistics, spreads, few, common, tails)
     belonging = belonging_of(density, few, common, seed=seed, progress=progress) if len(machines) >= FEWEST else None
     return Population(
@@ -515,7 +431,7 @@ def pool(
         seed=seed,
         pareto_k=spreads.pareto_k,
         trusted=spreads.trusted,
-        caveats=tuple(_caveats(statistics, parameters, spreads, belonging, machines, changed)),
+        caveats=tuple(_caveats(statistics, parameters, spreads, belonging, machines)),
         ci_prob=ci_prob,
         judged=belonging is not None and not belonging.doubtful.any(),
     )

@@ -29,44 +29,23 @@ _SAME_FORCE = 1e-9
 class PopulationPrior:
     """What a population of machines says of the next one: C ~ N(mean, sd²) at the population's reference force.
 
-    Compliances alone: their slopes and the geometric errors keep the model's own priors.
-
-    Attributes
-    ----------
-    reference_force_N : float
-        F0, at which the compliances are meant.
-    machines, campaigns : int
-        How many it rests on.
-    means, sds : mapping of compliance to prior mean and sd
-        In inside units (mm, N, rad).
-    compliances : mapping of compliance to mapping
-        What they stand for in the population, see `stands_for`; one that is missing is taken to be the campaign's.
-    machine_ids, readings : frozenset of str
-        All machines, and SHA-256 of the campaigns.
-    own_doubts : tuple of str
-        What the population says is to be minded.
+    Compliances alone, in inside units (mm, N, rad): their slopes and the geometric errors keep the model's own priors.
     """
 
-    reference_force_N: float
+    reference_force_N: float  # F0, at which the compliances are meant
     machines: int
     campaigns: int
     means: Mapping[str, float]
     sds: Mapping[str, float]
     sha256: str
     topology: str
-    compliances: Mapping[str, Meaning] = field(default_factory=dict)
+    compliances: Mapping[str, Meaning] = field(default_factory=dict)  # see `stands_for`; one that is missing is the campaign's
     machine_ids: frozenset[str] = frozenset()
-    readings: frozenset[str] = frozenset()
-    own_doubts: tuple[str, ...] = ()
+    readings: frozenset[str] = frozenset()  # SHA-256 of the campaigns
+    own_doubts: tuple[str, ...] = ()  # what the population says is to be minded
 
     def model(self, model: HybridModel) -> HybridModel:
-        """The same model with these priors of the compliances, at the population's reference force; slopes keep their sd.
-
-        Raises
-        ------
-        InputError
-            For flat priors, compliances that the model fixes or has other priors of, or another reference force.
-        """
+        """The same model with these priors of the compliances, at the population's reference force; slopes keep their sd."""
         prior = model.prior
         if prior.flat:
             raise InputError("the model must have proper priors to take a population's, got flat ones. Use the default preset.")
@@ -85,13 +64,7 @@ class PopulationPrior:
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
-        """What speaks against using it for a campaign (or plan), in sentences.
-
-        Raises
-        ------
-        InputError
-            For a machine that the population does not speak of, or a campaign that is in it.
-        """
+        """What speaks against using it for a campaign (or plan), in sentences; a machine that it does not speak of is refused."""
         check_campaign(campaign)
         self._check_machine(campaign)
         doubts = []
@@ -135,18 +108,7 @@ class PopulationPrior:
 
 
 def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
-    """The prior that a population's result holds for one more machine.
-
-    Parameters
-    ----------
-    path : path
-        The result's folder, or the ``population.json`` in it.
-
-    Raises
-    ------
-    InputError
-        For anything else, naming the file.
-    """
+    """The prior for one more machine in a population's result: its folder, or the ``population.json`` in it."""
     file = Path(path) / FILE if Path(path).is_dir() else Path(path)
     raw, got, record = bytes_of(file, _LARGEST_BYTES, what="a population's result"), "", None
     try:

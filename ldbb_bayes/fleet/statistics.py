@@ -35,29 +35,10 @@ from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Result
 
 __all__ = [
-    "FleetStatistics",
-    "Meaning",
-    "SpreadDensity",
-    "Spreads",
-    "SufficientStatistics",
-    "Summary",
-    "alone",
-    "chunks",
-    "common_of",
-    "deviating",
-    "draw_spreads",
-    "estimates_of",
-    "fleet_statistics",
-    "force_caveats",
-    "keyed",
-    "machines_of",
-    "mixture_covariance",
-    "reference_sd",
-    "same_meaning",
-    "stands_for",
-    "sufficient_statistics",
-    "whitened",
-]
+    "FleetStatistics", "Meaning", "SpreadDensity", "Spreads", "SufficientStatistics", "Summary", "alone", "chunks", "common_of",
+    "deviating", "draw_spreads", "estimates_of", "fleet_statistics", "force_caveats", "keyed", "machines_of",
+    "mixture_covariance", "reference_sd", "same_meaning", "stands_for", "sufficient_statistics", "whitened",
+]  # fmt: skip
 
 Array = NDArray[Any]
 _CHUNK = 256
@@ -180,40 +161,23 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 class FleetStatistics:
     """Likelihoods of n campaigns, with the priors they were computed with divided out.
 
-    Attributes
-    ----------
-    campaigns, machines : tuple of str, length n
-    dates : tuple of datetime or None, length n
-    parameters, units : tuple of str, length c
-    instrument : tuple of str, length s
-        Errors shared by all campaigns that any of them was fitted with; none where every campaign has an instrument of its
-        own. A campaign fitted without one took it as zero: it says nothing of it, and its Λ and η have zeros there.
-    prior_sd : ndarray, shape (c + s,)
-        What is assumed of one machine before any campaign, about zero: `reference_sd`, not what the fits assumed; then of the
-        instrument's errors.
-    likelihood : Gaussian, shape (n, c + s)
-        Λ and η of (c, b), in units of ``prior_sd``.
-    reference_force_N : float
-        Force at which compliances are meant.
-    forces_N : tuple of float
-        Lowest and highest force that was tested in all campaigns.
-    topology : str
-    compliances : mapping of compliance to mapping
-        What the chosen ones stand for, see `stands_for`; empty where rows do not say it.
+    A campaign that was fitted without an error of the instrument took it as zero: it says nothing of it, and its Λ and η have
+    zeros there. ``prior_sd`` is what is assumed of one machine before any campaign, about zero: `reference_sd`, not what the fits
+    assumed.
     """
 
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
     dates: tuple[datetime | None, ...]
-    parameters: tuple[str, ...]
+    parameters: tuple[str, ...]  # c of them
     units: tuple[str, ...]
-    instrument: tuple[str, ...]
-    prior_sd: Array
-    likelihood: Gaussian
-    reference_force_N: float
-    forces_N: tuple[float, float]
+    instrument: tuple[str, ...]  # errors shared by all campaigns, s of them; none where each has an instrument of its own
+    prior_sd: Array  # (c + s,): of the parameters, then of the instrument's errors
+    likelihood: Gaussian  # (n, c + s): Λ and η of (c, b), in units of prior_sd
+    reference_force_N: float  # at which compliances are meant
+    forces_N: tuple[float, float]  # lowest and highest that was tested in all campaigns
     topology: str
-    compliances: Mapping[str, Meaning] = field(default_factory=dict)
+    compliances: Mapping[str, Meaning] = field(default_factory=dict)  # what the chosen ones stand for, where rows say it
 
     def __len__(self) -> int:
         return len(self.campaigns)
@@ -226,19 +190,10 @@ def fleet_statistics(
     reference_force_N: float | None = None,
     one_instrument: bool = True,
 ) -> FleetStatistics:
-    """Return the statistics of a batch's rows.
+    """Return the statistics of a batch's rows, those to rely on (`choose`); by default of all constant compliances.
 
-    Parameters
-    ----------
-    rows : DataFrame
-        Of `read_batch`, those to rely on: see `choose`.
-    parameters : sequence of str, optional
-        Compliances or geometric errors; default: all constant compliances.
-    reference_force_N : float, optional
-        Default: the median of the campaigns' own.
-    one_instrument : bool
-        Whether mount and force gain are those of one bar, so that their errors do not average out; else each
-        campaign has its own.
+    Compliances are meant at ``reference_force_N``, by default the median of the campaigns' own. With ``one_instrument`` mount and
+    force gain are those of one bar, so that their errors do not average out; else each campaign has its own.
 
     Raises
     ------

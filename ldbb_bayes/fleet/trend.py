@@ -172,33 +172,16 @@ def levels_of(found: Gaussian, weights: Array, *, ci_prob: float = 0.95) -> tupl
 
 @dataclass(frozen=True)
 class ParameterChange(Result):
-    """The step of one parameter, inside units.
-
-    Attributes
-    ----------
-    probability : float
-        That it is this parameter that changed.
-    place : int
-        Campaign (from 0) just before which it most probably did, if it did.
-    change : Summary
-        Given that it did, whenever.
-    percent : float or None
-        Of the level before; None where that is not known to a fifth.
-    level_before : float
-    level_now : Summary
-        Level at the last campaign, averaged over hypotheses; the errors of the instrument are in it.
-    common_sd : float
-        What the instrument's errors add to the level of all campaigns together; in no point and no limit.
-    """
+    """The step of one parameter, inside units."""
 
     unit: str
-    probability: float
-    place: int
-    change: Summary
-    percent: float | None
+    probability: float  # that it is this parameter that changed
+    place: int  # campaign (from 0) just before which it most probably did, if it did
+    change: Summary  # given that it did, whenever
+    percent: float | None  # of the level before; None where that is not known to a fifth
     level_before: float
-    level_now: Summary
-    common_sd: float
+    level_now: Summary  # at the last campaign, averaged over hypotheses; the errors of the instrument are in it
+    common_sd: float  # what these add to the level of all campaigns together; in no point and no limit
 
 
 @dataclass(frozen=True)
@@ -214,35 +197,20 @@ class Visit(Result):
 class Trend(Result):
     """Parameters of one machine over time.
 
-    Attributes
-    ----------
-    assumptions : mapping
-        change_scale, repeatability (units of the prior's sd), probability, threshold, ci, one_instrument.
-    probability : float
-        That one parameter has changed once; in JSON ``probability_of_change``.
-    changed : bool
-        Whether that is above the threshold.
-    false_alarm : float
-        At most this is the probability of calling a change where there was none.
-    campaigns : tuple of Visit, length n
-        In order of time.
-    most_probable : str
-        The parameter that most probably changed.
-    estimates : DataFrame
-        One row per campaign and parameter, inside units: campaign, date, parameter, unit, estimate, sd, ci_low, ci_high (of this
-        campaign alone), limit_low, limit_high (99.7 % from the campaigns before, no change), outside, change_here,
-        change_by_here (probabilities). The instrument's errors are at their posterior mean throughout. Not in JSON.
+    ``estimates`` has a row per campaign and parameter, inside units: campaign, date, parameter, unit, estimate, sd, ci_low,
+    ci_high (of this campaign alone), limit_low, limit_high (99.7 % from the campaigns before, no change), outside, change_here,
+    change_by_here (probabilities). The instrument's errors are at their posterior mean throughout. Not in JSON.
     """
 
     machine: str | None
     reference_force_N: float
-    assumptions: Mapping[str, Any]
-    probability: Annotated[float, Field(alias="probability_of_change")]
-    changed: bool
-    false_alarm: float
-    campaigns: tuple[Visit, ...]
+    assumptions: Mapping[str, Any]  # change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
+    probability: Annotated[float, Field(alias="probability_of_change")]  # that one parameter has changed once
+    changed: bool  # whether that is above the threshold
+    false_alarm: float  # at most the probability of calling a change where there was none
+    campaigns: tuple[Visit, ...]  # in order of time
     parameters: Mapping[str, ParameterChange]
-    most_probable: str
+    most_probable: str  # the parameter that most probably changed
     caveats: tuple[Caveat, ...]
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
     limits_probability: float = LIMITS
@@ -379,8 +347,6 @@ def _caveats(statistics: FleetStatistics) -> list[Caveat]:
     found = force_caveats(statistics)
     if all(date is None for date in statistics.dates):
         found.append(Caveat(CaveatKind.NO_DATES))
-    elif len(set(statistics.dates)) < len(statistics):
-        found.append(Caveat(CaveatKind.SAME_DATES))
     return [*found, Caveat(CaveatKind.TWO_CAMPAIGNS)] if len(statistics) == 2 else found
 
 

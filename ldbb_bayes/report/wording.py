@@ -748,30 +748,23 @@ _CAVEATS = {
     "no-statistics": "Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): {names}.",
     "given-again": "Left out, for their readings are those of campaigns before them: {names}.",
     "unexpected": "Left out, for the model does not expect their readings (--include-misfits keeps them): {names}.",
-    "unexpected-kept": "The model does not expect the readings of {names}: kept, as was asked for.",
     "not-converged": "Not converged, refit with more draws: {names}.",
     "not-white": "Noise that is not white, so that uncertainties may be too small: {names}.",
-    "models-differ": "The campaigns were fitted with different models or priors; each one's priors are divided out.",
     "no-machines": "No campaign names its machine: all are taken as campaigns of one (machine_id in campaign.toml).",
     "without-machine": "Left out for naming no machine: {names}.",
     "machines-of-their-own": "Naming no machine, each counted as one of its own: {names}. Write machine_id into campaign.toml.",
     "extrapolated": "The reference force, {0:g} N, was not within the tested forces of every campaign: compliances are carried "
     "there along the slopes that were fitted.",
     "no-dates": "No campaign has a date: the order given is taken as that of time.",
-    "same-dates": "Some campaigns have the same date: of those the order given is taken as that of time.",
     "two-campaigns": "With two campaigns only the assumptions tell a change from what the machine changes every time.",
     "spreads-not-trusted": "The spreads cannot be trusted: Pareto's k = {0:.2f} of their weights is above {1:.2f}. Use fewer "
     "parameters or more machines.",
     "one-instrument": "Errors of one bar, the same in all campaigns ({text}), are up to {0:.0f} % of the variance of the "
     "population's mean ({parameters}), however many machines. Where the population gives the prior of a campaign with the same "
     "bar they are counted again.",
-    "changed-machines": "Campaigns of one machine contradict one another: {names}. Either it changed, or they are of two "
-    "machines: its estimate is sure of what neither says, and where one bar is shared the others' move with it. Look at it over "
-    "time (trend), then leave it out (--exclude) or what came before the change (--since).",
     "few-machines": "With {0:g} machines how much they differ rests on what was assumed of it, and whether one belongs is not "
     "judged: at least {1:g} are needed.",
     "uncertain-p-values": "p-values that cannot be trusted, their weights being too uneven: {names}.",
-    "outliers-included": "The population includes the machines that do not belong. Look at what it is without them.",
 }
 _LISTED, _JOINED = 5, 3
 # Three decimals show no less, and never quite 0 or 1.

@@ -158,7 +158,7 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
     code, stdout, stderr = invoke("population", rows, "--out", out, "--parameters", "C_XXX,C_YYY,E_XX1", "--json")
     assert code == 0, stderr
     record = json.loads(stdout)
-    assert sorted(path.name for path in out.iterdir()) == ["machines.csv", "machines.png", "machines.svg", "population.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["machines.csv", "population.json"]
     assert json.loads((out / "population.json").read_text()) == record
     assert record["sha256"] == digest_of(record)
     assert list(record["next"]) == ["C_XXX", "C_YYY"]

@@ -8,14 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fleets import dense, fleet, of_campaigns, telling
-from matplotlib.colors import same_color
-from scipy.stats import chi2, halfnorm, kstest, norm
+from scipy.stats import halfnorm, kstest, norm
 from trends import doubts
 
-import ldbb_bayes as lb
 from ldbb_bayes.fleet import population as module
-from ldbb_bayes.fleet.charts import _ODD
-from ldbb_bayes.fleet.population import Belonging, Population, belonging_of, contradicting, digest_of, pool
+from ldbb_bayes.fleet.population import Belonging, Population, belonging_of, digest_of, pool
 from ldbb_bayes.fleet.statistics import (
     FleetStatistics,
     SpreadDensity,
@@ -220,39 +217,6 @@ def test_an_outlier_is_flagged() -> None:
     assert not found.doubtful.any()
 
 
-def test_two_campaigns_are_compared_by_their_difference(rng: np.random.Generator) -> None:
-    """The instrument known: (ĉ₁ − ĉ₂)ᵀ (A₁⁻¹ + A₂⁻¹)⁻¹ (ĉ₁ − ĉ₂)."""
-    made = fleet(rng, machines=1, campaigns=2, parameters=3)
-    b = np.array([0.3, -0.2])
-    covariance, estimates = np.zeros((3, 3)), []
-    for information, weighted in zip(made.likelihood.precision, made.likelihood.shift, strict=True):
-        covariance += np.linalg.inv(information[:3, :3])
-        estimates.append(np.linalg.solve(information[:3, :3], weighted[:3] - information[:3, 3:] @ b))
-    apart = estimates[0] - estimates[1]
-    expected = chi2(3).sf(apart @ np.linalg.solve(covariance, apart))
-    assert module._repeat_p_values(made, b, np.zeros((2, 2)))["M01"] == pytest.approx(expected, rel=1e-6)
-
-
-def test_p_values_of_repeats_are_uniform() -> None:
-    """The instrument known as little as before any campaign."""
-    rng = np.random.default_rng(4)
-    p = [module._repeat_p_values(fleet(rng, machines=1, campaigns=3), np.zeros(2), np.eye(2))["M01"] for _ in range(300)]
-    assert kstest(p, "uniform").pvalue > 0.01
-
-
-def test_a_machine_that_changed_is_named(rng: np.random.Generator) -> None:
-    made = fleet(rng, machines=4, parameters=2)
-    _, mean, covariance = dense(made, np.array([0.2, 0.2]))
-    weighted = made.likelihood.shift.copy()
-    weighted[1] += made.likelihood.precision[1, :, 0] * 3.0
-    other = telling(made, weighted=weighted, machines=("a", "a", "b", "c"))
-    assert contradicting(other, mean[-2:], covariance[-2:, -2:]) == ("a",)
-    assert contradicting(made, mean[-2:], covariance[-2:, -2:]) == ()
-    whole = pool(other)
-    assert "Campaigns of one machine contradict one another: a." in " ".join(doubts(whole))
-    assert [one.campaigns for one in whole.machine.values()] == [2, 1, 1]
-
-
 # ---- the whole
 
 
@@ -335,7 +299,6 @@ def test_a_machine_that_does_not_belong(found: Population) -> None:
     assert found.not_belonging == ("M01",)
     head = "M01 does not belong with the others: p < 0.0001 over all machines, most in C_XXX"
     assert any(sentence.startswith(head) for sentence in population_sentences(found))
-    assert "The population includes the machines that do not belong." in " ".join(doubts(found))
     few = pool(fleet(np.random.default_rng(3), machines=5))
     assert few.not_belonging == ()
     assert {own.p_value for own in few.machine.values()} == {None}
@@ -390,20 +353,3 @@ def test_doubts(rng: np.random.Generator) -> None:
     nothing = pool(telling(made, 0.0 * made.likelihood.precision, 0.0 * made.likelihood.shift)).parameters["C_XXX"]
     assert nothing.mean.mean == 0.0
     assert nothing.spread.mean / nothing.prior_sd == pytest.approx(0.3 * np.sqrt(2.0 / np.pi), rel=0.03)
-
-
-@pytest.mark.parametrize(("number", "shown"), [(6, 6), (80, 60)])
-def test_the_figure(number: int, shown: int) -> None:
-    """Every machine of a few, some of many, those that do not belong among them."""
-    found = pool(fleet(np.random.default_rng(1), machines=number, parameters=2, outlier=np.array([4.0, 0.0])))
-    figure = lb.machine_chart(found)
-    panels = [axes for axes in figure.axes if axes.get_visible()]
-    assert [axes.get_xlabel() for axes in panels] == ["C_XXX (nm/N)", "C_XYX (nm/N)"]
-    for axes in panels:
-        intervals = [line for line in axes.lines if len(line.get_xdata()) == 2 and line.get_ydata()[0] == line.get_ydata()[1]]
-        assert len(intervals) == 2 * shown
-        odd = [line for line in intervals if same_color(line.get_color(), _ODD)]
-        assert len(odd) == 1
-        own = found.machine["M01"].estimate["C_XXX" if axes is panels[0] else "C_XYX"]
-        assert np.asarray(odd[0].get_xdata(), dtype=float) * 1e-6 == pytest.approx(own.interval)
-        assert "M01" in [label.get_text() for label in axes.get_yticklabels()]

@@ -185,7 +185,6 @@ def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
     assert doubts(found)[0] == ("Left out, for the model does not expect their readings (--include-misfits keeps them): c03.")
     kept = lb.population(bad, include_misfits=True)
     assert kept.campaigns == 8
-    assert doubts(kept)[0] == "The model does not expect the readings of c03: kept, as was asked for."
     assert kept.parameters["C_XXX"].spread.mean > 5.0 * clean.parameters["C_XXX"].spread.mean
 
 
