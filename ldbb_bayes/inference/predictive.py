@@ -60,7 +60,7 @@ Array = NDArray[Any]
 _DRAWS = 500
 _RANK = 1e-6
 _STRETCH = 100_000
-_FAILS, _SMALLEST, _MOST_CORRELATED, _FEWEST_SHIFTED = 0.01, 1e-300, 0.95, 4
+_FAILS, _SMALLEST, _FEWEST_SHIFTED = 0.01, 1e-300, 4
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
@@ -259,25 +259,30 @@ def failing(checks: Sequence[Check]) -> tuple[Check, ...]:
 
 def effects(bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]) -> tuple[dict[str, float], float]:
     """What failing checks would do to the intervals at φ (h,): of tests with a failing order the largest change of a parameter,
-    in its sd, when the test is left out; and by which share the widest interval grows with the noise that the others found."""
+    in its sd, when the test is left out; and by which share an interval grows with the noise next to the basis where others do."""
     found = failing(every_check(checks))
     names = dict.fromkeys(check.test for check in found if check.kind == CheckKind.ORDER)
     given, shift = bound.given(phi[None])[1], dict[str, float]()
     for name in names if len(bound.test_names) > 1 else ():
         rest = bound.keeping([other for other in bound.test_names if other != name])
         shift[name] = float((np.abs(rest.given(phi[None])[1].mean - given.mean) / given.sd).max())
-    factor, sigma = 1.0, bound.hyper_prior.names.index("sigma")
-    for check in found:
-        if check.kind != CheckKind.ORDER:
-            reduced = bound.reduced[bound.test_names.index(check.test)]
-            rho = min(max(checks[check.test].autocorrelation or 0.0, 0.0), _MOST_CORRELATED)
-            variance = reduced.residual_ss / (reduced.readings - SIZE) / phi[sigma] ** 2
-            # Low orders see noise of lag-one correlation ρ as (1 + ρ)/(1 − ρ) times as strong.
-            factor = max(factor, variance * (1.0 + rho) / (1.0 - rho))
-    noisy = phi.copy()
-    noisy[sigma] *= np.sqrt(factor)
+    sigma, noisy, power = bound.hyper_prior.names.index("sigma"), phi.copy(), np.ones(len(bound.test_names))
+    for name in {check.test for check in found if check.kind != CheckKind.ORDER}:
+        r = bound.test_names.index(name)
+        power[r] = max(_power_beyond(_tests(bound)[r]) / phi[sigma] ** 2, 1.0)
+    noisy[sigma] *= np.sqrt(power.mean())
     before, after = (information_of(bound, own).variances() for own in (phi, noisy))
     return shift, float(np.sqrt((after / before).max()) - 1.0)
+
+
+def _power_beyond(test: CircularTest) -> float:
+    """Variance [mm²] of white noise as strong as what readings have at the orders 13 to 16, next to those of the basis."""
+    angle, reading = test.angles_rad(), test.readings_mm()
+    orders = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
+    turned = np.exp(1j * np.outer(angle, orders))
+    columns = np.column_stack([basis(angle), turned.real, turned.imag])
+    white, *_ = np.linalg.lstsq(columns, reading, rcond=_RANK)
+    return float((white[SIZE:] ** 2).mean() * len(angle) / 2.0)
 
 
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
