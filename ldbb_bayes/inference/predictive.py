@@ -259,7 +259,7 @@ def failing(checks: Sequence[Check]) -> tuple[Check, ...]:
 
 def effects(bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]) -> tuple[dict[str, float], float]:
     """What failing checks would do to the intervals at φ (h,): of tests with a failing order the largest change of a parameter,
-    in its sd, when the test is left out; and by which share an interval grows with the noise next to the basis where others do."""
+    in its sd, when the test is left out; and the share by which an interval grows with the noise next to the basis elsewhere."""
     found = failing(every_check(checks))
     names = dict.fromkeys(check.test for check in found if check.kind == CheckKind.ORDER)
     given, shift = bound.given(phi[None])[1], dict[str, float]()

@@ -1,0 +1,254 @@
+"""Campaigns of machines as they are: a chain with springs that yield to the load of their own joint, balls with lobes, drives, drifts.
+
+Nothing of the package's linear model is used. Geometry goes through the exact forward model (Eq. 1-14); each joint yields by its own
+law to the load that the bar puts on it, in the place where the tool then stands, by iteration to equilibrium:
+
+    δ_X = C_XXX a_X(u_X) l(F u_X),  δ_Y likewise,  φ = C_CXY F_x + C_CYY F_y + C_CCY (x F_y),
+
+u the bar's direction, l the law (linear, contact ~ f^⅔, stiffening under its own load), a the change along the travel. The truth of
+C_XXX is the secant compliance along the axis at F0 in the middle of the travel, that of a slope the change of the linear spring with
+the bar's force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import ldbb_bayes as lb
+from ldbb_bayes.machine.forward import geometric_reading_mm
+
+Array = NDArray[np.float64]
+FORCES_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
+RADIUS_MM, READINGS, RESOLUTION_UM = 150.0, 720, 0.24
+MIDDLE_N, LARGEST_N = 0.5 * (FORCES_N[0] + FORCES_N[-1]), FORCES_N[-1]
+GRADES_UM = {"G5": 0.13, "G10": 0.25, "G20": 0.5, "G40": 1.0, "G100": 2.5, "G200": 5.0}
+_ORDERS = np.arange(2, 31)
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """What a family of machines has beyond the mild; each machine draws its own within these."""
+
+    form_decay: float = 2.0
+    grade: str = "G20"
+    lobe: tuple[str, ...] = ()  # grades of balls of a single lobe
+    contact: tuple[float, float] = (0.0, 0.0)  # share of the deflection that goes with f^⅔
+    own_load: float = 0.0  # relative change of compliance over the largest load, sd
+    travel: tuple[float, float] = (0.0, 0.0)  # relative change along the travel
+    odd_um: float = 0.0  # an odd circle
+    lag_deg: tuple[float, float] = (0.0, 0.05)
+    filtered: int = 0  # readings that the trace is averaged over
+    both_ways: bool = False
+    spikes_um: float = 0.0
+    backlash_um: float = 0.0
+    mismatch_um: float = 0.0
+    friction_um: float = 0.0  # constant, by the sign of travel
+    friction_um_per_kN: float = 0.0
+    warm_up_um: float = 0.0  # over the whole campaign
+    shuffled: bool = False  # run in an order that has nothing to do with force
+    compliance: tuple[float, float] = (3e-5, 8e-5)
+
+
+FAMILIES: dict[str, Disturbances] = {
+    "mild": Disturbances(),
+    "steep form": Disturbances(form_decay=3.0, grade="G40"),
+    "one lobe": Disturbances(lobe=("G20", "G40", "G100", "G200")),
+    "contact": Disturbances(contact=(0.2, 0.5)),
+    "own load": Disturbances(own_load=0.25),
+    "travel": Disturbances(travel=(0.05, 0.10)),
+    "odd circle": Disturbances(odd_um=3.0),
+    "angle lag": Disturbances(lag_deg=(0.1, 0.3), filtered=9),
+    "both ways": Disturbances(both_ways=True, spikes_um=3.0, backlash_um=2.0, mismatch_um=3.0),
+    "warm-up, seals": Disturbances(warm_up_um=2.0, friction_um=0.5, friction_um_per_kN=0.5),
+    "stiff": Disturbances(compliance=(5e-6, 1e-5)),
+    "soft": Disturbances(compliance=(1e-4, 2e-4)),
+}
+
+
+@dataclass(frozen=True)
+class Machine:
+    """One machine and its instrument, in mm, N, rad."""
+
+    compliance: dict[str, float]
+    slope: dict[str, float]
+    geometry: dict[str, float]
+    contact: tuple[float, float]
+    own_load: tuple[float, float]
+    travel: tuple[tuple[float, float], tuple[float, float]]
+    work_ball: Array  # complex amplitudes at the orders 2 … 30 [mm]
+    tool_ball: Array
+    instrument: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """Parameters by name."""
+        return {**self.compliance, **{f"{name}_1": value for name, value in self.slope.items()}, **self.geometry}
+
+
+def ball(rng: np.random.Generator, decay: float, sphericity_um: float, lobe: bool) -> Array:
+    """Complex amplitudes [mm] of a form whose deviation from sphericity over the circle, peak to valley, is so much."""
+    size = _ORDERS.astype(float) ** -decay * np.hypot(*rng.standard_normal((2, len(_ORDERS))))
+    if lobe:
+        size = np.where(rng.integers(2, 6) == _ORDERS, 1.0, 0.0)
+    form = size * np.exp(2j * np.pi * rng.random(len(_ORDERS)))
+    angle = np.linspace(0.0, 2.0 * np.pi, 1440)
+    return np.asarray(form * sphericity_um * 1e-3 / np.ptp((form @ np.exp(1j * np.outer(_ORDERS, angle))).real))
+
+
+def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
+    """One machine of a family."""
+    direct = np.exp(rng.uniform(*np.log(family.compliance), 2))
+    scale = direct.mean() / 5e-5
+    compliance = {
+        "C_XXX": direct[0],
+        "C_XYX": rng.normal(0.0, 1e-6) * scale,
+        "C_YYY": direct[1],
+        "C_CXY": rng.normal(0.0, 2e-8) * scale,
+        "C_CYY": rng.normal(0.0, 2e-8) * scale,
+        "C_CCY": rng.uniform(0.5e-10, 4e-10) * scale,
+    }
+    span = LARGEST_N - FORCES_N[0]
+    plain = not (family.own_load or family.contact[1])
+    slope = {name: value * rng.normal(0.0, 0.12) / span * plain for name, value in compliance.items()}
+    geometry = {
+        "E_XX1": rng.normal(0.0, 5e-5),
+        "E_YX2": rng.normal(0.0, 3e-7),
+        "E_XY2": rng.normal(0.0, 3e-7),
+        "E_YY1": rng.normal(0.0, 5e-5),
+        "E_C0YX": rng.normal(0.0, 2e-5),
+        "E_Xt0": rng.normal(0.0, 5e-3),
+        "E_Yt0": rng.normal(0.0, 5e-3),
+    }
+    grades = [str(rng.choice(family.lobe)) if family.lobe else family.grade for _ in range(2)]
+    forms = [ball(rng, family.form_decay, GRADES_UM[g] * rng.uniform(0.5, 1.0), bool(family.lobe)) for g in grades]
+    contact, own_load = rng.uniform(*family.contact, 2), rng.normal(0.0, family.own_load, 2)
+    travel = rng.uniform(*family.travel, (2, 2)) * rng.choice([-1.0, 1.0], (2, 2))
+    instrument = {
+        "length": rng.normal(0.0, 5e-3),
+        "mount": rng.normal(0.0, 0.07 * 2.33e-3),
+        "mount_curvature": rng.normal(0.0, 0.3e-3),
+        "gain": rng.normal(0.0, 0.007),
+        "force_curvature": rng.normal(0.0, 0.005),
+        "angle": np.deg2rad(rng.normal(0.0, 0.05)),
+        "lag": np.deg2rad(rng.uniform(*family.lag_deg)),
+    }
+    pair = tuple((float(a), float(b)) for a, b in travel)
+    load = ((float(contact[0]), float(contact[1])), (float(own_load[0]), float(own_load[1])))
+    return Machine(compliance, slope, geometry, *load, pair, *forms, instrument)  # type: ignore[arg-type]
+
+
+def deflection_mm(machine: Machine, force_N: float, bar_N: float, angle: Array) -> tuple[Array, Array]:
+    """Displacement of the tool along X and Y, (n,) each, under a bar force at the angles of the undeflected bar; ``bar_N``: of the
+    bar as the linear spring's slope sees it."""
+    lever = bar_N - MIDDLE_N
+    c = {name: value + machine.slope[name] * lever for name, value in machine.compliance.items()}
+    x, y = RADIUS_MM * np.cos(angle), RADIUS_MM * np.sin(angle)
+    moved = np.zeros((2, len(angle)))
+    for _ in range(4):
+        length = np.hypot(x + moved[0], y + moved[1])
+        load = force_N * np.array([x + moved[0], y + moved[1]]) / length
+        axial = []
+        for k, name in enumerate(("C_XXX", "C_YYY")):
+            linear, quadratic = machine.travel[k]
+            place = np.array([x, y])[k] / RADIUS_MM
+            size, share, own = np.abs(load[k]), machine.contact[k], machine.own_load[k]
+            law = (1.0 - share) * load[k] + share * np.sign(load[k]) * np.cbrt(size**2 * MIDDLE_N)
+            law = law + own * load[k] * (size - MIDDLE_N) / LARGEST_N
+            axial.append(c[name] * (1.0 + linear * place + quadratic * (place**2 - 0.5)) * law)
+        turn = c["C_CXY"] * load[0] + c["C_CYY"] * load[1] + c["C_CCY"] * x * load[1]
+        moved = np.array([axial[0] + c["C_XYX"] * load[1] - x * (1.0 - np.cos(turn)), axial[1] + x * np.sin(turn)])
+    return moved[0], moved[1]
+
+
+def trace_mm(machine: Machine, force_N: float, angle: Array) -> Array:
+    """Exact change of the ball distance, geometry and springs, at true angles (n,)."""
+    setup = lb.Campaign((lb.CircularTest(100.0, np.arange(0.0, 360.0, 20.0)),), radius_mm=RADIUS_MM)
+    rigid = geometric_reading_mm(setup.machine(), setup.tests[0].circle, angle, machine.geometry)
+    dx, dy = deflection_mm(machine, force_N, force_N, angle)
+    distance = RADIUS_MM + rigid
+    return np.asarray(np.hypot(distance * np.cos(angle) + dx, distance * np.sin(angle) + dy) - RADIUS_MM)
+
+
+def simulate(
+    family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORCES_N, **fields: Any
+) -> tuple[lb.Campaign, Machine]:
+    """A campaign of one machine, and the machine; ``fields`` of the campaign, what its certificates state among them."""
+    rng = np.random.default_rng(seed)
+    machine = draw_machine(family, rng)
+    ways = ("CW", "CCW") if family.both_ways else ("CW",)
+    runs = [(force, way) for force in forces_N for way in ways]
+    order = np.random.default_rng([seed, 1]).permutation(len(runs)) if family.shuffled else np.arange(len(runs))
+    odd = int(rng.integers(len(runs))) if family.odd_um else -1
+    drift = rng.normal(0.0, family.warm_up_um * 1e-3, 3)
+    drive = {
+        name: rng.normal(0.0, getattr(family, f"{name}_um") * 1e-3, 2) for name in ("spikes", "backlash", "mismatch", "friction")
+    }
+    rubbing = rng.normal(0.0, family.friction_um_per_kN * 1e-6)
+    tests = []
+    for k, (nominal, way) in enumerate(runs):
+        sign = 1.0 if way == "CW" else -1.0
+        angle = np.linspace(0.0, 2.0 * np.pi, READINGS, endpoint=False)
+        true = angle + machine.instrument["angle"] + sign * machine.instrument["lag"]
+        reading = _reading(machine, nominal, true, rng)
+        reading += rng.normal(0.0, 0.4e-3) + rng.normal(0.0, 0.4e-3) * np.cos(angle) + rng.normal(0.0, 0.4e-3) * np.sin(angle)
+        later = order[k] / max(len(runs) - 1, 1)
+        reading += (drift[0] + drift[1] * np.cos(angle) + drift[2] * np.sin(angle)) * later
+        reading += _changes(angle, 0.25e-3, rng)
+        reading += sign * _drives(angle, drive, rng) + sign * rubbing * nominal
+        if k == odd:
+            reading += _changes(angle, family.odd_um * 1e-3, rng, highest=6) + family.odd_um * 1e-3 * rng.normal()
+        if family.filtered:
+            half = family.filtered // 2
+            around = np.concatenate([reading[-half:], reading, reading[:half]])
+            reading = np.convolve(around, np.ones(2 * half + 1) / (2 * half + 1), "valid")
+        noise = np.convolve(rng.normal(0.0, 0.12e-3, READINGS + 4), [0.5, 0.3, 0.2, 0.1, 0.05], "valid")
+        reading_um = np.round((reading + noise) * 1e3 / RESOLUTION_UM) * RESOLUTION_UM
+        both = family.both_ways
+        tests.append(
+            lb.CircularTest(
+                nominal, np.rad2deg(angle), reading_um, direction=way, name=f"f{nominal:03.0f}{'_' + way if both else ''}"
+            )  # type: ignore[arg-type]
+        )
+    campaign = lb.Campaign(tuple(tests), radius_mm=RADIUS_MM, resolution_um=RESOLUTION_UM, name=f"seed {seed}")
+    return replace(campaign, **fields), machine
+
+
+def _reading(machine: Machine, nominal: float, angle: Array, rng: np.random.Generator) -> Array:
+    """Geometry, springs, balls, length, mount and force as the bar applies it; ``angle`` is the true one."""
+    share = nominal / LARGEST_N
+    bow = 4.0 * share * (1.0 - share)
+    force = nominal * (1.0 + machine.instrument["gain"]) + LARGEST_N * bow * machine.instrument["force_curvature"]
+    force += rng.normal(0.0, 3.0)
+    reading = trace_mm(machine, force, angle)
+    turned = np.exp(1j * np.outer(angle, _ORDERS))
+    far = np.exp(1j * np.outer(angle + np.pi, _ORDERS))
+    reading = reading + (turned @ machine.work_ball + far @ machine.tool_ball).real
+    pressure = (nominal + 14.2) / 126.04
+    return (
+        reading
+        + machine.instrument["length"]
+        + machine.instrument["mount"] * pressure
+        + machine.instrument["mount_curvature"] * bow
+    )
+
+
+def _changes(angle: Array, size_mm: float, rng: np.random.Generator, highest: int = 12) -> Array:
+    """What one circle has for itself at the orders 2 and up, falling as 1/n."""
+    orders = np.arange(2, highest + 1)
+    amplitude = rng.normal(0.0, 1.0, (2, len(orders))) * size_mm / orders
+    turned = np.exp(1j * np.outer(angle, orders))
+    return np.asarray(turned.real @ amplitude[0] + turned.imag @ amplitude[1])
+
+
+def _drives(angle: Array, drive: dict[str, Array], rng: np.random.Generator) -> Array:
+    """Reversal spikes and backlash at the quadrants, servo mismatch, friction: what changes its sign with the direction."""
+    total = drive["mismatch"][0] * np.sin(2.0 * angle) + drive["friction"][0]
+    for k in range(4):
+        since = np.remainder(angle - 0.5 * np.pi * k, 2.0 * np.pi)
+        total = total + drive["spikes"][k % 2] * np.exp(-since / np.deg2rad(6.0)) * (1.0 + 0.1 * rng.normal())
+    total = total + drive["backlash"][0] * np.sign(np.sin(angle)) * np.abs(np.cos(angle))
+    return np.asarray(total + drive["backlash"][1] * np.sign(np.cos(angle)) * np.abs(np.sin(angle)))
