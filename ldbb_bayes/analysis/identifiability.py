@@ -21,6 +21,7 @@ from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.inference.predictive import centre_shift
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.machine.chain import LARGEST_MM, Circle, Machine, geometric_names
 from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
@@ -61,6 +62,7 @@ class Verdict(StrEnum):
     3. *confounded*, when more than half of its variance lies along directions in which the priors outweigh the readings, and more
        than half would vanish if something else were known: the nuisance terms, and with them the parameters that no reading
        separates from it; or, where the priors outweigh the readings tenfold, the parameter it is correlated with most.
+       So are C_CXY and its like, with `Position`, where the circle's centre shifts in proportion to force.
     4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of the prior sd.
     5. *identified* otherwise.
     """
@@ -260,6 +262,8 @@ def _parameters(
     own, proper = information.own, not information.flat
     unseen = [unseen_share(information, least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)]
     correlation = _correlation(information)
+    shifted = () if bound.campaign.is_plan else tuple(centre_shift(bound, mean))
+    turning = [name.label for name in bound.compliances if name.kind == "rotation_for_force"] if shifted else []
     lost = {term: lost_by_knowing(information, [term]) for term in information.terms}
     shares = information.contributions()
     nominal = np.array([p.prior_sd for p in bound.parameters]), np.sqrt(information.variances()) * information.scale[own]
@@ -272,6 +276,8 @@ def _parameters(
         every = confounding | rivals
         mine = tuple(d for d in found if p.name in d.parameters)
         verdict, partners = _verdict(information, i, every, (unseen[0][i], unseen[1][i]), 1.0 - ratio, mine)
+        if p.name in turning:
+            verdict, partners = Verdict.CONFOUNDED, tuple(dict.fromkeys(["Position", *partners]))
         entries[p.name] = ParameterIdentifiability(
             name=p.name,
             verdict=verdict,

@@ -31,6 +31,7 @@ from ldbb_bayes.result import ByRow, Numbers, Result
 from ldbb_bayes.units import ranked
 
 __all__ = [
+    "SHIFTED",
     "Check",
     "CheckKind",
     "FitQuality",
@@ -60,6 +61,7 @@ Array = NDArray[Any]
 _DRAWS = 500
 _RANK = 1e-6
 _STRETCH = 100_000
+SHIFTED = 0.01
 _FAILS, _SMALLEST, _FEWEST_SHIFTED = 0.01, 1e-300, 4
 
 
@@ -286,8 +288,9 @@ def _power_beyond(test: CircularTest) -> float:
 
 
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
-    """p-value, by axis, of no shift of the circles' centre in proportion to force, beyond what the machine β (p,) does: Student's
-    t of the slope of order 1 over force. For planes of at least four tests at three forces."""
+    """Axes along which the circles' centre shifts in proportion to force, beyond what the machine β (p,) does, and the p-value of
+    no such shift, at 1 % after allowing for the axes' number: Student's t of the slope of order 1 over force. For planes of at
+    least four tests at three forces."""
     misfits = _misfits(bound, machine_coefficients(bound, beta[None])[0])
     rest = [harmonics_of(bound, r) @ misfit for r, misfit in enumerate(misfits)]
     found: dict[str, float] = {}
@@ -303,7 +306,7 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
             freedom = len(force) - 2
             spread = np.sqrt(left @ left / freedom / (lever @ lever))
             found[axis] = float(2.0 * stdtr(freedom, -abs(slope) / max(spread, 1e-300)))
-    return found
+    return {axis: p for axis, p in found.items() if p * len(found) < SHIFTED}
 
 
 def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> dict[str, TestChecks]:

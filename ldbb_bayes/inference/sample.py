@@ -19,7 +19,7 @@ from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_jointly
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
-from ldbb_bayes.inference.predictive import centre_shift, effects, fit_quality, predictive_checks
+from ldbb_bayes.inference.predictive import SHIFTED, centre_shift, effects, fit_quality, predictive_checks
 from ldbb_bayes.jobs import one_blas_thread, versions
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
@@ -36,7 +36,6 @@ _WALKERS, _START_TEMPERATURE, _TRIES = 128, 1.5, 2
 _QUALITY_DRAWS = 1000
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
-_SHIFTED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,10 +315,8 @@ def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: f
     for name, median, top, is_length in sizes:
         if is_length and median > top:
             yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
-    shifts = centre_shift(bound, beta)
-    for axis, p in shifts.items():
-        if p * len(shifts) < _SHIFTED:
-            yield Concern(ConcernKind.CENTRE, p, _SHIFTED, axis)
+    for axis, p in centre_shift(bound, beta).items():
+        yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
 
 
 def _groups(bound: BoundModel, beta: Array, phi: Array, size: int, rng: np.random.Generator) -> dict[str, dict[str, Array]]:

@@ -1,19 +1,18 @@
-"""Campaigns of machines as they are: a chain with springs that yield to the load of their own joint, balls with lobes, drives, drifts.
+"""Campaigns of machines as they are: springs that yield to the load of their own joint, balls with lobes, drives, drifts.
 
-Nothing of the package's linear model is used. Geometry goes through the exact forward model (Eq. 1-14); each joint yields by its own
-law to the load that the bar puts on it, in the place where the tool then stands, by iteration to equilibrium:
+Nothing of the package's linear model is used. Geometry goes through the exact forward model (Eq. 1-14); each joint yields by its
+own law to the load that the bar puts on it, in the place where the tool then stands, by iteration to equilibrium:
 
     δ_X = C_XXX a_X(u_X) l(F u_X),  δ_Y likewise,  φ = C_CXY F_x + C_CYY F_y + C_CCY (x F_y),
 
-u the bar's direction, l the law (linear, contact ~ f^⅔, stiffening under its own load), a the change along the travel. The truth of
-C_XXX is the secant compliance along the axis at F0 in the middle of the travel, that of a slope the change of the linear spring with
-the bar's force.
+u the bar's direction, l the law (linear, contact ~ f^⅔, stiffening under its own load), a the change along the travel. The truth
+of C_XXX is the secant compliance along the axis at F0 in the middle of the travel, that of a slope the change of the linear
+spring with the bar's force.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +50,9 @@ class Disturbances:
     warm_up_um: float = 0.0  # over the whole campaign
     shuffled: bool = False  # run in an order that has nothing to do with force
     compliance: tuple[float, float] = (3e-5, 8e-5)
+    length_um: float = 5.0
+    mount_percent: float = 7.0
+    stated: lb.Instrument = field(default_factory=lb.Instrument)
 
 
 FAMILIES: dict[str, Disturbances] = {
@@ -66,6 +68,13 @@ FAMILIES: dict[str, Disturbances] = {
     "warm-up, seals": Disturbances(warm_up_um=2.0, friction_um=0.5, friction_um_per_kN=0.5),
     "stiff": Disturbances(compliance=(5e-6, 1e-5)),
     "soft": Disturbances(compliance=(1e-4, 2e-4)),
+}
+# What certificates state, and machines of which they are true.
+CERTIFIED = lb.Instrument(work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"), bar_U_um=1.0, mount_U_percent=2.0)
+_G20 = lb.Instrument(work=lb.Ball(grade="G20"), tool=lb.Ball(grade="G20"))
+STATED: dict[str, Disturbances] = {
+    "mild, G20 stated": Disturbances(stated=_G20),
+    "mild, certificates": Disturbances(grade="G10", length_um=0.5, mount_percent=1.0, stated=CERTIFIED),
 }
 
 
@@ -128,8 +137,8 @@ def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
     contact, own_load = rng.uniform(*family.contact, 2), rng.normal(0.0, family.own_load, 2)
     travel = rng.uniform(*family.travel, (2, 2)) * rng.choice([-1.0, 1.0], (2, 2))
     instrument = {
-        "length": rng.normal(0.0, 5e-3),
-        "mount": rng.normal(0.0, 0.07 * 2.33e-3),
+        "length": rng.normal(0.0, family.length_um * 1e-3),
+        "mount": rng.normal(0.0, 0.01 * family.mount_percent * 2.33e-3),
         "mount_curvature": rng.normal(0.0, 0.3e-3),
         "gain": rng.normal(0.0, 0.007),
         "force_curvature": rng.normal(0.0, 0.005),
@@ -142,8 +151,8 @@ def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
 
 
 def deflection_mm(machine: Machine, force_N: float, bar_N: float, angle: Array) -> tuple[Array, Array]:
-    """Displacement of the tool along X and Y, (n,) each, under a bar force at the angles of the undeflected bar; ``bar_N``: of the
-    bar as the linear spring's slope sees it."""
+    """Displacement of the tool along X and Y, (n,) each, under a bar force at the angles of the undeflected bar; ``bar_N``: the
+    force that the linear springs' slopes see."""
     lever = bar_N - MIDDLE_N
     c = {name: value + machine.slope[name] * lever for name, value in machine.compliance.items()}
     x, y = RADIUS_MM * np.cos(angle), RADIUS_MM * np.sin(angle)
@@ -173,10 +182,8 @@ def trace_mm(machine: Machine, force_N: float, angle: Array) -> Array:
     return np.asarray(np.hypot(distance * np.cos(angle) + dx, distance * np.sin(angle) + dy) - RADIUS_MM)
 
 
-def simulate(
-    family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORCES_N, **fields: Any
-) -> tuple[lb.Campaign, Machine]:
-    """A campaign of one machine, and the machine; ``fields`` of the campaign, what its certificates state among them."""
+def simulate(family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORCES_N) -> tuple[lb.Campaign, Machine]:
+    """A campaign of one machine, with what its certificates state, and the machine."""
     rng = np.random.default_rng(seed)
     machine = draw_machine(family, rng)
     ways = ("CW", "CCW") if family.both_ways else ("CW",)
@@ -184,9 +191,8 @@ def simulate(
     order = np.random.default_rng([seed, 1]).permutation(len(runs)) if family.shuffled else np.arange(len(runs))
     odd = int(rng.integers(len(runs))) if family.odd_um else -1
     drift = rng.normal(0.0, family.warm_up_um * 1e-3, 3)
-    drive = {
-        name: rng.normal(0.0, getattr(family, f"{name}_um") * 1e-3, 2) for name in ("spikes", "backlash", "mismatch", "friction")
-    }
+    sizes = {name: getattr(family, f"{name}_um") * 1e-3 for name in ("spikes", "backlash", "mismatch", "friction")}
+    drive = {name: rng.normal(0.0, size, 2) for name, size in sizes.items()}
     rubbing = rng.normal(0.0, family.friction_um_per_kN * 1e-6)
     tests = []
     for k, (nominal, way) in enumerate(runs):
@@ -213,8 +219,8 @@ def simulate(
                 nominal, np.rad2deg(angle), reading_um, direction=way, name=f"f{nominal:03.0f}{'_' + way if both else ''}"
             )  # type: ignore[arg-type]
         )
-    campaign = lb.Campaign(tuple(tests), radius_mm=RADIUS_MM, resolution_um=RESOLUTION_UM, name=f"seed {seed}")
-    return replace(campaign, **fields), machine
+    of_all = {"radius_mm": RADIUS_MM, "resolution_um": RESOLUTION_UM, "name": f"seed {seed}", "instrument": family.stated}
+    return lb.Campaign(tuple(tests), **of_all), machine
 
 
 def _reading(machine: Machine, nominal: float, angle: Array, rng: np.random.Generator) -> Array:
