@@ -20,17 +20,9 @@ from pydantic import TypeAdapter, ValidationError
 from ldbb_bayes.errors import InputError, nearest, require
 
 __all__ = [
-    "LARGEST_TABLE_BYTES",
-    "LARGEST_TOML_BYTES",
-    "bytes_of",
-    "check_target",
-    "parse_toml",
-    "read_toml",
-    "refusing",
-    "staged_folder",
-    "validated",
-    "write_whole",
-]
+    "LARGEST_TABLE_BYTES", "LARGEST_TOML_BYTES", "bytes_of", "check_target", "parse_toml", "read_toml", "refusing",
+    "staged_folder", "validated", "write_whole",
+]  # fmt: skip
 
 LARGEST_TABLE_BYTES, LARGEST_TOML_BYTES, LONGEST_LINE = 64 * 2**20, 512 * 2**10, 20_000
 _UNKNOWN, _SHOULD = ("extra_forbidden", "unexpected_keyword_argument"), "Input should be "

@@ -24,18 +24,8 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 __all__ = [
-    "ByClass",
-    "ByRow",
-    "Finite",
-    "Number",
-    "Numbers",
-    "Records",
-    "Result",
-    "Table",
-    "json_text",
-    "read_result",
-    "table_html",
-]
+    "ByClass", "ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Table", "json_text", "read_result", "table_html",
+]  # fmt: skip
 
 T = TypeVar("T")
 _LARGEST_BYTES = 200_000_000

@@ -13,22 +13,9 @@ from typing import Any, TypeVar
 from ldbb_bayes.errors import require
 
 __all__ = [
-    "Statement",
-    "display_name",
-    "display_unit",
-    "is_direct",
-    "is_lopsided",
-    "plus_minus",
-    "ranked",
-    "round_like",
-    "round_uncertainty",
-    "state",
-    "stiffness",
-    "typeset",
-    "units_for",
-    "units_of",
-    "value_and_uncertainty",
-]
+    "Statement", "display_name", "display_unit", "is_direct", "is_lopsided", "plus_minus", "ranked", "round_like",
+    "round_uncertainty", "state", "stiffness", "typeset", "units_for", "units_of", "value_and_uncertainty",
+]  # fmt: skip
 
 T = TypeVar("T")
 # By inside unit: factor and label for reading; of what changes with force per kN, per kN².

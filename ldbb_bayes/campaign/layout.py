@@ -17,17 +17,8 @@ from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.files import read_toml, validated
 
 __all__ = [
-    "ROLES",
-    "UNITS",
-    "Assumption",
-    "Layout",
-    "Notes",
-    "TestLayout",
-    "layout_to_toml",
-    "plain",
-    "read_layout",
-    "unit_named",
-]
+    "ROLES", "UNITS", "Assumption", "Layout", "Notes", "TestLayout", "layout_to_toml", "plain", "read_layout", "unit_named",
+]  # fmt: skip
 
 # By role: each unit, what one of it is in ours, and the other words and signs people use for it.
 _TABLE = {

@@ -18,20 +18,9 @@ from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
 
 __all__ = [
-    "Sheet",
-    "columns_of",
-    "constant",
-    "could_be_thousands",
-    "decimal_mark",
-    "is_clock",
-    "is_missing",
-    "looks_like_number",
-    "number",
-    "numbers_of",
-    "read_sheets",
-    "read_strict_table",
-    "seconds_of",
-]
+    "Sheet", "columns_of", "constant", "could_be_thousands", "decimal_mark", "is_clock", "is_missing", "looks_like_number",
+    "number", "numbers_of", "read_sheets", "read_strict_table", "seconds_of",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Rows = list[tuple[int, list[str]]]

@@ -17,22 +17,9 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import check_known, require
 
 __all__ = [
-    "LARGEST_MM",
-    "LINEAR",
-    "PLANES",
-    "ROTARY",
-    "Axes",
-    "Circle",
-    "ComplianceKind",
-    "ComplianceName",
-    "GeometricKind",
-    "GeometricName",
-    "Joint",
-    "Machine",
-    "geometric_names",
-    "joint_names",
-    "wrench_names",
-]
+    "LARGEST_MM", "LINEAR", "PLANES", "ROTARY", "Axes", "Circle", "ComplianceKind", "ComplianceName", "GeometricKind",
+    "GeometricName", "Joint", "Machine", "geometric_names", "joint_names", "wrench_names",
+]  # fmt: skip
 
 Array = NDArray[Any]
 Branch = Literal["tool", "workpiece"]

@@ -12,17 +12,8 @@ from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_of, nuisances, record_of, result_json
-from ldbb_bayes.report.wording import (
-    DEGREES,
-    alias_sentences,
-    check_notes,
-    check_words,
-    concern_sentences,
-    fit_verdict,
-    look_sentences,
-    remark_words,
-    standing_words,
-)
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.wording import DEGREES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,19 +39,19 @@ def fit_in_words(posterior: xr.DataTree) -> dict[str, Any]:
     """Return the state of a fit, the kinds of what to mind, and its verdict, misfits and warnings in words."""
     fit, bound = fit_of(posterior), bound_of(posterior)
     alike, seen = degeneracies(bound), preview(bound.campaign)
-    concerns = concern_sentences(fit.concerns, record_of(posterior)["sampler"])
-    standing = map(standing_words, standing_degeneracies(bound, alike))
+    concerns = wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"])
+    standing = map(wording.standing_words, standing_degeneracies(bound, alike))
     return {
         "state": str(fit.state),
         "kinds": list(fit.kinds),
-        "verdict": fit_verdict(fit),
-        "misfits": [check_words(check) for check in fit.misfits],
+        "verdict": wording.fit_verdict(fit),
+        "misfits": [wording.check_words(check) for check in fit.misfits],
         "warnings": [
             *concerns,
-            *check_notes(fit),
-            *alias_sentences(alike),
+            *wording.check_notes(fit),
+            *wording.alias_sentences(alike),
             *standing,
-            *look_sentences(seen),
+            *wording.look_sentences(seen),
             *further_remarks(seen),
         ],
     }
@@ -69,7 +60,7 @@ def fit_in_words(posterior: xr.DataTree) -> dict[str, Any]:
 def further_remarks(seen: CampaignPreview) -> list[str]:
     """Remarks on a campaign that a fit does not make itself."""
     own = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
-    return [remark_words(remark) for remark in seen.remarks if remark.kind not in own]
+    return [wording.remark_words(remark) for remark in seen.remarks if remark.kind not in own]
 
 
 Compared: TypeAlias = "Comparison | str"

@@ -10,30 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from ldbb_bayes.model.terms import Term
-from ldbb_bayes.report.wording import (
-    IN_FORCE,
-    assumed_words,
-    assumption_words,
-    comparison_sentences,
-    concern_sentences,
-    degeneracy_items,
-    design_sentences,
-    fit_head,
-    fit_sentences,
-    fit_verdict,
-    identifiability_sentences,
-    interval_of,
-    machine_sentences,
-    nuisance_words,
-    percent_of,
-    preview_sentences,
-    remark_words,
-    standing_words,
-    sum_in_words,
-    unit_words,
-    validation_verdict,
-    verdict_words,
-)
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.wording import IN_FORCE
 from ldbb_bayes.result import ByClass, Result, Table
 from ldbb_bayes.units import (
     display_name,
@@ -125,7 +103,7 @@ def _(result: Imported) -> tuple[Passage, ...]:
     head = (
         f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed (change it with the option named):"
     )
-    return (head, tuple(map(assumption_words, result.assumptions)))
+    return (head, tuple(map(wording.assumption_words, result.assumptions)))
 
 
 @parts_of.register
@@ -153,7 +131,7 @@ def _(seen: CampaignPreview) -> tuple[Passage, ...]:
     heads = (*first, *(_PLACES[field][0] for field in different), "balls (°)", "step (µm)", "spikes", "noise (µm)")
     last = ("end − start (µm)", "peak to peak (µm)")
     table = Table.of("", (*heads, *last), rows, text=("direction", "plane", "centre (mm)"))
-    return (table, *preview_sentences(seen), "A fit will assume:", tuple(map(remark_words, seen.assumptions)))
+    return (table, *wording.preview_sentences(seen), "A fit will assume:", tuple(map(wording.remark_words, seen.assumptions)))
 
 
 @parts_of.register
@@ -161,7 +139,7 @@ def _(found: Uncertainties) -> tuple[Passage, ...]:
     """With nominal value, u, where that is from, and what certificate states it."""
     rows = []
     for own in found.assumed:
-        (_, one, label), (words, where) = Term.owner(own.name).unit_of(own.name), assumed_words(own)
+        (_, one, label), (words, where) = Term.owner(own.name).unit_of(own.name), wording.assumed_words(own)
         nominal, spread = value_and_uncertainty(own.value / one, own.sd / one)
         rows.append((words, nominal, spread, label, "certificate" if own.stated else "the model", where))
     heads = ("assumed", "nominal", "u (1 sd)", "unit", "from", "certificate (campaign.toml)")
@@ -170,7 +148,7 @@ def _(found: Uncertainties) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(machine: DescribedMachine) -> tuple[Passage, ...]:
-    first, *others = machine_sentences(machine)
+    first, *others = wording.machine_sentences(machine)
     patterns = ["pattern"] if len(machine.planes) == 1 else [f"pattern in {plane}" for plane in machine.planes]
 
     def table(title: str, entries: tuple[Seen, ...], *last: str) -> Table:
@@ -178,7 +156,7 @@ def _(machine: DescribedMachine) -> tuple[Passage, ...]:
         rows = []
         for entry in entries:
             shown = (entry.pattern.get(plane, "·") for plane in machine.planes)
-            words = (entry.meaning, *[sum_in_words(entry)] * len(last))
+            words = (entry.meaning, *[wording.sum_in_words(entry)] * len(last))
             rows.append((display_name(entry.name), display_unit(entry.unit)[1], *shown, *words))
         return Table.of("", heads, rows, text=heads)
 
@@ -210,7 +188,7 @@ def _(made: Simulation) -> tuple[Passage, ...]:
 @parts_of.register
 def _(fit: Fit) -> tuple[Passage, ...]:
     others = tuple(concern for concern in fit.concerns if concern.kind != "not-converged")
-    return (fit_verdict(fit), *concern_sentences(others, {}))
+    return (wording.fit_verdict(fit), *wording.concern_sentences(others, {}))
 
 
 @parts_of.register
@@ -223,7 +201,7 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     """Return the JSON of a fit as tables and sentences, nuisances of the instrument left out."""
     others = {name: own for name, own in result["nuisances"].items() if not Term.kinds.get(own["term"], Term).instrument}
     nuisances = [nuisance_table(others)] if others else []
-    return (*fit_head(result), parameter_table(result), *nuisances, *fit_sentences(result))
+    return (*wording.fit_head(result), parameter_table(result), *nuisances, *wording.fit_sentences(result))
 
 
 def _in_its_units(table: Callable[..., Table]) -> Callable[..., Table]:
@@ -252,7 +230,7 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
             continue
         factor, unit = display_unit(entry["unit"])
         spread, decimals = round_uncertainty(entry["sd"] * factor)
-        low, high = (round_like(bound * factor, decimals) for bound in interval_of(entry))
+        low, high = (round_like(bound * factor, decimals) for bound in wording.interval_of(entry))
         prior = "flat" if entry["prior_sd"] is None else _three_digits(entry["prior_sd"] * factor)
         if means and (middle := entry.get("prior_mean")) is not None:
             prior = " ± ".join(value_and_uncertainty(middle * factor, entry["prior_sd"] * factor))
@@ -260,7 +238,7 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
             prior = f"± {prior}"
         shown = display_name(name.removesuffix("_um"))
         rows.append((shown, round_like(entry["mean"] * factor, decimals), spread, f"[{low}, {high}]", prior, unit))
-    heads = ("parameter", "mean", "u (1 sd)", f"{percent_of(result)} interval", "prior" if means else "prior sd", "unit")
+    heads = ("parameter", "mean", "u (1 sd)", f"{wording.percent_of(result)} interval", "prior" if means else "prior sd", "unit")
     return Table.of("", heads, rows, text=("unit",))
 
 
@@ -269,11 +247,12 @@ def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIde
     """Return value, u, U, interval, unit, stiffness of the direct compliances, and verdict of every parameter."""
     rows = []
     for name, entry in result["parameters"].items():
-        own = state(entry["mean"], entry["sd"], interval_of(entry), entry["unit"])
-        stiff = stiffness(entry["median"], interval_of(entry)) if is_direct(name) else ""
-        cells = (own.value, own.u, own.expanded, own.interval, own.unit, stiff, verdict_words(verdicts[name]))
+        own = state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
+        stiff = stiffness(entry["median"], wording.interval_of(entry)) if is_direct(name) else ""
+        cells = (own.value, own.u, own.expanded, own.interval, own.unit, stiff, wording.verdict_words(verdicts[name]))
         rows.append((display_name(name), *cells))
-    heads = ("parameter", "value", "u", "U (k = 2)", f"{percent_of(result)} interval", "unit", "stiffness (N/µm)", "identified?")
+    interval = f"{wording.percent_of(result)} interval"
+    heads = ("parameter", "value", "u", "U (k = 2)", interval, "unit", "stiffness (N/µm)", "identified?")
     return Table.of("Compliances, their slopes, geometric errors", heads, rows, text=("unit", "identified?"))
 
 
@@ -282,9 +261,9 @@ def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
     rows = []
     for name, entry in entries.items():
         if abs(entry["mean"]) > 2.0 * entry["sd"]:
-            one, unit = unit_words(name)
+            one, unit = wording.unit_words(name)
             mean, spread = value_and_uncertainty(entry["mean"] / one, entry["sd"] / one)
-            rows.append((nuisance_words(name), mean, spread, round_uncertainty(entry["prior_sd"] / one)[0], unit))
+            rows.append((wording.nuisance_words(name), mean, spread, round_uncertainty(entry["prior_sd"] / one)[0], unit))
     if not rows:
         return f"None of the {len(entries)} nuisance coefficients is told from zero (beyond 2 u)."
     caption = f"Nuisances beyond 2 u; {len(entries) - len(rows)} of {len(entries)} coefficients are not told from zero"
@@ -303,12 +282,14 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
         proper = entry.prior_sd < float("inf")
         prior = _three_digits(entry.prior_sd * factor) if proper else "flat"
         gains = (f"{entry.contraction:.4f}", f"{entry.information_gain:.1f}") if proper else ("", "")
-        rows.append((display_name(name), prior, round_uncertainty(entry.sd * factor)[0], unit, *gains, verdict_words(entry)))
+        rows.append(
+            (display_name(name), prior, round_uncertainty(entry.sd * factor)[0], unit, *gains, wording.verdict_words(entry))
+        )
     heads = ("parameter", "prior sd", "sd", "unit", "contraction", "gain (nat)", "verdict")
-    items = degeneracy_items(result.degeneracies, result.cures)
+    items = wording.degeneracy_items(result.degeneracies, result.cures)
     alike = ("No reading of this campaign can tell apart:", items) if items else ("Every combination of parameters is seen.",)
     table = Table.of("", heads, rows, text=("unit", "verdict"))
-    return (table, *identifiability_sentences(result), *alike, tuple(map(standing_words, result.standing)))
+    return (table, *wording.identifiability_sentences(result), *alike, tuple(map(wording.standing_words, result.standing)))
 
 
 @parts_of.register
@@ -321,7 +302,7 @@ def _(validation: Validation) -> tuple[Passage, ...]:
         shares = [f"{100 * row[p]:.1f} ± {100 * row['u' + p]:.1f} %" for p in claimed]
         rows.append((display_name(str(name)), *shares, "outside the band" if name in validation.outside else "inside"))
     heads = ("quantity", *(f"in {interval} % interval" for interval in claimed), "ranks")
-    return (Table.of("", heads, rows, text=("ranks",)), validation_verdict(validation))
+    return (Table.of("", heads, rows, text=("ranks",)), wording.validation_verdict(validation))
 
 
 # ---- comparison
@@ -330,7 +311,7 @@ def _(validation: Validation) -> tuple[Passage, ...]:
 @parts_of.register
 def _(result: Comparison) -> tuple[Passage, ...]:
     tables = (_models_table(result), _assumption_table(result), _slopes_table(result), _left_out_table(result))
-    return (*(table for table in tables if table.rows), *comparison_sentences(result))
+    return (*(table for table in tables if table.rows), *wording.comparison_sentences(result))
 
 
 def _models_table(comparison: Comparison) -> Table:
@@ -395,7 +376,7 @@ def _(design: Design) -> tuple[Passage, ...]:
     heads = [_HEADS.get(name, name) for name in ("force_N", *design.columns)]
     every = design.table.to_numpy(dtype=object).tolist()
     rows = [[value if isinstance(value, str) else f"{value:.4g}" for value in row] for row in every]
-    return (Table.of("Tests to run", [*heads, "circles"], rows), _expected_table(design), *design_sentences(design))
+    return (Table.of("Tests to run", [*heads, "circles"], rows), _expected_table(design), *wording.design_sentences(design))
 
 
 def _expected_table(design: Design) -> Table:

@@ -89,7 +89,7 @@ def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
     axes.grid(axis="y", visible=False)
     axes.set(xlim=(0.0, 1.0), xlabel="share of the variance (1)", title="Uncertainty budgets; right: standard uncertainty u")
     right_labels(axes, rows, [_size(budget.u, budget.unit) for budget in budgets.values()])
-    figure.legend(loc="lower center", ncols=4)
+    figure.legend(loc="outside lower center", ncols=4)
     return figure
 
 
@@ -247,5 +247,5 @@ def expected_widths(design: Design) -> Figure:
     axes.grid(axis="y", visible=False)
     against = "prior sd" if proper else f"that of {design.compared[0].name}"
     axes.set_xlabel(f"expected u / {against} (1); white: more of the recommended circles would not go below")
-    figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncols=4)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return figure

@@ -12,7 +12,6 @@ from typing import Any, ParamSpec, cast
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -62,58 +61,18 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     @functools.wraps(draw)
     def inner(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(cast("Any", _STYLE)):
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+            if figure.get_layout_engine() is not None:  # once, not with every file
+                figure.draw_without_rendering()
+                figure.set_layout_engine("none")
+            return figure
 
     return inner
 
 
-_PAD_INCH = 0.06
-
-
-class _Panels(Figure):
-    """Keeps panels of one grid clear of one another and of what stands above and below them: placed once, when first drawn. A
-    layout engine would have every file drawn twice."""
-
-    _placed = False
-
-    def draw(self, renderer: Any) -> None:
-        """Give every panel its place, and draw."""
-        every = [(axes, axes.get_subplotspec()) for axes in self.axes if axes.get_visible() and axes.get_in_layout()]
-        if not self._placed and (grid := [(axes, spec) for axes, spec in every if spec is not None]):
-            self._place(grid, RendererAgg(*self.bbox.size, self.dpi))  # type: ignore[no-untyped-call]
-        self._placed = True
-        super().draw(renderer)
-
-    def _place(self, placed: list[tuple[Axes, Any]], renderer: Any) -> None:
-        pad, (width, height) = _PAD_INCH * self.dpi, self.bbox.size
-        around = [own.get_window_extent(renderer) for own in (*self.texts, *self.legends)]
-        top = min([height, *(box.y0 for box in around if box.y0 > height / 2)]) - pad
-        bottom = max([0.0, *(box.y1 for box in around if box.y0 <= height / 2)]) + pad
-        grid = placed[0][1].get_gridspec()
-        margins = np.zeros((4, max(grid.nrows, grid.ncols)))
-        for axes, spec in placed:
-            panel: Any = self.transFigure.transform_bbox(axes.get_position(original=True))
-            whole: Any = axes.get_tightbbox(renderer)
-            beyond = panel.x0 - whole.x0, whole.x1 - panel.x1, whole.y1 - panel.y1, panel.y0 - whole.y0
-            places = (spec.colspan[0],) * 2 + (spec.rowspan[0],) * 2
-            for side, (place, size) in enumerate(zip(places, beyond, strict=True)):
-                margins[side, place] = max(margins[side, place], size + pad)
-        x, wide = _stacked(width, margins[:2, : grid.ncols], grid.get_width_ratios())
-        y, high = _stacked(top - bottom, margins[2:, : grid.nrows], grid.get_height_ratios())
-        for axes, spec in placed:
-            i, j = spec.rowspan[0], spec.colspan[0]
-            axes.set_position((x[j] / width, (top - y[i] - high[i]) / height, wide[j] / width, high[i] / height))
-
-
-def _stacked(room: float, margins: Array, ratios: Any) -> tuple[Array, Array]:
-    """Starts and sizes of panels that stand one after the other in a room, each between its margins."""
-    size = (room - margins.sum()) * np.array(ratios) / sum(ratios)
-    return np.cumsum(margins.sum(axis=0) + size) - size - margins[1], size
-
-
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure [inch] whose parts keep clear of one another."""
-    return _Panels(figsize=(width, height))
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
@@ -187,7 +146,7 @@ def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
     """Put the legend of one panel below all of them."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
-        figure.legend(handles, labels, loc="lower center", ncols=min(len(labels), columns))
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), columns))
 
 
 def save_figure(
