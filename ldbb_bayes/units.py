@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from ldbb_bayes.errors import require
 
 __all__ = [
     "Statement", "display_name", "display_unit", "is_direct", "is_lopsided", "plus_minus", "ranked", "round_like",
-    "round_uncertainty", "state", "stiffness", "typeset", "units_for", "units_of", "value_and_uncertainty",
+    "round_uncertainty", "state", "stiffness", "typeset", "value_and_uncertainty",
 ]  # fmt: skip
 
 T = TypeVar("T")
 # By inside unit: factor and label for reading; of what changes with force per kN, per kN².
-_OF_A_COMPLIANCE = {"mm/N": (1e3, "µm/N"), "rad/N": (1e9, "nrad/N"), "rad/(N mm)": (1e9, "µrad/(N m)")}
+_OF_A_COMPLIANCE = {"mm/N": (1e6, "nm/N"), "rad/N": (1e9, "nrad/N"), "rad/(N mm)": (1e9, "µrad/(N m)")}
 _UNITS: Mapping[str, tuple[float, str]] = {
     **_OF_A_COMPLIANCE,
     **{f"{unit}/N": (factor * 1e3, f"{label} per kN") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
@@ -31,12 +29,11 @@ _UNITS: Mapping[str, tuple[float, str]] = {
     "um": (1.0, "µm"),
     "": (1.0, ""),
 }
-_CHOSEN: ContextVar[Mapping[str, tuple[float, str]]] = ContextVar("units chosen for reading")
-_READABLE, _HARDLY, _ZERO = 0.1, 0.2, 1e-12
+_HARDLY, _ZERO = 0.2, 1e-12
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """Factor and label that turn an inside unit into one for reading: those of `units_for`, else the usual ones.
+    """Factor and label that turn an inside unit into the one for reading, the same everywhere.
 
     Raises
     ------
@@ -44,35 +41,7 @@ def display_unit(unit: str) -> tuple[float, str]:
         For a unit that is not one of ours.
     """
     require(unit in _UNITS, f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.")
-    return _CHOSEN.get({}).get(unit, _UNITS[unit])
-
-
-@contextmanager
-def units_for(sizes: Mapping[str, Collection[float]]) -> Iterator[None]:
-    """Choose one unit for each inside unit by the numbers that will be shown; `display_unit` gives it until the block ends.
-
-    It is the usual one, or one a thousand times smaller where every number would stay below 0.1: 58 nm/N.
-    """
-    chosen = {}
-    for unit, shown in sizes.items():
-        factor, label = _UNITS[unit]
-        if any(shown) and all(abs(size) * factor < _READABLE for size in shown):
-            chosen[unit] = factor * 1e3, {"µ": "n", "n": "p"}[label[0]] + label[1:]
-    token = _CHOSEN.set(chosen)
-    try:
-        yield
-    finally:
-        _CHOSEN.reset(token)
-
-
-@contextmanager
-def units_of(entries: Iterable[Mapping[str, Any]]) -> Iterator[None]:
-    """`units_for` parameters with their ``unit``, ``mean`` and ``sd``: one rule for all that shows a posterior."""
-    sizes: dict[str, list[float]] = {}
-    for entry in entries:
-        sizes.setdefault(entry["unit"], []).extend((entry["mean"], 2.0 * entry["sd"]))
-    with units_for(sizes):
-        yield
+    return _UNITS[unit]
 
 
 def is_direct(name: str) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.fleet.trend import LIMITS, Trend
 from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
 from ldbb_bayes.report.wording import probability_words
-from ldbb_bayes.units import display_name, display_unit, round_uncertainty, units_for
+from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["control_chart"]
 
@@ -37,16 +37,15 @@ def control_chart(trend: Trend) -> Figure:
     figure = new_figure(5.4 * columns if columns > 1 else 8.0, 0.9 + 2.9 * rows)
     grid = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=_SHARES * rows)
     places, width = _places(trend)
-    with units_for(trend.sizes()):
-        for k, name in enumerate(names):
-            row, column = divmod(k, columns)
-            own = trend.estimates[trend.estimates["parameter"] == name]
-            _panel(grid[2 * row, column], trend, name, own, places)
-            _strip(grid[2 * row + 1, column], own, places, width)
-            last = k + columns >= len(names)
-            grid[2 * row + 1, column].tick_params(labelbottom=last)
-            if last:
-                _label_time(grid[2 * row + 1, column], trend, places)
+    for k, name in enumerate(names):
+        row, column = divmod(k, columns)
+        own = trend.estimates[trend.estimates["parameter"] == name]
+        _panel(grid[2 * row, column], trend, name, own, places)
+        _strip(grid[2 * row + 1, column], own, places, width)
+        last = k + columns >= len(names)
+        grid[2 * row + 1, column].tick_params(labelbottom=last)
+        if last:
+            _label_time(grid[2 * row + 1, column], trend, places)
     for axes in grid.ravel():
         axes.set_visible(axes.has_data())
     found = {label: handle for axes in grid.ravel() for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}

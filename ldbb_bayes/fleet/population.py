@@ -48,7 +48,7 @@ from ldbb_bayes.model.gaussian import Gaussian, eliminate, holm, mixture_moments
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, nuisance_words, population_doubts, population_sentences, with_words
 from ldbb_bayes.result import Result, Table, json_text
-from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state, units_for
+from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "digest_of", "pool", "population"]
 
@@ -214,13 +214,6 @@ class Population(Result):
         found = {"schema": 1, "kind": "population", "machines": len(self.machine), **keyed(super().as_dict(), self.ci_prob)}
         return found | {"next": following, "not_belonging": list(self.not_belonging)}
 
-    def sizes(self) -> dict[str, list[float]]:
-        """Sizes of means and machines by inside unit, for `units_for`."""
-        found: dict[str, list[float]] = {}
-        for own in self.parameters.values():
-            found.setdefault(own.unit, []).extend((own.mean.mean, own.next.mean))
-        return found
-
     def machines_table(self) -> pd.DataFrame:
         """One row per machine, inside units."""
         rows: dict[str, dict[str, Any]] = {}
@@ -244,14 +237,13 @@ def _in_words(found: Population) -> dict[str, Any]:
 def _parts(found: Population) -> tuple[Table | str, ...]:
     """A row per parameter with its unit, then what to mind."""
     rows = []
-    with units_for(found.sizes()):
-        for name, own in found.parameters.items():
-            factor, unit = display_unit(own.unit)
-            whole = (plus_minus(one.mean, one.sd, one.interval, own.unit) for one in (own.mean, own.next))
-            mean, following = (text.removesuffix(f" {unit}") for text in whole)
-            common = round_uncertainty(own.instrument_sd * factor)[0] if own.instrument_sd > 0.0 else "–"
-            spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
-            rows.append((display_name(name), unit, mean, common, spread.value, spread.interval, following))
+    for name, own in found.parameters.items():
+        factor, unit = display_unit(own.unit)
+        whole = (plus_minus(one.mean, one.sd, one.interval, own.unit) for one in (own.mean, own.next))
+        mean, following = (text.removesuffix(f" {unit}") for text in whole)
+        common = round_uncertainty(own.instrument_sd * factor)[0] if own.instrument_sd > 0.0 else "–"
+        spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
+        rows.append((display_name(name), unit, mean, common, spread.value, spread.interval, following))
     heads = ("parameter", "unit", "mean", "u of the bar", "spread", f"spread, {100 * found.ci_prob:g} %", "next machine")
     meant = (
         "± U = 2u, or the interval where it is asymmetric. u of the bar: what more machines do not make less. Next machine: one "

@@ -45,7 +45,7 @@ from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantil
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.result import Result, Table
-from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, units_for
+from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty
 
 __all__ = ["LIMITS", "ParameterChange", "Trend", "Visit", "trend"]
 
@@ -215,10 +215,6 @@ class Trend(Result):
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
     limits_probability: float = LIMITS
 
-    def sizes(self) -> dict[str, list[float]]:
-        """Sizes of the estimates by inside unit, for `units_for`."""
-        return {str(unit): own.tolist() for unit, own in self.estimates.groupby("unit", sort=False)["estimate"]}
-
     def as_dict(self) -> dict[str, Any]:
         """The findings for JSON, in inside units; intervals are named by their probability."""
         found: dict[str, Any] = keyed(super().as_dict(), self.assumptions["ci"])
@@ -232,20 +228,19 @@ _UNLIKELY = 5e-4
 @parts_of.register
 def _parts(trend: Trend) -> tuple[Table | str, ...]:
     rows = []
-    with units_for(trend.sizes()):
-        for name, own in trend.parameters.items():
-            factor, label = display_unit(own.unit)
-            likely, now, step = own.probability >= _UNLIKELY, own.level_now, own.change
-            rows.append(
-                (
-                    display_name(name),
-                    plus_minus(now.mean, now.sd, now.interval, own.unit),
-                    f"{round_uncertainty(own.common_sd * factor)[0]} {label}" if own.common_sd > 0.0 else "–",
-                    probability_words(own.probability),
-                    plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
-                    f"{own.percent:+.0f} %".replace("-", "−") if likely and own.percent is not None else "–",
-                )
+    for name, own in trend.parameters.items():
+        factor, label = display_unit(own.unit)
+        likely, now, step = own.probability >= _UNLIKELY, own.level_now, own.change
+        rows.append(
+            (
+                display_name(name),
+                plus_minus(now.mean, now.sd, now.interval, own.unit),
+                f"{round_uncertainty(own.common_sd * factor)[0]} {label}" if own.common_sd > 0.0 else "–",
+                probability_words(own.probability),
+                plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
+                f"{own.percent:+.0f} %".replace("-", "−") if likely and own.percent is not None else "–",
             )
+        )
     heads = ("parameter", "level now", "u, common", "P(changed)", "change, if it did", "of level")
     meant = "± U = 2u. u, common: what the bar adds to all campaigns alike."
     whose = f"{trend.machine}, " if trend.machine else ""

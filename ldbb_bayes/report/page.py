@@ -24,7 +24,7 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find
 from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
 from ldbb_bayes.result import json_text
-from ldbb_bayes.units import display_unit, typeset, units_of
+from ldbb_bayes.units import display_unit, typeset
 
 __all__ = ["REPORT_FILES", "Document", "check_folder", "compose", "html_page", "tables", "write_report"]
 
@@ -201,19 +201,18 @@ def write_report(
     """
     folder = Path(folder)
     check_folder(folder)
-    with units_of(result_json(posterior)["parameters"].values()):
-        apart = tuple(
-            Beside(
-                name,
-                result_json(other, ci_prob=ci_prob),
-                differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob),
-            )
-            for name, other in (beside_it or {}).items()
+    apart = tuple(
+        Beside(
+            name,
+            result_json(other, ci_prob=ci_prob),
+            differences(posterior, other, same_instrument=same_instrument, ci_prob=ci_prob),
         )
-        found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended)
-        document = compose(found, apart, same_instrument=same_instrument, progress=progress)
-        frames = tables(found, apart)
-        record, page = json_text(_record(found, document, frames)), html_page(document)
+        for name, other in (beside_it or {}).items()
+    )
+    found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended)
+    document = compose(found, apart, same_instrument=same_instrument, progress=progress)
+    frames = tables(found, apart)
+    record, page = json_text(_record(found, document, frames)), html_page(document)
     with staged_folder(folder / "tables", force=True, ours=_TABLES) as staging:
         for name, frame in frames.items():
             frame.to_csv(staging / f"{name}.csv")

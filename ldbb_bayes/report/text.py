@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping
-from functools import wraps
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -21,7 +20,6 @@ from ldbb_bayes.units import (
     round_uncertainty,
     state,
     stiffness,
-    units_of,
     value_and_uncertainty,
 )
 
@@ -204,21 +202,9 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     return (*wording.fit_head(result), parameter_table(result), *nuisances, *wording.fit_sentences(result))
 
 
-def _in_its_units(table: Callable[..., Table]) -> Callable[..., Table]:
-    """Units for reading by the numbers of the fit whose JSON a table shows."""
-
-    @wraps(table)
-    def inner(result: Mapping[str, Any], *others: Any) -> Table:
-        with units_of(result["parameters"].values()):
-            return table(result, *others)
-
-    return inner
-
-
 _ODD = 2.5
 
 
-@_in_its_units
 def parameter_table(result: Mapping[str, Any]) -> Table:
     """Return posterior mean ± sd, credible interval and prior sd (where priors have means, mean ± sd) from the JSON of a fit; of
     the circles' scales λ those of odd circles alone."""
@@ -242,7 +228,6 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
     return Table.of("", heads, rows, text=("unit",))
 
 
-@_in_its_units
 def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability]) -> Table:
     """Return value, u, U, interval, unit, stiffness of the direct compliances, and verdict of every parameter."""
     rows = []

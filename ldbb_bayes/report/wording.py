@@ -22,7 +22,6 @@ from ldbb_bayes.units import (
     round_uncertainty,
     stiffness,
     typeset,
-    units_for,
 )
 
 if TYPE_CHECKING:
@@ -786,8 +785,7 @@ def probability_words(probability: float) -> str:
 
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return what a trend says, the most important first; its caveats are apart."""
-    with units_for(trend.sizes()):
-        sentences = [*_change_in_time(trend), *_outside(trend)]
+    sentences = [*_change_in_time(trend), *_outside(trend)]
     again = " To watch for the next one, take the campaigns since as a series of their own." if trend.changed else ""
     sentences.append(f"One lasting step of one parameter is looked for, not several and not a slow drift.{again}")
     return (*sentences, *([_one_bar("changes, not for levels")] if trend.assumptions["one_instrument"] else []))

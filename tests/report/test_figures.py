@@ -119,10 +119,10 @@ def test_comparisons(compared: Comparison) -> None:
         "ln B(linear/constant) (nat, linear within ±5)",
     } <= texts
     figure = figures.compliance_with_local_fits(compared)
-    assert {"C_XXX (µm/N)", "C_CCY (µrad/(N m))", "force (N)"} <= drawn(figure)
+    assert {"C_XXX (nm/N)", "C_CCY (µrad/(N m))", "force (N)"} <= drawn(figure)
     local = compared.local_fits[compared.local_fits["parameter"] == "C_XYX"]
     crosses = [line.get_ydata() for line in figure.axes[1].lines if line.get_label() == "local, least squares"]
-    np.testing.assert_allclose(crosses[0], local["least_squares"] * 1e3)
+    np.testing.assert_allclose(crosses[0], local["least_squares"] * 1e6)
     assert {"E_XX1 (µm/m)", "E_C(0Y)X (µrad)", "E_Yt0 (µm)"} <= drawn(figures.geometry_with_local_fits(compared))
     bare = replace(compared, slopes={}, slope_subsets=(), compliance_against_force={}, tests={}, prior_sensitivity=())
     bare = replace(bare, local_fits=pd.DataFrame())

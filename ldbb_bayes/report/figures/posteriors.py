@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Concatenate, ParamSpec
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -44,7 +43,7 @@ from ldbb_bayes.report.figures.style import (
     save_figure,
     styled,
 )
-from ldbb_bayes.units import display_name, units_of
+from ldbb_bayes.units import display_name
 
 __all__ = [
     "FIGURES", "circularity", "compliance_against_force", "compliance_atlas", "contributions", "corner", "forest",
@@ -52,7 +51,6 @@ __all__ = [
 ]  # fmt: skip
 
 Array = NDArray[Any]
-P = ParamSpec("P")
 # Direct compliances, rotations for moments, scale gains, squareness.
 _CORNER = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
@@ -63,23 +61,10 @@ _SWING = 0.45
 _DASHED = (0, (4, 3))
 
 
-def of_posterior(draw: Callable[Concatenate[xr.DataTree, P], Figure]) -> Callable[Concatenate[xr.DataTree, P], Figure]:
-    """Draw under the common style, in units for reading by the posterior's own numbers."""
-
-    @functools.wraps(draw)
-    def inner(posterior: xr.DataTree, /, *args: P.args, **options: P.kwargs) -> Figure:
-        group = posterior["posterior"]
-        every = (group[name] for name in record_of(posterior)["model"]["groups"])
-        with units_of({"unit": own.attrs["unit"], "mean": float(own.mean()), "sd": float(own.std())} for own in every):
-            return styled(draw)(posterior, *args, **options)
-
-    return inner
-
-
 # ---- parameters
 
 
-@of_posterior
+@styled
 def forest(posterior: xr.DataTree) -> Figure:
     """Every parameter's 50 % and 95 % interval, from its prior mean in units of its prior sd (posterior sd when flat), the prior
     beside."""
@@ -107,7 +92,7 @@ def forest(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-@of_posterior
+@styled
 def compliance_against_force(posterior: xr.DataTree) -> Figure:
     """C(F) of every kept compliance with 50 % and 95 % bands over the tested forces."""
     bound = bound_of(posterior)
@@ -131,7 +116,7 @@ def compliance_against_force(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-@of_posterior
+@styled
 def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure:
     """Pairwise posterior of a few parameters.
 
@@ -173,7 +158,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
 # ---- circles
 
 
-@of_posterior
+@styled
 def traces(posterior: xr.DataTree) -> Figure:
     """Polar traces of all tests, plane by plane: readings, prediction (machine and shared nuisances) and the 95 % band for a new
     circle."""
@@ -225,7 +210,7 @@ def _round_step(size: float) -> float:
     return float(power * min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(m * power - size)))
 
 
-@of_posterior
+@styled
 def residuals(posterior: xr.DataTree) -> Figure:
     """Reading minus prediction (machine and shared nuisances) against angle."""
     bound = bound_of(posterior)
@@ -254,7 +239,7 @@ _PANELS: tuple[tuple[dict[str, str], str], ...] = (
 )
 
 
-@of_posterior
+@styled
 def circularity(posterior: xr.DataTree) -> Figure:
     """G, F_max and F_min, squareness and scale mismatch of the machine's path against force with 95 % bands; crosses: of the
     readings themselves, balls and bar included."""
@@ -283,7 +268,7 @@ def circularity(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-@of_posterior
+@styled
 def contributions(posterior: xr.DataTree) -> Figure:
     """Compliance, geometry and both against angle at every force, with 95 % bands; offsets of the tool ball left out (Fig. 8)."""
     bound = bound_of(posterior)
@@ -308,7 +293,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-@of_posterior
+@styled
 def parameter_contributions(posterior: xr.DataTree) -> Figure:
     """Every compliance (with its slope) and every geometric error at the highest force, with 95 % bands (Figs. 9 and 10)."""
     bound = bound_of(posterior)

@@ -89,7 +89,7 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
 
 
 def mean_and_sd(mean: float, sd: float, unit: str) -> str:
-    """0.0548 ± 0.0034 µm/N."""
+    """54.8 ± 3.4 nm/N."""
     factor, label = display_unit(unit)
     value, u = value_and_uncertainty(mean * factor, sd * factor)
     return f"{value.replace('-', '−')} ± {u} {label}"
