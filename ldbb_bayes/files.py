@@ -62,10 +62,7 @@ def write_whole(target: Path, content: bytes) -> None:
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with _writing(target):
         try:
-            with staging.open("xb") as file:
-                file.write(content)
-                file.flush()
-                _to_disk(file.fileno())
+            staging.write_bytes(content)
             os.replace(staging, target)
         finally:
             staging.unlink(missing_ok=True)
@@ -121,7 +118,6 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
         with _writing(target):
             yield staging
             staging.chmod(0o755)
-            _sync(staging)
             _take_place(staging, target, force=force)
     except InputError as error:
         raise InputError(str(error).replace(str(staging), str(target))) from None
@@ -148,28 +144,6 @@ def _take_place(staging: Path, target: Path, *, force: bool) -> None:
         with suppress(FileNotFoundError):
             os.rename(target, retired)
     shutil.rmtree(retired, ignore_errors=True)
-
-
-def _sync(folder: Path) -> None:
-    """Have everything on the disk before the name changes."""
-    for path in [*folder.rglob("*"), folder]:
-        try:
-            handle = os.open(path, os.O_RDONLY)
-        except OSError:
-            continue
-        try:
-            _to_disk(handle)
-        finally:
-            os.close(handle)
-
-
-def _to_disk(handle: int) -> None:
-    """Where the system can; some mounts cannot, and say so by EINVAL and the like."""
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
-            raise
 
 
 # Keys of more parts cost time that grows with the square of their number; none of our files has more than three.

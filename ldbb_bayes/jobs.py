@@ -72,14 +72,8 @@ def done(function: Callable[[T], R], jobs: Iterable[T], executor: Executor | Non
     A job whose worker dies (killed, out of memory) is tried once more when all others are done, with no other job at work; then
     it is `Lost`. Threads of one process take turns: processes are faster.
 
-    Parameters
-    ----------
-    function : callable
-        Job → result. On other processes it is imported, and jobs and results are pickled.
-    jobs : iterable
-        Read as far as needed.
-    executor : concurrent.futures.Executor, optional
-        Default: here, one after the other.
+    On other processes the function is imported, and jobs, read as far as needed, and results are pickled. Without an executor
+    they run here, one after the other.
 
     Raises
     ------
@@ -274,14 +268,8 @@ def dask_setup(_: Any) -> None:
 
 @contextmanager
 def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Executor]:
-    """Yield workers of Dask, one process and one BLAS thread each.
-
-    Parameters
-    ----------
-    scheduler : str, optional
-        Address, for example tcp://10.0.0.1:8786. Default: a cluster on this machine that ends with the context.
-    workers : int
-        Of the cluster on this machine; 0: one per core.
+    """Yield workers of Dask, one process and one BLAS thread each: of the scheduler at an address (tcp://10.0.0.1:8786), or of a
+    cluster on this machine, by default one per core, that ends with the context.
 
     Raises
     ------
@@ -304,9 +292,11 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
         if scheduler is None:
             stack.enter_context(dask.config.set(_DASK))
             place = stack.enter_context(_cluster(workers))
-        else:
-            _check_answers(scheduler)
-        client = stack.enter_context(distributed.Client(place, timeout=ANSWER_S, set_as_default=False))
+        try:
+            client = stack.enter_context(distributed.Client(place, timeout=ANSWER_S, set_as_default=False))
+        except Exception as error:  # noqa: BLE001  # of whatever kind: what is there may speak anything
+            got = f"got {scheduler!r} ({error}). Copy it from what dask scheduler says when it starts"
+            raise InputError(f"--scheduler must be the address of a Dask scheduler that is at work, {got}.") from None
         if scheduler is not None:
             _check_workers(client, scheduler)
         yield _OnDask(client)
@@ -358,27 +348,6 @@ def _cluster(workers: int) -> Iterator[Any]:
             cluster.close(timeout=ANSWER_S)
 
 
-def _check_answers(scheduler: str) -> None:
-    """Whether a scheduler is there: a client that finds none takes as long again to give up, and says so on the way."""
-    import asyncio
-
-    from distributed import Security, rpc
-
-    async def kind() -> str:
-        async with rpc(scheduler, connection_args=Security().get_connection_args("client")) as there:
-            return str((await there.identity())["type"])
-
-    try:
-        got = asyncio.run(asyncio.wait_for(kind(), ANSWER_S))
-    except Exception as error:  # noqa: BLE001  # of whatever kind: what is there may speak anything
-        got = str(error) or f"no answer in {ANSWER_S:g} s"
-    require(
-        got == "Scheduler",
-        f"--scheduler must be the address of a Dask scheduler that is at work, got {scheduler!r} ({got}). "
-        "Copy it from what dask scheduler says when it starts, for example tcp://10.0.0.1:8786.",
-    )
-
-
 def _check_workers(client: Any, scheduler: str) -> None:
     """Those there must give the numbers that are given here: others fail at every job, or mix versions in one table."""
     answers = client.run(partial(versions, python=True), on_error="return")
@@ -402,21 +371,7 @@ def versions(*, python: bool = False) -> dict[str, str]:
 
 @contextmanager
 def executor_named(kind: str, workers: int = 0, scheduler: str | None = None) -> Iterator[Executor | None]:
-    """Yield what the options of commands ask for; None where there is one process only, and jobs are run here.
-
-    Parameters
-    ----------
-    kind : {"process", "dask"}
-    workers : int
-        Processes; 0: one per core.
-    scheduler : str, optional
-        Address of a Dask scheduler.
-
-    Raises
-    ------
-    InputError
-        For an unknown kind, options that exclude one another, or a scheduler that does not answer.
-    """
+    """Yield what the options of commands ask for; None where there is one process only, and jobs are run here."""
     check_known("--executor", [kind], EXECUTORS)
     require(workers >= 0, f"--workers must be 0 or more, got {workers}. 0 is one per core.")
     if scheduler is not None:

@@ -123,23 +123,8 @@ class ByClass(Generic[T]):
 
 
 def read_result(path: Path, what: str, command: str, read: Callable[[dict[str, Any]], T]) -> T:
-    """Return what a command wrote into a folder, or into the file itself.
-
-    Parameters
-    ----------
-    path : Path
-    what : str
-        Stem of the file, and what it holds: ``comparison``.
-    command : str
-        That writes it: ``compare``.
-    read : callable
-        Takes the JSON to the result.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, damaged, or not one of ours.
-    """
+    """Return what ``command`` wrote into a folder, as the file ``what``.json, or into the file itself; ``read`` takes its JSON to
+    the result. A file that is missing, damaged, or not one of ours is refused."""
     source = path / f"{what}.json" if path.is_dir() else path
     cure = f"got {path}. Give the --out folder of a {command}."
     require(source.is_file(), f"{what} must be a folder with {what}.json or such a file, {cure}")
@@ -168,21 +153,13 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 class Table:
     """A table as it is read, and as it is filed.
 
-    Attributes
-    ----------
-    caption : str
-    heads : tuple of str
-        Names of the columns with their units: ``force (N)``.
-    numeric : tuple of bool
-        Columns that stand flush right.
-    rows : tuple of tuple
-        Cells; the first names the row. A number is shown with four digits, None as a dash, all else as it is.
+    Columns that are ``numeric`` stand flush right. A number is shown with four digits, None as a dash, all else as it is.
     """
 
     caption: str
-    heads: tuple[str, ...]
+    heads: tuple[str, ...]  # of the columns, with their units: force (N)
     numeric: tuple[bool, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    rows: tuple[tuple[Any, ...], ...]  # the first cell names the row
 
     @classmethod
     def of(cls, caption: str, heads: Sequence[str], rows: Sequence[Sequence[Any]], *, text: Collection[str] = ()) -> Self:

@@ -34,7 +34,7 @@ def version_of(folder: Path) -> int:
     return version
 
 
-@pytest.mark.parametrize("call", ["mkdir", "rename", "chmod", "fsync"])
+@pytest.mark.parametrize("call", ["mkdir", "rename", "chmod"])
 def test_stopped_at_any_moment_the_old_result_or_the_new_one_stands(
     call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,22 +131,3 @@ def test_a_link_to_itself_is_refused(tmp_path: Path) -> None:
     loop.symlink_to(loop)
     with pytest.raises(lb.InputError, match="leads nowhere"), staged_folder(loop, force=True):
         pass
-
-
-@pytest.mark.parametrize(("code", "kept"), [(22, b"new"), (28, b"before")])
-def test_a_mount_that_cannot_sync_is_no_error_and_a_full_one_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, kept: bytes
-) -> None:
-    (tmp_path / "p").write_bytes(b"before")
-
-    def refused(_: int) -> None:
-        raise OSError(code, os.strerror(code))
-
-    monkeypatch.setattr(os, "fsync", refused)
-    if code == 28:
-        with pytest.raises(lb.InputError, match="p must be writable, got: No space left on device"):
-            write_whole(tmp_path / "p", b"new")
-    else:
-        write_whole(tmp_path / "p", b"new")
-    assert (tmp_path / "p").read_bytes() == kept
-    assert [own.name for own in tmp_path.iterdir()] == ["p"]

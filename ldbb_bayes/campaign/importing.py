@@ -389,20 +389,11 @@ _Given = Annotated[Layout, PlainSerializer(lambda own: own.model_dump(by_alias=T
 
 @dataclass(frozen=True, eq=False)
 class Imported(Result):
-    """A campaign from files, with everything that was assumed.
-
-    Attributes
-    ----------
-    campaign : Campaign
-        In JSON its name and numbers of tests and readings.
-    layout : Layout
-        With what was found out filled in: reading the same files with it guesses nothing of them.
-    assumptions : tuple of Assumption
-    """
+    """A campaign from files, with everything that was assumed."""
 
     schema: int = field(default=1, init=False)
-    campaign: _Summary
-    layout: _Given
+    campaign: _Summary  # in JSON its name and numbers of tests and readings
+    layout: _Given  # with what was found out filled in: reading the same files with it guesses nothing of them
     assumptions: tuple[Assumption, ...]
 
 

@@ -97,36 +97,16 @@ _Column = str | int | list[str | int]
 
 
 class Layout(BaseModel, extra="forbid", allow_inf_nan=False):
-    """How tables are read. None: found out from each file, and said.
-
-    Attributes
-    ----------
-    encoding, separator, decimal, sheets, header_line
-        Of the files; a header line of 0 says there is none, columns then go by number from 1.
-    columns : dict of role to column
-        Header as the file has it, or its number from 1; of the reading also a list of them, each a test.
-    forces_N, pressures_bar : list of float
-        Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
-    reading_unit, angle_unit, time_unit, force_unit, pressure_unit
-    zero : {"deviation", "distance"}
-        Whether readings are deviations from the nominal radius, or distances of the balls.
-    sign, angle_sign : {1, -1}
-        −1 where the instrument counts a longer bar as negative; where the file counts clockwise.
-    angle_offset_deg : float
-        Angle of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg).
-    start_deg, overshoot_deg, feed_mm_per_min, direction
-        Of a log over time: angle where the circle begins, run-in before it, feed along the circle.
-    laps : {"keep", "average"}
-        Of a recording longer than a turn.
-    """
+    """How tables are read. None: found out from each file, and said."""
 
     schema_: Literal[1] = Field(default=1, alias="schema")
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
     separator: Annotated[str, AfterValidator(_sign)] | None = None
     decimal: Literal[".", ","] | None = None
-    header_line: int | None = Field(default=None, ge=0)
+    header_line: int | None = Field(default=None, ge=0)  # 0: there is none, columns then go by number from 1
     sheets: list[str] = Field(default_factory=list)
-    columns: dict[str, _Column] = Field(default_factory=dict)
+    columns: dict[str, _Column] = Field(default_factory=dict)  # by role: header or number; several of the reading, each a test
+    # Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
     forces_N: list[Number] = Field(default_factory=list)
     pressures_bar: list[Number] = Field(default_factory=list)
     reading_unit: str | None = None
@@ -134,15 +114,15 @@ class Layout(BaseModel, extra="forbid", allow_inf_nan=False):
     time_unit: str | None = None
     force_unit: str | None = None
     pressure_unit: str | None = None
-    zero: Literal["deviation", "distance"] | None = None
-    sign: Literal[1, -1] = 1
-    angle_sign: Literal[1, -1] = 1
-    angle_offset_deg: float = 0.0
-    start_deg: float | None = None
-    overshoot_deg: float | None = Field(default=None, ge=0.0)
-    feed_mm_per_min: float | None = Field(default=None, gt=0.0)
+    zero: Literal["deviation", "distance"] | None = None  # readings are deviations from the radius, or distances of the balls
+    sign: Literal[1, -1] = 1  # −1 where the instrument counts a longer bar as negative
+    angle_sign: Literal[1, -1] = 1  # −1 where the file counts clockwise
+    angle_offset_deg: float = 0.0  # of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
+    start_deg: float | None = None  # of a log over time: where the circle begins
+    overshoot_deg: float | None = Field(default=None, ge=0.0)  # likewise: run-in before it
+    feed_mm_per_min: float | None = Field(default=None, gt=0.0)  # likewise: along the circle
     direction: Literal["CW", "CCW"] | None = None
-    laps: Literal["keep", "average"] | None = None
+    laps: Literal["keep", "average"] | None = None  # of a recording longer than a turn
     test: list[TestLayout] = Field(default_factory=list)
 
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
@@ -198,13 +178,7 @@ def layout_to_toml(layout: Layout) -> str:
 
 
 def read_layout(path: Path) -> Layout:
-    """A layout from TOML.
-
-    Raises
-    ------
-    InputError
-        For a file that is missing, too large or no TOML, and for unknown keys, columns and values; it names the place.
-    """
+    """A layout from TOML; what does not fit is refused with its place."""
     layout = validated(Layout, read_toml(path), str(path))
     check_known(f"{path}: columns key", layout.columns, ROLES)
     return layout

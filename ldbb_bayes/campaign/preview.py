@@ -69,25 +69,7 @@ class _Remarks(list[Remark]):
 
 @dataclass(frozen=True)
 class TestPreview:
-    """One test at a glance; None where it cannot be told.
-
-    Attributes
-    ----------
-    arc_deg, largest_gap_deg : float
-        Covered arc; widest distance between neighbouring angles.
-    direction, travel : str or None
-        As stated; as the order of the angles shows it.
-    resolution_um : float or None
-        Step by which all readings differ, where enough of them repeat to see one [µm].
-    spikes : int
-        Readings more than eight times the scatter off a resistant Fourier fit to order 12.
-    noise_um : float or None
-        Scatter left by a Fourier fit to order 12 without the spikes [µm], of 35 to 200 000 readings.
-    start_end_um : float or None
-        Last reading minus first, where the circle closes [µm].
-    peak_to_peak_um : float or None
-    remarks : tuple of Remark
-    """
+    """One test at a glance; None where it cannot be told."""
 
     __test__ = False
 
@@ -95,20 +77,20 @@ class TestPreview:
     force_N: float
     pressure_bar: float
     readings: int
-    arc_deg: float
-    largest_gap_deg: float
-    direction: str | None
-    travel: str | None
+    arc_deg: float  # covered
+    largest_gap_deg: float  # widest distance between neighbouring angles
+    direction: str | None  # as stated
+    travel: str | None  # as the order of the angles shows it
     plane: str
     setup: int
     radius_mm: float
     centre_mm: tuple[float, float, float]
     work_ball_deg: float
     tool_ball_deg: float
-    resolution_um: float | None
-    spikes: int
-    noise_um: float | None
-    start_end_um: float | None
+    resolution_um: float | None  # step by which all readings differ, where enough of them repeat to see one
+    spikes: int  # readings more than eight times the scatter off a resistant Fourier fit to order 12
+    noise_um: float | None  # scatter left by a Fourier fit to order 12 without the spikes, of 35 to 200 000 readings
+    start_end_um: float | None  # last reading minus first, where the circle closes
     peak_to_peak_um: float | None
     remarks: tuple[Remark, ...]
 

@@ -28,33 +28,18 @@ _ANGLES, _PARALLEL, _TINY, _TINY_WEIGHT, _NEW = 64, 1e-10, 1e-10, 1e-7, 1e-8
 class Kept:
     """What remains of the wrench Jacobian.
 
-    Attributes
-    ----------
-    names : tuple of ComplianceName
-        One representative per proportional set, in the order of Table 1.
-    sets, weights : tuple of tuples of str and float
-        The proportional sets (Table 2), representative first, whose weighted sums the kept parameters are; the pattern of each
-        member in units of the representative's [mm or mm² per rotation that it has more].
-    absorbed : tuple of mappings of ComplianceName to float
-        What each kept parameter stands for beside its set: compliances of the dropped sets, with their weights.
-    not_negative : tuple of bool
-        Whether it cannot be negative: as a deflection under the load itself, whatever the joints' (positive semi-definite)
-        compliance matrices are.
-    null, dependent : tuple of str
-        Compliances that never change a reading; heads of sets that are combinations of several others.
-    rank, condition_number : int, float
-        Of the full Jacobian, and of the kept columns: unit force, full uniform circle, unscaled (mm, N).
+    The weights of a set are the pattern of each member in units of the representative's [mm or mm² per rotation more].
     """
 
-    names: tuple[ComplianceName, ...]
-    sets: tuple[tuple[str, ...], ...]
+    names: tuple[ComplianceName, ...]  # one representative per proportional set, in the order of Table 1
+    sets: tuple[tuple[str, ...], ...]  # proportional sets (Table 2), whose weighted sums the kept ones are, representative first
     weights: tuple[tuple[float, ...], ...]
-    absorbed: tuple[Mapping[ComplianceName, float], ...]
-    not_negative: tuple[bool, ...]
-    null: tuple[str, ...]
-    dependent: tuple[str, ...]
-    rank: int
-    condition_number: float
+    absorbed: tuple[Mapping[ComplianceName, float], ...]  # what each stands for beside its set: of the dropped sets, with weights
+    not_negative: tuple[bool, ...]  # a deflection under the load itself, whatever the joints' (semi-definite) matrices are
+    null: tuple[str, ...]  # never change a reading
+    dependent: tuple[str, ...]  # heads of sets that are combinations of several others
+    rank: int  # of the full Jacobian: unit force, full uniform circle, unscaled (mm, N)
+    condition_number: float  # of the kept columns
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
