@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +18,8 @@ import study
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.machine.chain import Circle, Machine
+from ldbb_bayes.machine.forward import exact_reading_mm
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "studies"
@@ -162,16 +165,6 @@ def test_tables_5_to_8(recovered: Campaign) -> None:
     assert max(found) <= 1.05
 
 
-def test_equation_34_as_published(recovered: Campaign) -> None:
-    """1.1 µm with constant and 0.9 µm with linear compliance, predicted by plain matrix algebra on the readings."""
-    for degree, published in ((0, "1.1"), (1, "0.9")):
-        bound = lb.HybridModel.paper(degree).bind(recovered)
-        squares = 0.0
-        for r, test in enumerate(bound.reduced):
-            squares += np.sum((test.projection - test.factor @ bound.interest[r] @ bound.centre) ** 2) + test.residual_ss
-        assert f"{np.sqrt(squares / recovered.readings) * 1e3:.1f}" == published
-
-
 def test_the_script_makes_the_campaign_that_is_shipped(recovered: Campaign) -> None:
     """From the printed tables alone, whose printing error stands as printed."""
     made = module_of("02_recovered_experiment", "make_campaign").make_campaign()
@@ -208,6 +201,23 @@ def test_a_broken_evidence_would_be_seen() -> None:
     outcome = (rng.random(400) < 1.0 / (1.0 + np.exp(-log_odds))).astype(float)
     honest, sure = (reliability(1.0 / (1.0 + np.exp(-factor * log_odds)), outcome) for factor in (1.0, 4.0))
     assert abs(honest["spiegelhalter_z"]) < 3.0 < abs(sure["spiegelhalter_z"])
+
+
+def test_machines_as_they_are_in_the_limits() -> None:
+    """Rigid: the exact forward model; linear springs: Eq. 20, but for deflection over radius; a lobe: its order alone."""
+    sys.modules.pop("machines", None)
+    machines, angle = module_of("12_real_machines", "machines"), np.deg2rad(np.arange(0.0, 360.0, 2.5))
+    drawn = machines.draw_machine(machines.FAMILIES["mild"], np.random.default_rng(3))
+    for springs, errors in ((0.0, drawn.geometry), (1e-3, {}), (1.0, {})):
+        compliance = {name: springs * value for name, value in drawn.compliance.items()}
+        made = replace(drawn, compliance=compliance, slope=dict.fromkeys(compliance, 0.0), geometry=errors)
+        trace = machines.trace_mm(made, 742.0, angle)
+        exact = exact_reading_mm(Machine(), Circle(), angle, force_N=742.0, compliances=compliance, geometric_errors=errors)
+        assert np.abs(trace - exact).max() <= 1e-12 + 1e-4 * springs * np.abs(exact).max()
+    lobed = machines.ball(np.random.default_rng(1), 2.0, 5.0, True)
+    (order,) = np.flatnonzero(lobed) + 2
+    assert 2 <= order <= 5
+    assert np.abs(lobed).sum() == pytest.approx(2.5e-3, rel=1e-4)
 
 
 def test_pages_of_the_handbook_quote_the_studies() -> None:
