@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import signal
@@ -11,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from itertools import count
 from multiprocessing import get_context
@@ -24,7 +23,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.jobs import Lost, _OnDask, dask_executor, done, executor_named, one_blas_thread, process_executor
+from ldbb_bayes.jobs import Lost, dask_executor, done, executor_named, one_blas_thread, process_executor
 
 
 class Late(Executor):
@@ -204,55 +203,6 @@ def test_a_job_blamed_by_dask_is_tried_once_more_when_all_others_are_done() -> N
     assert tried == [3, 2, 1, 0, *range(4, 12), 3]
     assert results[-1] == (3, Lost())
     assert sorted(results[:-1]) == [(k, k * k) for k in range(12) if k != 3]
-
-
-class Forgetful:
-    """A client of Dask whose every result is lost with its worker right after it was fetched."""
-
-    def __init__(self, outcome: Any, status: str) -> None:
-        self.outcome, self.status, self.loop, self.gave_up = outcome, status, self, False
-
-    def submit(self, call: Callable[[], Any], *, pure: bool) -> Forgetful:
-        assert call() == 9
-        assert not pure
-        return self
-
-    def add_callback(self, fetch: Callable[..., Any], *arguments: Any) -> None:
-        self.fetch = partial(fetch, *arguments)
-
-    async def gather(self, _: Forgetful, *, asynchronous: bool) -> Any:
-        assert asynchronous
-        if isinstance(self.outcome, BaseException):
-            raise self.outcome
-        return self.outcome
-
-    def cancelled(self) -> bool:
-        return self.status == "cancelled"
-
-    def cancel(self) -> None:
-        self.gave_up = True
-
-
-def test_what_dask_gives() -> None:
-    """Also what is lost again once it is here; an error is the job's own or means that the cluster has ended."""
-
-    def asked(outcome: Any, status: str) -> Future[Any]:
-        client = Forgetful(outcome, status)
-        future = _OnDask(client).submit(square, 3)
-        asyncio.run(client.fetch())
-        assert not client.gave_up
-        return future
-
-    assert asked((1, 2), "lost").result(0) == (1, 2)
-    assert isinstance(asked(OSError("its own"), "error").exception(0), OSError)
-    assert isinstance(asked(OSError("no scheduler"), "pending").exception(0), BrokenExecutor)
-    assert asked(CancelledError(), "cancelled").cancelled()
-    client = Forgetful(9, "pending")
-    future = _OnDask(client).submit(square, 3)
-    assert future.cancel()
-    assert client.gave_up
-    asyncio.run(client.fetch())
-    assert future.cancelled()
 
 
 def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:

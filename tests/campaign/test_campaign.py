@@ -39,15 +39,10 @@ def test_units_at_the_edge() -> None:
         ({"reading_um": np.where(ANGLE == 30.0, np.nan, READING)}, "finite reading_um, got nan at reading 4"),
         ({"angle_deg": ANGLE / 4}, "arc of at least 180°"),
         ({"force_N": 0.0}, "force_N must be greater than 0, got 0.0. Correct it"),
-        ({"force_N": float("nan")}, "force_N must be a finite number, got nan"),
         ({"force_N": None}, "force or a pressure, got neither"),
         ({"direction": "cw"}, "direction must be 'CW' or 'CCW', got 'cw'"),
-        ({"radius_mm": -150.0}, "radius_mm must be greater than 0, got -150"),
         ({"name": "../escaped"}, "name must be valid, got '../escaped': it names a file"),
-        ({"pressure_bar": -3.0}, "pressure_bar must be greater than or equal to 0, got -3.0"),
         ({"reading_um": READING * 1e6}, "readings below 100 mm, got 1000 mm. Check the unit"),
-        ({"force_N": 1e7}, "less than or equal to 1000000"),
-        ({"centre_x_mm": 1e9}, "centre_x_mm must be less than"),
         ({"angle_deg": ANGLE[:, None]}, r"shape \(n,\)"),
     ],
 )
@@ -85,8 +80,6 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
         ((make(),), {"plane": "XZ"}, "plane must be one of"),
         ((make(), make(plane="YZ")), {"topology": "wFYXt"}, "topology must hold the axes of plane YZ, got 'wFYXt' without Z"),
         ((make(),), {"frames_mm": {"W": (0.0, 0.0, 0.0)}}, "frames_mm must name linear axes"),
-        ((make(),), {"frames_mm": {"X": (0.0, 0.0)}}, "three finite numbers"),
-        ((make(),), {"resolution_um": 0.0}, "resolution_um must be greater than 0, got 0.0"),
     ],
 )
 def test_campaign_refused(tests: tuple, options: dict, message: str) -> None:
@@ -187,9 +180,7 @@ def test_certificates_go_where_the_campaign_goes() -> None:
         (lb.Ball, {"grade": "G20", "sphericity_um": 0.5}, "got both"),
         (lb.Ball, {"harmonics_um": [(2, 0.2, 35.0)]}, "harmonics_um alone"),
         (lb.Ball, ROUND | {"harmonics_um": [(2, 0.2, 35.0), (2, 0.1, 0.0)]}, r"each order once, got \[2, 2\]"),
-        (lb.Ball, ROUND | {"harmonics_um": [(13, 0.2, 35.0)]}, "less than or equal to 12"),
         (lb.Instrument, {"bar_length_error_um": 1.0}, "must come with its U_um"),
-        (lb.Instrument, {"angle_U_deg": float("inf")}, "angle_U_deg must be a finite number"),
     ],
 )
 def test_certificates_that_cannot_be_are_refused(kind: type, stated: dict[str, Any], message: str) -> None:

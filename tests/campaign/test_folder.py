@@ -109,8 +109,6 @@ def test_radians_millimetres_bom_crlf_semicolons_and_decimal_commas(tmp_path: Pa
         ("radius_mm", "radius_um", "got 'radius_um'. Did you mean 'radius_mm'"),
         ("force_N = 36.0", "force = 36.0", r"keys in \[test 1\] must be among .*got 'force'. Did you mean 'force_N'"),
         ("force_N = 36.0", "force_N = '36'", r"'force_N' in \[test 1\] must be valid, got '36'"),
-        ("force_N = 36.0", "force_N = -36.0", r"'force_N' in \[test 1\] must be greater than 0, got -36.0"),
-        ("force_N = 36.0", "force_N = nan", r"'force_N' in .test 1. must be a finite number, got nan"),
         ("force_N = 36.0\n", "", "force or a pressure, got neither"),
         ('plane = "XY"', 'plane = "XZ"', "plane must be one of XY, YZ, ZX, got 'XZ'"),
         ('file = "b.csv"', 'file = "a.csv"', "test names must differ, got 'a' twice"),
@@ -120,12 +118,8 @@ def test_radians_millimetres_bom_crlf_semicolons_and_decimal_commas(tmp_path: Pa
         ("force_N = 36.0", "force_N = 36.0\nreadings = 99", "readings must stand in planned tests only"),
         ('[[test]]\nfile = "a.csv"', "[[test\nfile", "must be valid TOML"),
         ("force_N = 36.0", "force_N = 36.0\n[mount]\ndeflection = 1.0", r"Did you mean 'deflection_um_per_bar'"),
-        ("schema = 1", "schema = 1\nmount = {stiffness_N_per_um = 9, deflection_um_per_bar = 2}", "mount. must have .* got both"),
         ("schema = 1", "schema = 1\nballs.wrk.grade = 'G20'", r"keys in \[balls\] must be among work, tool, .* mean 'work'"),
-        ("schema = 1", "schema = 1\nballs.work.grade = 'G21'", r"toml, \[balls work\]: grade of a ball .*Did you mean 'G20'"),
-        ("schema = 1", "schema = 1\nforce.linearity_percent = 0", r"'linearity_percent' in \[force\] must be greater than 0"),
         ("schema = 1", "schema = 1\nbar.length_error_um = 2", "toml: the bar's length error must come with its U_um"),
-        ("schema = 1", "schema = 1\nangle = 3", "'angle' must be a table, got 3"),
     ],
 )
 def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -148,7 +142,6 @@ def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
         (CSV.replace("40,", "forty,"), "b.csv, line 4: angle_deg must be a finite number, got 'forty'"),
         (CSV.replace("\n60,", "\n60,nan\n61,"), "b.csv, line 5: reading_um must be a finite number, got 'nan'"),
         (CSV.replace("\n60,", "\n60,\n61,"), "b.csv, line 5: reading_um must be a finite number, got nothing. Correct or remove"),
-        (CSV.replace("\n60,", "\n60,1,2\n61,"), "b.csv, line 5: rows must have 2 cells, got 3"),
         (
             "angle_deg,reading_um\n" + "\n".join(f"{a},0,{a},5" for a in range(0, 360, 20)),
             "with decimal commas separate the cells by semicolons",
@@ -157,10 +150,8 @@ def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
             "angle_deg;reading_um\n" + "\n".join(f"{a};1,000" if a == 20 else f"{a};{a / 7:.3f}" for a in range(0, 360, 20)),
             r"b\.csv, line 3: reading_um must be a finite number, got '1,000'",
         ),
-        ("\n".join(CSV.splitlines()[:8]), "at least 9 readings, got 7"),
         ("angle_deg,reading_um\n" + "\n".join(f"{a / 10},1" for a in range(20)), "angle_deg must span more than 7°"),
         ("angle_rad,reading_um\n" + "\n".join(f"{a},1" for a in range(0, 360, 5)), "angle_rad must span at most 4 turns"),
-        ("angle_deg,reading_um\n" + "\n".join(f"{a},1" for a in range(100)), "arc of at least 180°"),
     ],
 )
 def test_csv_refused(tmp_path: Path, csv: str, message: str) -> None:

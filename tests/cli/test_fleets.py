@@ -73,18 +73,6 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
     assert sorted(path.name for path in out.iterdir()) == ["batch.sqlite", "campaigns.parquet", "campaigns.txt"]
 
 
-def test_a_finished_batch_is_resumed_only_as_it_was(rows: Path, anew: Any) -> None:
-    listed = rows.parent / "list.txt"
-    code, stdout, _ = anew(listed, "--resume", out=rows)
-    assert (code, "Nothing was left to do." in stdout) == (0, True)
-    for options, message in (
-        (("--resume", "--seed", 4), "must be of this batch, got seed 1 where this run has 4"),
-        ((), "must not hold a batch, got a finished one"),
-    ):
-        code, stdout, stderr = anew(listed, *options, out=rows)
-        assert (code, stdout, message in stderr) == (2, "", True)
-
-
 def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     given = (rows.parent / "all" / "c0", rows.parent / "all" / "c1", f"{rows.parent}/all/c1/../c0", rows.parent / "c9")
     code, stdout, stderr = invoke("batch", *given, "--out", tmp_path / "b", "--workers", 2, "--json", *MODEL)
@@ -131,18 +119,9 @@ def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypa
     [
         ("batch SHOP --executor x", "--executor must be one of process, dask, got 'x'"),
         ("batch SHOP --scheduler tcp://x", "--scheduler must"),
-        ("batch SHOP --retry", "retry must come with resume"),
-        ("batch SHOP --preset x", "preset must be one of default, first, paper"),
         (f"batch SHOP --seed {2**63}", "--seed must be a whole number ≥ 0"),
-        ("batch SHOP --radius-mm 0", "--radius-mm must be above zero"),
         ("population ROWS --parameters C_XX", "Did you mean 'C_XYX'?"),
-        ("population ROWS --parameters ,", "parameters must be given once each, got none"),
-        ("population ROWS --spread-scale 0", "spread_scale must be a finite number above zero, got 0"),
-        ("population ROWS --exclude M9", "must be a campaign or machine of the batch, got 'M9'"),
-        ("population ROWS --since yesterday", "since must be a date or time in ISO 8601"),
         ("population ROWS --reference-force nan", "--reference-force must be a finite number"),
-        ("trend ROWS --machine M7", "machine must be one of"),
-        ("trend ROWS --machine M5 --parameters force_gain", "got 'force_gain'"),
     ],
 )
 def test_what_is_refused(arguments: str, message: str, rows: Path, tmp_path: Path, invoke: Invoke) -> None:

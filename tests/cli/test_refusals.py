@@ -6,7 +6,6 @@ Which files of a campaign are refused, and how, is held by tests/campaign; here 
 from __future__ import annotations
 
 import shutil
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -17,8 +16,6 @@ import ldbb_bayes as lb
 # File, what stands in it, what is put in its place, and the message.
 SPOILED = [
     ("f300.csv", "angle_deg,reading_um", "angle_deg,readng_um", "line 1: columns must be among"),
-    ("campaign.toml", "radius_mm", "radus_mm", "Did you mean 'radius_mm'"),
-    ("campaign.toml", "wCAFYXZSt", "machine", "topology must read w…F…t"),
 ]
 
 
@@ -61,63 +58,43 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
     "simulate": [("PLAN", "--out must be given, got nothing. See ldbb-bayes simulate --help.")],
     "fit": [
         ("CAMPAIGN --without balls", "Did you mean 'ball-form'"),
-        ("CAMPAIGN --sampler quadrature", "must be one of joint, independent, got 'quadrature'"),
         ("CAMPAIGN --model none.toml", "readable TOML file"),
         ("CAMPAIGN --radius-mm 100", "--radius-mm must come with a tidy CSV"),
         ("CAMPAIGN --work-ball 0.5", "--work-ball must be a grade like G20, or a deviation from sphericity like 0.5um, got"),
         ("CAMPAIGN --balls G21", "--balls: grade of a ball must be one of"),
-        ("CAMPAIGN --mount-U-percent 200", "--mount-U-percent must be a finite number ≥ 1e-06 and ≤ 100, got '200'"),
         ("CAMPAIGN --nonsense", "options must be those of ldbb-bayes fit, got '--nonsense'. Did you mean '--seed'?"),
         ("CAMPAIGN --degree 7", "--degree must be a whole number ≥ 0 and ≤ 2, got '7'. Correct it."),
-        ("CAMPAIGN --degree one", "--degree must be a whole number ≥ 0 and ≤ 2, got 'one'"),
         ("CAMPAIGN --ess 5", "--ess must be a finite number ≥ 100, got '5'"),
-        ("CAMPAIGN --ess nan", "--ess must be a finite number ≥ 100, got 'nan'"),
         ("CAMPAIGN CAMPAIGN", "unexpected extra argument"),
         ("CAMPAIGN --seed", "'--seed' requires an argument"),
         ("CAMPAIGN --out /proc/nothing/r", "must be writable"),
-        ("CAMPAIGN --prior-from CAMPAIGN", "population.json must be a population's result, got nothing. Check the path."),
         ("", "CAMPAIGN must be given, got nothing. See ldbb-bayes fit --help."),
     ],
     "summarize": [("nowhere", "result must be a folder with posterior.nc")],
     "compare": [
         ("CAMPAIGN --degree 0", "compare must have a degree of at least 1, got 0"),
         ("CAMPAIGN --tolerance inf", "--tolerance must be a finite number, got 'inf'"),
-        ("CAMPAIGN --tolerance -1", "tolerance must lie between 0.0001 and 1 nats"),
-        ("CAMPAIGN --ci 2", "ci_prob must lie between 0 and 1"),
         ("CAMPAIGN --also nothing", "--also must be NAME=FILE.toml, got 'nothing'"),
-        ("CAMPAIGN --also mine=nowhere.toml", "nowhere.toml must be a readable TOML file"),
         ("CAMPAIGN --also linear=x.toml", "--also must give a new name, got 'linear' again"),
     ],
     "design": [
         ("CAMPAIGN --forces 742:36:1", "--forces must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got '742:36:1'"),
-        ("CAMPAIGN --forces 36:742", "--forces must be LO:HI:STEP"),
         ("CAMPAIGN --forces 36:742:1e-6", "--forces must give at most 5000 values"),
         ("CAMPAIGN --forces 36,x", "--forces must be made of numbers, got 'x'"),
         ("CAMPAIGN --clockings 0/45/90", "must be all angles of the work ball, or all WORK/TOOL, got '0/45/90'"),
-        ("CAMPAIGN --clockings 0,45/90", "must be all angles of the work ball, or all WORK/TOOL, got '0,45/90'"),
-        ("CAMPAIGN --radii nan", "--radii must be made of numbers, got 'nan'"),
-        ("CAMPAIGN --criterion best", "criterion must be one of eig, d, a, c, i, discriminate, got 'best'"),
         ("CAMPAIGN --against nowhere", "--against must be NAME=PATH, got 'nowhere'"),
-        ("CAMPAIGN --against it=nowhere", "nowhere, which does not exist"),
-        ("CAMPAIGN --cost-circle -1", "cost of circle must be a finite number ≥ 0, got -1"),
     ],
     "validate": [
-        ("PLAN --preset paper --degree 0", "validation must start from proper priors"),
-        ("PLAN --sampler nuts", "sampler must be one of joint, independent"),
         ("PLAN --data-model nowhere.toml", "nowhere.toml"),
         ("PLAN --executor dusk", "--executor must be one of process, dask, got 'dusk'. Did you mean 'dask'?"),
     ],
     "machine": [
         ("wCAFYXZSt --plane XZ", "plane must be one of XY, YZ, ZX, got 'XZ'. Did you mean 'ZX'"),
-        ("wFYXt --plane YZ", "got 'wFYXt' without Z"),
-        ("wFYXZt --frame Y=1,2", "--frame must hold three finite numbers X,Y,Z in mm, got '1,2'"),
         ("wFYXZt --frame Y", "--frame must be AXIS=X,Y,Z, got 'Y'"),
         ("wFYXZt --frame Y=1,2,3 --frame Y=1,2,3", "--frame must give each name once, got 'Y' again"),
-        ("wFYXZt --centre a,b,c", "--centre must hold three finite numbers"),
     ],
     "trend": [("nowhere --reference-force -5", "--reference-force must be a finite number ≥ 0, got '-5'. Correct it.")],
     "report": [("CAMPAIGN", "must be a folder with posterior.nc")],
-    "population": [("nowhere", "must be the --out folder of a batch")],
 }
 
 
@@ -164,22 +141,10 @@ def test_force_replaces_results_and_nothing_else(folder: Path, tmp_path: Path, i
     assert invoke("simulate", folder, "--out", campaign, "--force")[0] == 0
 
 
-def test_no_permission(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke) -> None:
-    def denied(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(tempfile, "mkdtemp", denied)
-    message = refused(invoke, "fit", folder, "--out", tmp_path / "out")
-    assert "out must be writable, got: Permission denied." in message
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("existing", [False, True])
-def test_disk_full(existing: bool, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke) -> None:
+def test_disk_full(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke) -> None:
     out = tmp_path / "out"
-    if existing:
-        out.mkdir()
-        (out / "summary.json").write_text("old")
+    out.mkdir()
+    (out / "summary.json").write_text("old")
 
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
@@ -187,7 +152,7 @@ def test_disk_full(existing: bool, folder: Path, tmp_path: Path, monkeypatch: py
     monkeypatch.setattr("xarray.DataTree.to_netcdf", full)
     fit = ("fit", folder, "--degree", "0", "--sampler", "independent", "--out", out, "--force")
     assert "No space left on device" in refused(invoke, *fit)
-    assert {p.name for p in tmp_path.rglob("*")} == ({"out", "summary.json"} if existing else set())
+    assert {p.name for p in tmp_path.rglob("*")} == {"out", "summary.json"}
 
 
 @pytest.mark.parametrize(
@@ -195,10 +160,7 @@ def test_disk_full(existing: bool, folder: Path, tmp_path: Path, monkeypatch: py
     [
         ("schema = 1\n", "'forces_N' must be given"),
         ("schema = 1\nforces_N = [100.0, 300.0]\n[parameters]\nC_XXZ = 1.0\n", "parameter must be one of"),
-        ("schema = 1\nforces_N = [100.0, -5.0]\n", "force_N must be greater than 0, got -5.0"),
-        ("schema = 1\nforces_N = [100.0, 300.0]\n[hyper_um]\nsigma = -1.0\n", "hyper-parameter sigma must be"),
         ("schema = 1\nforce_N = [100.0]\n", "Did you mean 'forces_N'"),
-        ("schema = 1\nforces_N = 'all'\n", "'forces_N' must be"),
     ],
 )
 def test_bad_truths(content: str, message: str, tmp_path: Path, invoke: Invoke) -> None:

@@ -305,17 +305,6 @@ def test_a_machine_that_does_not_belong(found: Population) -> None:
     assert "With 5 machines how much they differ rests on what was assumed" in " ".join(doubts(few))
 
 
-def test_that_none_stands_out_is_said_only_where_all_were_judged(monkeypatch: pytest.MonkeyPatch) -> None:
-    said = "No machine stands out from the others (Holm, 5 %)."
-    made = fleet(np.random.default_rng(4), machines=6, parameters=2)
-    assert said in population_sentences(pool(made))
-    monkeypatch.setattr(module, "pareto_smooth", lambda ratio: (np.full(len(ratio), 1.0 / len(ratio)), 9.0, 0.5))
-    monkeypatch.setattr(module, "_MOST_ANEW", 0)
-    doubtful = pool(made)
-    assert said not in population_sentences(doubtful)
-    assert "p-values that cannot be trusted" in " ".join(doubts(doubtful))
-
-
 def test_the_record(found: Population) -> None:
     record, following = with_words(found), found.parameters["C_XXX"].next
     again = json.loads(json.dumps(record))

@@ -84,13 +84,10 @@ def test_an_edited_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_other_machines_are_refused(tmp_path: Path) -> None:
-    prior = lb.prior_from(written(tmp_path))
     with pytest.raises(InputError, match=r"topology must be the population's 'wCAFYXZSt' to use its prior, got 'wXFYZt'\. Use a"):
-        prior.doubts(replace(plan(), topology="wXFYZt"))
+        lb.prior_from(written(tmp_path)).doubts(replace(plan(), topology="wXFYZt"))
     other = lb.prior_from(written(tmp_path, next={"C_ZZZ": {"unit": "mm/N", "mean": 5e-5, "sd": 1e-6}}))
-    with pytest.raises(
-        InputError, match=r"must have the population's compliances, got C_XXX, .* without C_ZZZ\. Use a population"
-    ):
+    with pytest.raises(InputError, match=r"must have the population's compliances, got C_XXX, .* without C_ZZZ\."):
         other.doubts(plan())
 
 
@@ -118,19 +115,14 @@ def test_models_it_does_not_go_with(tmp_path: Path) -> None:
         prior.model(replace(model, reference_force_N=389.0))
 
 
-def test_what_is_no_file_or_no_json(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"population\.json must be a population's result, got nothing\. Check the path"):
-        lb.prior_from(tmp_path)
+def test_what_is_no_population(tmp_path: Path) -> None:
     for changes in ({"schema": 2}, {"kind": "fit"}):
         with pytest.raises(InputError, match=r"must be a population's result, got something else.*population\.json, unchanged"):
             lb.prior_from(written(tmp_path, **changes))
-    for content in (b"{", b"\xff\xfe\x00", b"[" * 100_000, b"[]", b"1" * 5000):
+    for content in (b"{", b"\xff\xfe\x00", b"[" * 100_000, b"[]"):
         (tmp_path / "population.json").write_bytes(content)
         with pytest.raises(InputError, match=r"must be a population's result, got .*unchanged\."):
             lb.prior_from(tmp_path)
-    (tmp_path / "population.json").write_bytes(b" " * (128 * 2**20 + 1))
-    with pytest.raises(InputError, match="must be at most 128 MB, got more"):
-        lb.prior_from(tmp_path)
 
 
 # ---- what a compliance stands for

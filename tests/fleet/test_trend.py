@@ -16,7 +16,6 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.statistics import deviating
 from ldbb_bayes.fleet.trend import Trend, chart_of, hypotheses, instrument_moments, levels_of, scatter_rule, weigh
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.report.wording import probability_words
 
 Array = NDArray[np.float64]
 P, S = 3, 2
@@ -326,7 +325,6 @@ def test_a_loosened_joint(found: Trend) -> None:
     for shown in (str(found), found._repr_html_()):
         for part in ("M1, 10 campaigns", "nm/N", f"{own.percent:+.0f} %", "a change is found"):
             assert part in shown
-    assert (probability_words(1e-9), probability_words(1.0), probability_words(0.25)) == ("< 0.001", "> 0.999", "0.250")
     told = {name: one.percent is not None for name, one in found.parameters.items()}
     assert told["C_XXX"]
     assert not all(told.values())
@@ -382,8 +380,6 @@ def test_order_of_time(rows: pd.DataFrame, found: Trend) -> None:
     assert undated.probability == pytest.approx(found.probability)
     assert any("No campaign has a date" in doubt for doubt in doubts(undated))
     assert "between c06 and c07" in verdict(undated)
-    same = lb.trend(rows.assign(date="2026-01-01"))
-    assert names_of(same) == names_of(found)
     zoned = rows.assign(date=["2026-01-01T12:00:00+02:00", "2026-01-01T11:00:00", *["2026-02-01"] * 8])
     assert names_of(lb.trend(zoned))[:2] == ["c01", "c02"]
     some = rows.assign(date=[None, *rows["date"][1:]])
@@ -397,17 +393,11 @@ def test_which_machine(rows: pd.DataFrame) -> None:
         lb.trend(two)
     with pytest.raises(InputError, match=r"machine must be one of M1, M2, got 'm2'. Did you mean 'M2'"):
         lb.trend(two, machine="m2")
-    assert lb.trend(two, machine="M2").machine == "M2"
-    assert lb.trend(two, machine="M2", exclude=["M1"]).probability == lb.trend(two, machine="M2").probability
     nameless = lb.trend(rows.assign(machine_id=None))
     assert nameless.machine is None
     assert "No campaign names its machine" in doubts(nameless)[0]
-    with pytest.raises(InputError, match="machine must not be given here, got 'M1'"):
-        lb.trend(rows.assign(machine_id=None), machine="M1")
     some = lb.trend(rows.assign(machine_id=[None, *["M1"] * 9]))
     assert (len(some.campaigns), doubts(some)[0]) == (9, "Left out for naming no machine: c01.")
-    with pytest.raises(InputError, match="--machine 'VMC 07'"):
-        lb.trend(two.assign(machine_id=["VMC 07"] * 10 + ["VMC 08"] * 10))
     assert list(lb.trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
 
 
@@ -436,14 +426,9 @@ def test_doubts(rows: pd.DataFrame) -> None:
     ("options", "said"),
     [
         ({"change_scale": 0.0}, "change_scale must be above 0"),
-        ({"repeatability": float("nan")}, "repeatability must be above 0"),
         ({"probability": 1.0}, "probability must be above 0 and below 1"),
-        ({"threshold": 0.0}, "threshold must be above 0 and below 1"),
-        ({"ci_prob": 1.5}, "ci_prob must lie between 0 and 1"),
-        ({"reference_force_N": -5.0}, "reference_force_N must be a finite number, zero or more, got -5"),
         ({"parameters": ["C_XXXX"]}, "got 'C_XXXX'. Did you mean 'C_XXX'"),
         ({"parameters": ["C_XXX", "C_XXX"]}, "once each"),
-        ({"parameters": ["mount"]}, "parameter must be one of .*, got 'mount'"),
     ],
 )
 def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], said: str) -> None:
