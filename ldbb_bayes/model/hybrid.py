@@ -220,7 +220,7 @@ class HybridModel(Result):
         rng = np.random.default_rng(seed)
         bound = self.bind(plan)
         if parameters is None:
-            beta = bound.draw_parameters(1, rng)[0]
+            beta = bound.draw_machine(rng)
         else:
             check_known("parameter", parameters, bound.names)
             beta = np.array([parameters.get(name, 0.0) for name in bound.names], dtype=float)
@@ -468,6 +468,17 @@ class BoundModel:
             draws = np.concatenate([draws, beta[exact & self.truncation.holds(beta)]])
         return draws[:size]
 
+    def draw_machine(self, rng: np.random.Generator) -> Array:
+        """β (p,) of a machine from the prior inside the truncation, its slopes measured against its own compliances."""
+        if not self.model.prior.slopes_of_estimate:
+            return self.draw_parameters(1, rng)[0]
+        while True:
+            beta = self.prior_mean + rng.standard_normal(len(self.names)) * self.prior_sd
+            own = self._sd_of(self.model.prior, self.linearised_at(beta))[self._free]
+            beta = self.prior_mean + (beta - self.prior_mean) * own / self.prior_sd
+            if self.truncation.holds(beta):
+                return np.asarray(beta)
+
     def linearisation_error_mm(self, test: CircularTest, beta: Array) -> Array:
         """Exact (Eq. 1-14) minus linear geometric reading of one test, shape (n,) [mm]. β (p,)."""
         values, angle = dict(zip(self.names, beta.tolist(), strict=True)), test.angles_rad()
@@ -500,9 +511,10 @@ class BoundModel:
             for name, unit, group, k in rows
         )
 
-    def _sd_of(self, prior: Prior) -> Array:
-        """Prior sd of all parameters, fixed ones included."""
-        compliance, size, setting = self._compliance_sd(prior), self._size(prior.compliance_size, prior), self.setting
+    def _sd_of(self, prior: Prior, setting: Setting | None = None) -> Array:
+        """Prior sd of all parameters, fixed ones included; slopes measured against this setting's Ĉ."""
+        setting = setting or self.setting
+        compliance, size = self._compliance_sd(prior), self._size(prior.compliance_size, prior)
         if prior.slopes_of_estimate:
             size = np.maximum(np.abs(setting.compliance_estimate), size / _LEAST_SHARE)
         degrees = range(1, self.model.degree + 1)
