@@ -127,8 +127,8 @@ class Degeneracy:
     units : mapping of name to unit
         Of all parameters in it.
     modelled, stated : bool
-        Whether the model has the nuisance: else nothing bounds it, and the intervals ignore it; whether a certificate says how
-        large it is.
+        Whether the model has the nuisance: else nothing bounds it, and the intervals ignore it; whether a certificate, or the
+        model where its term was edited, says how large it is.
     prior_sds : float
         Its length in units of the prior sd.
     change_um : float
@@ -183,6 +183,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """The sparse null space of a campaign's or plan's design, as far as it holds parameters of interest."""
     names, owners, values, sd = _coefficients(bound)
     modelled = {type(term).__name__: term for term in bound.model.nuisances}
+    edited = {type(term).__name__ for term in bound.model.nuisances if _usual(bound).get(type(term)) != term}
     scaled = _effects(bound, values) * sd
     limit = 0.1 * bound.campaign.resolution_um * _MICROMETRE
     p = len(bound.names)
@@ -210,7 +211,10 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
                 main,
                 {names[i]: bound.parameters[i].unit for i in own},
                 all(owners[i] in modelled for i in others),
-                all(owners[i] in modelled and modelled[owners[i]].is_stated(names[i], bound.setting.instrument) for i in others),
+                all(
+                    owners[i] in edited or (owners[i] in modelled and modelled[owners[i]].is_stated(names[i], bound.campaign))
+                    for i in others
+                ),
                 float(np.linalg.norm(change / sd)),
                 float(together / _MICROMETRE) if together > _ROUNDING * (space.largest * np.abs(change / sd)).max() else 0.0,
             )
@@ -261,8 +265,7 @@ def _like_friction(bound: BoundModel) -> tuple[str, ...]:
 def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array]:
     """Names, owners, columns (tests, 25, m) and prior sd (m,) of parameters and of every shared nuisance, modelled or not."""
     own = {type(term): term for term in bound.model.nuisances}
-    edition = HybridModel.default() if bound.model.preset == "default" else HybridModel.first()
-    usual = {type(term): term for term in edition.nuisances}
+    usual = _usual(bound)
     names, owners = list(bound.names), [""] * len(bound.names)
     values, sd = [bound.interest], [bound.scale]
     for kind in Term.kinds.values():
@@ -279,6 +282,12 @@ def _coefficients(bound: BoundModel) -> tuple[list[str], list[str], Array, Array
             values.append(part.values)
             sd.append(part.sd_at(scale))
     return names, owners, np.concatenate(values, axis=2), np.concatenate(sd)
+
+
+def _usual(bound: BoundModel) -> dict[type[Term], Term]:
+    """The terms of the model's edition."""
+    edition = HybridModel.default() if bound.model.preset == "default" else HybridModel.first()
+    return {type(term): term for term in edition.nuisances}
 
 
 def _effects(bound: BoundModel, values: Array) -> Array:

@@ -316,9 +316,10 @@ class Term:
         """What it takes for granted of the instrument."""
         yield from ()
 
-    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
+    def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
         """Whether a certificate says how large a coefficient is."""
-        return False
+        alike = [own for own in self.assumed(campaign) if coefficient.startswith(own.name)]
+        return bool(alike) and max(alike, key=lambda own: len(own.name)).stated
 
     @classmethod
     def key(cls) -> str:
@@ -458,7 +459,8 @@ class BallForm(Term):
                 known = n in stated or sphericity is not None
                 yield Uncertainty(f"{name}_form_{n}", value * 1e-3, sd * 1e-3, "mm", name, known)
 
-    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
+    def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
+        instrument = campaign.instrument
         own = {"w": (instrument.work,), "t": (instrument.tool,)}.get(coefficient[0], (instrument.work, instrument.tool))
         order = int(re.findall(r"\d+$", coefficient)[0])
         return all(b.stated_sphericity_um is not None or order in [n for n, *_ in b.harmonics_um] for b in own)
@@ -531,9 +533,6 @@ class BarLength(Term):
             campaign, "bar_length", "bar_U_um", _expanded(own.bar_U_um, self.sd_um) * 1e-3, own.bar_length_error_um * 1e-3
         )
 
-    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
-        return instrument.bar_U_um is not None
-
     @classmethod
     def describe(cls, coefficient: str) -> str:
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
@@ -574,9 +573,6 @@ class Mount(Term):
         yield _assumed(campaign, "mount", "mount_U_percent", relative * nominal, nominal)
         if self.curvature_um:
             yield _assumed(campaign, "mount_curvature", "", self.curvature_um * 1e-3)
-
-    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
-        return coefficient == "mount" and instrument.mount_U_percent is not None
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
@@ -628,10 +624,6 @@ class ForceError(Term):
                 "force_random": "force_random_N",
             }
             yield _assumed(campaign, name, named[name], sd)
-
-    def is_stated(self, coefficient: str, instrument: Instrument) -> bool:
-        own = instrument.force_U_percent if coefficient == "force_gain" else instrument.force_linearity_percent
-        return own is not None
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:

@@ -37,7 +37,7 @@ GROUPS = {
     "geometric errors": [name for name in NAMES if name.startswith("E")],
 }
 CALIBRATED = ["E_XX1", "E_YY1", "E_C0YX", "E_YX2", "E_XY2"]
-REPLICATES, RANKS, BAND = 1000, 99, 0.99
+REPLICATES, RANKS, BAND = 200, 99, 0.99
 RANKS_AGAIN: dict[Effort, int] = {"quick": 10, "usual": 20, "write": REPLICATES}
 LEVELS, TOLERANCE, DRAWS, FAR = np.array([0.025, 0.975]), 0.05, 400, 3.0
 
