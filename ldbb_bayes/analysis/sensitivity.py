@@ -239,7 +239,8 @@ def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95,
     check_campaign(campaign)
     check_comparable(model, campaign)
     check_probability(ci_prob)
-    constant = model.with_degree(0)
+    # A pair of circles does not tell an odd one.
+    constant = model.with_degree(0).without("circle-scale")
     whole = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
     tables = []

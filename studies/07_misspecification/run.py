@@ -57,7 +57,7 @@ def job(label: str, seed: int) -> dict[str, Any]:
         row[f"in_{name}"] = found["ci_low"] <= truth[name] <= found["ci_high"]
         row[f"u_{name}"] = found["sd"]
     fit = table.attrs["fit"]
-    row["misfit"] = bool(fit.misfits)
+    row["misfit"] = bool(fit.unexpected)
     row["contradiction"] = fit.log_prob_truncation < np.log(IMPROBABLE)
     row["hyper"] = "hyper" in fit.kinds
     row["sensitive"] = sum(parts["prior"] > SENSITIVE for parts in fit.sensitivity.values())

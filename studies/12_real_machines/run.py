@@ -25,7 +25,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
 from machines import CERTIFIED, FAMILIES, STATED, simulate  # noqa: E402
-from study import Effort, Study, executor, kept, replicated, run  # noqa: E402
+from study import Effort, Study, replicated, run  # noqa: E402
 
 CAMPAIGNS = 60
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
@@ -37,8 +37,6 @@ GROUPS = {
     "geometric errors": [name for name in NAMES if name.startswith("E")],
 }
 CALIBRATED = ["E_XX1", "E_YY1", "E_C0YX", "E_YX2", "E_XY2"]
-REPLICATES, RANKS, BAND = 200, 99, 0.99
-RANKS_AGAIN: dict[Effort, int] = {"quick": 10, "usual": 20, "write": REPLICATES}
 LEVELS, TOLERANCE, DRAWS, FAR = np.array([0.025, 0.975]), 0.05, 400, 3.0
 
 
@@ -79,41 +77,6 @@ def foretold(campaign: lb.Campaign) -> dict[str, float]:
     return {f"foretold/{name}": float(sd[NAMES.index(name)]) for name in CALIBRATED}
 
 
-def everything() -> lb.Plan:
-    """Six circles in both directions, both balls turned: every term of the model acts."""
-    angle = np.arange(0.0, 360.0, 10.0)
-    runs = [(36, "CW", 0, 0), (742, "CCW", 0, 0), (742, "CW", 40, 0), (36, "CCW", 40, 70), (389, "CW", 0, 70), (389, "CCW", 0, 0)]
-    tests = [
-        lb.CircularTest(force, angle, direction=way, work_ball_deg=work, tool_ball_deg=tool) for force, way, work, tool in runs
-    ]
-    return lb.Plan(tuple(tests), radius_mm=150.0)
-
-
-def calibration(effort: Effort) -> dict[str, Any]:
-    """Ranks of truths drawn from the priors, every term on."""
-    model = MODELS["second"]
-    with executor() as pool:
-        result = lb.validate(
-            model,
-            everything(),
-            replicates=RANKS_AGAIN[effort],
-            draws=RANKS,
-            prob=BAND,
-            sampler="independent",
-            seed=12,
-            executor=pool,
-        )
-    if result.failures:
-        sys.exit(f"12_real_machines: {result.failures[0]}")
-    made = pd.DataFrame(result.ranks.astype(float), columns=list(result.names)).assign(
-        kind="everything", seed=range(len(result.ranks))
-    )
-    rows = kept(HERE / "ranks.csv", made, {"everything": REPLICATES}, effort, tolerance=1.5 / RANKS, astray=0.05)
-    ranks = rows.drop(columns=["kind", "seed"])
-    full = lb.Validation(tuple(ranks.columns), ranks.to_numpy(dtype=int), RANKS, "independent", BAND, ())
-    return {"replicates": full.replicates, "quantities": len(full.names), "outside": list(full.outside)}
-
-
 def of_family(rows: pd.DataFrame) -> dict[str, Any]:
     """Coverage by group and of the worst parameter; errors beyond 3 u and the share of them that was announced; alarms."""
     found: dict[str, Any] = {}
@@ -152,7 +115,6 @@ def measure(effort: Effort) -> dict[str, Any]:
     return {
         "campaigns": CAMPAIGNS,
         "families": families,
-        "calibration": calibration(effort),
         "foretold": share,
         "mild_u": mild,
         "certified_u": left,
