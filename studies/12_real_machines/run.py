@@ -125,14 +125,15 @@ def measure(effort: Effort) -> dict[str, Any]:
 def coverage_figure(families: dict[str, Any]) -> Figure:
     """Coverage of every parameter in every family, first edition beside second."""
     figure = lb.figures.new_figure(10.0, 4.6)
-    for k, edition in enumerate(("first", "second")):
-        axes = figure.add_subplot(1, 2, k + 1)
+    pair = figure.subplots(1, 2)
+    for k, (axes, edition) in enumerate(zip(pair, ("first", "second"), strict=True)):
         values = np.array([[own[edition]["by_parameter"][name] for name in NAMES] for own in families.values()])
         image = axes.imshow(100.0 * values, vmin=0.0, vmax=100.0, cmap="RdYlBu", aspect="auto")
         axes.set_xticks(range(len(NAMES)), [name.replace("C0YX", "C(0Y)X") for name in NAMES], rotation=90, fontsize=6)
         axes.set_yticks(range(len(families)), list(families) if k == 0 else [""] * len(families), fontsize=7)
         axes.set_title(f"{edition} edition", fontsize=10)
-    figure.colorbar(image, ax=figure.axes, label="95 % intervals that cover (%)")
+        axes.grid(visible=False)
+    figure.colorbar(image, ax=list(pair), label="95 % intervals that cover (%)")
     return figure
 
 
