@@ -14,7 +14,7 @@ import traceback
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial
@@ -299,34 +299,29 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
             raise InputError(f"--scheduler must be the address of a Dask scheduler that is at work, {got}.") from None
         if scheduler is not None:
             _check_workers(client, scheduler)
-        yield _OnDask(client)
+        pool = _OnDask(client)
+        stack.callback(pool.shutdown, wait=False, cancel_futures=True)
+        yield pool
 
 
-class _OnDask(Executor):
-    """What `Client.get_executor` would be, did it not take a result that is lost with its worker, as it arrives, for an error."""
+class _OnDask(ThreadPoolExecutor):
+    """Every thread waits for one job of Dask: `Client.get_executor` waits for ever for a result that is lost as it arrives."""
 
     def __init__(self, client: Any) -> None:
+        super().__init__(_UNCOUNTED)
         self._client = client
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        theirs, ours = self._client.submit(partial(fn, *args, **kwargs), pure=False), Future[Any]()
-        ours.add_done_callback(lambda own: theirs.cancel() if own.cancelled() and not theirs.cancelled() else None)
-        self._client.loop.add_callback(self._fetch, theirs, ours)
-        return ours
+        return super().submit(self._there, partial(fn, *args, **kwargs))
 
-    async def _fetch(self, theirs: Any, ours: Future[Any]) -> None:
-        """Hand on what Dask's future gives; where nobody wants it any more, nothing."""
+    def _there(self, call: Callable[[], Any]) -> Any:
+        theirs = self._client.submit(call, pure=False)
         try:
-            result = await self._client.gather(theirs, asynchronous=True)
-        except CancelledError:
-            ours.cancel()
-            ours.set_running_or_notify_cancel()
-        except Exception as error:  # noqa: BLE001  # the job's own, or of a scheduler that has ended
-            if ours.set_running_or_notify_cancel():
-                ours.set_exception(error if theirs.status == "error" else BrokenExecutor(str(error)))
-        else:
-            if ours.set_running_or_notify_cancel():
-                ours.set_result(result)
+            return theirs.result()
+        except BaseException as error:
+            if theirs.status == "error":
+                raise  # the job's own
+            raise BrokenExecutor(str(error)) from error
 
 
 @contextmanager

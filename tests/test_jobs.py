@@ -229,7 +229,7 @@ DASK = """
 import json, os, signal, sys, warnings
 from pathlib import Path
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.jobs import Lost, _OnDask, dask_executor, done
+from ldbb_bayes.jobs import Lost, dask_executor, done
 import ldbb_bayes.jobs as home
 
 def job(x):

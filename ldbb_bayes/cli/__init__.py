@@ -16,7 +16,7 @@ from ldbb_bayes import __version__
 from ldbb_bayes.cli.analyses import compare, demo, design, fit, identify, report, summarize, validate
 from ldbb_bayes.cli.campaigns import batch, check, import_, machine, population, simulate, trend
 from ldbb_bayes.cli.options import EXIT_BAD_INPUT
-from ldbb_bayes.errors import InputError, check_known, nearest
+from ldbb_bayes.errors import InputError, check_known
 
 __all__ = ["app", "main"]
 
@@ -38,26 +38,13 @@ class _Commands(TyperGroup):
             code = super().main(given, *rest, **{**more, "standalone_mode": False})
         except (_UsageError, InputError) as error:
             code = EXIT_BAD_INPUT
-            print(f"ldbb-bayes: {error if isinstance(error, InputError) else _in_words(error)}", file=sys.stderr)  # noqa: T201
+            said = str(error) if isinstance(error, InputError) else f"{error.format_message().rstrip('.')}. See --help."
+            print(f"ldbb-bayes: {said}", file=sys.stderr)  # noqa: T201
         sys.exit(code)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         check_known("command", [cmd_name], self.commands)
         return super().get_command(ctx, cmd_name)
-
-
-def _in_words(error: Any) -> str:
-    """What was typed and should not have been, and the cure."""
-    command = " ".join(["ldbb-bayes", *([error.ctx.info_name] if error.ctx is not None and error.ctx.parent else [])])
-    cure = f"See {command} --help."
-    if hasattr(error, "possibilities"):
-        flags = [flag for parameter in error.ctx.command.params for flag in parameter.opts if flag.startswith("--")]
-        like = nearest(error.option_name, [*flags, "--help"])
-        return f"options must be those of {command}, got {error.option_name!r}. Did you mean {like!r}? {cure}"
-    if getattr(error, "param", None) is not None:
-        name = error.param.metavar if error.param.param_type_name == "argument" else error.param.opts[0]
-        return f"{name or error.param.name} must be given, got nothing. {cure}"
-    return f"{error.format_message().rstrip('.')}. {cure}"
 
 
 app = typer.Typer(

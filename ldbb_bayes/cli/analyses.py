@@ -21,8 +21,8 @@ from ldbb_bayes.cli.options import (
     Output,
     command,
     counting_progress,
-    finite_number,
     group,
+    numbers_in,
     option,
     pairs_in,
     sampling_progress,
@@ -126,8 +126,8 @@ _MOST_VALUES = 5000
 def _range(text: str, option: str) -> tuple[float, ...]:
     """LO:HI:STEP, both ends included, or a comma-separated list."""
     if ":" not in text:
-        return tuple(finite_number(part.strip(), option) for part in text.split(","))
-    parts = [finite_number(part, option) for part in text.split(":")]
+        return numbers_in(text, option)
+    parts = numbers_in(text, option, ":")
     if len(parts) != 3 or parts[2] <= 0 or parts[1] < parts[0]:
         raise InputError(f"{option} must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got {text!r}. For example 36:742:1.")
     low, high, step = parts
@@ -141,10 +141,10 @@ def _clockings(text: str, option: str) -> tuple[tuple[float, float], ...]:
     """Angles of the work ball, or WORK/TOOL of both."""
     if "/" not in text:
         return tuple((angle, 0.0) for angle in _range(text, option))
-    pairs = [part.strip().split("/") for part in text.split(",")]
-    if any(len(pair) != 2 or not all(pair) for pair in pairs):
+    pairs = [numbers_in(part, option, "/") for part in text.split(",")]
+    if any(len(pair) != 2 for pair in pairs):
         raise InputError(f"{option} must be all angles of the work ball, or all WORK/TOOL, got {text!r}. For example 0/0,45/90.")
-    return tuple((finite_number(work, option), finite_number(tool, option)) for work, tool in pairs)
+    return tuple((work, tool) for work, tool in pairs)
 
 
 def _designs(entries: list[str], flag: str) -> dict[str, Any]:
@@ -301,7 +301,6 @@ def _with_population(model: lb.HybridModel, path: Path | None, campaign: lb.Camp
         return model, {}
     prior = lb.prior_from(path)
     doubts = prior.doubts(campaign)
-    options.clear_line()
     for doubt in doubts:
         typer.echo(f"--prior-from: {doubt}", err=True)
     said = {"path": str(path), "machines": prior.machines, "campaigns": prior.campaigns}
@@ -398,7 +397,6 @@ def report(
         with staged_folder(figures, force=force, ours=figure_names()) as staging:
             for picture in document.pictures:
                 lb.figures.save_figure(picture.figure, staging, picture.key, formats=_FORMATS)
-    options.clear_line()
     if as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
     else:

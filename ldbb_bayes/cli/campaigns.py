@@ -40,13 +40,6 @@ __all__ = ["ATLAS_FILES", "batch", "check", "import_", "machine", "population", 
 _ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 
 
-def _numbers(text: str, flag: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(f"{flag} must hold numbers separated by commas, got {text!r}. For example 1,3.5,6.") from None
-
-
 def _named(column: str, _: str = "") -> str | int:
     return int(column) if column.isdecimal() else column
 
@@ -63,8 +56,8 @@ _SHEETS = Kind(str, lambda text, _: [own.strip() for own in text.split(",")])
 _LAYOUT = group(
     _layout,
     layout=option(Path, "What is known of the tables, as TOML; import.toml of an earlier import will do.", metavar="FILE.toml"),
-    forces_N=option(Kind(str, _numbers, "F,F,…"), "Force of each test, in the order of files and sheets (N)."),
-    pressures_bar=option(Kind(str, _numbers, "P,P,…"), "Pressure of each test, in that order (bar)."),
+    forces_N=option(Kind(str, options.numbers_in, "F,F,…"), "Force of each test, in the order of files and sheets (N)."),
+    pressures_bar=option(Kind(str, options.numbers_in, "P,P,…"), "Pressure of each test, in that order (bar)."),
     **in_panel(
         "Which column is what (its header, or its number from 1)",
         angle_column=option(_COLUMN, "Of every reading."),
@@ -279,7 +272,6 @@ def batch(
     from ldbb_bayes.jobs import executor_named
 
     if asked["resume"] and not (out / JOURNAL).exists():
-        options.clear_line()
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
     try:
         with counting_progress(quiet, "campaigns") as progress:

@@ -45,15 +45,13 @@ class Kind(NamedTuple):
 class Option:
     """One option, handed on as the keyword ``to``; None is not, so that the function's own default holds.
 
-    Numbers, within their reach, are read here, so that a message names what was typed. ``more`` is of `typer.Option`, with the
-    option's ``name`` where it is another.
+    ``more`` is of `typer.Option`, with the option's ``name`` where it is another.
     """
 
     kind: Any
     help: str
     default: Any
     to: str
-    reach: tuple[float, float]
     more: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
@@ -67,9 +65,6 @@ class Option:
         if isinstance(typed, Kind):
             more.setdefault("metavar", typed.metavar)
             typed = typed.typed
-        elif typed in (int, float):
-            more.setdefault("metavar", "N" if typed is int else "X")
-            typed, default = str, default if default in (None, REQUIRED) else f"{default:g}"
         typed = typed | None if default is None else typed
         annotation = Annotated[typed, typer.Option(self.flag(name), help=self.help, **more)]  # type: ignore[valid-type]
         return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
@@ -80,18 +75,9 @@ class Option:
             return None
         if isinstance(self.kind, Kind):
             return self.kind.read(typed, self.flag(name))
-        if self.kind not in (int, float):
-            return typed
-        try:
-            value = self.kind(typed)
-        except ValueError:
-            value = math.nan
-        low, high = self.reach
-        if not (math.isfinite(value) and low <= value <= high):
-            kind = "a whole number" if self.kind is int else "a finite number"
-            ends = f" ≥ {low:g}" * math.isfinite(low) + f" ≤ {high:g}" * math.isfinite(high)
-            raise InputError(f"{self.flag(name)} must be {kind}{ends.replace(' ≤', ' and ≤')}, got {typed!r}. Correct it.")
-        return value
+        finite = not isinstance(typed, float) or math.isfinite(typed)
+        require(finite, f"{self.flag(name)} must be a finite number, got {typed}. Correct it.")
+        return typed
 
 
 @dataclass(frozen=True)
@@ -114,11 +100,9 @@ class Group:
         return self.make(*first, **{name: value for name, value in read.items() if value is not None})
 
 
-def option(
-    kind: Any, help: str, default: Any = None, to: str = "", *, min: float = -math.inf, max: float = math.inf, **more: Any
-) -> Option:
+def option(kind: Any, help: str, default: Any = None, to: str = "", **more: Any) -> Option:
     """One option of a command or of a `group`."""
-    return Option(kind, help, default, to, (min, max), more)
+    return Option(kind, help, default, to, more)
 
 
 def group(make: Callable[..., Any] = dict, first: inspect.Parameter | None = None, /, **options: Option) -> Group:
@@ -150,9 +134,6 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(function)
     def run(**typed: Any) -> None:
-        if typed.get("quiet") is False and sys.stderr.isatty():
-            sys.stderr.write(f"\rldbb-bayes {function.__name__}: at work …")
-            sys.stderr.flush()
         try:
             typed |= {name: single.read(typed[name], name) for name, single in singles.items()}
             function(**{name: group.made(typed) for name, group in groups.items()}, **typed)
@@ -172,16 +153,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def clear_line() -> None:
-    """Take back what a terminal shows of the work, before anything else is said."""
-    if sys.stderr.isatty():
-        sys.stderr.write("\r\x1b[K")
-        sys.stderr.flush()
-
-
 def fail(message: str, code: int) -> NoReturn:
     """Say one thing on stderr and leave."""
-    clear_line()
     print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201
     raise typer.Exit(code)
 
@@ -207,28 +180,21 @@ def pairs_in(entries: Iterable[str], option: str, form: str) -> dict[str, str]:
     return pairs
 
 
-def finite_number(text: str, option: str) -> float:
-    """A finite number of an option."""
+def numbers_in(text: str, option: str, separator: str = ",") -> tuple[float, ...]:
+    """Finite numbers."""
     try:
-        value = float(text)
+        numbers = tuple(map(float, text.split(separator)))
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{option} must be made of numbers, got {text!r}. Write them like 36 or 2e-6.")
-    return value
+        numbers = (math.nan,)
+    require(all(map(math.isfinite, numbers)), f"{option} must hold numbers, got {text!r}. Write them like 36{separator}2e-6.")
+    return numbers
 
 
 def points_in(entries: Iterable[str], option: str) -> list[tuple[float, ...]]:
     """X,Y,Z of an option that may be repeated [mm]."""
-    points: list[tuple[float, ...]] = []
-    for text in entries:
-        try:
-            point = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            point = ()
-        if len(point) != 3 or not all(map(math.isfinite, point)):
-            raise InputError(f"{option} must hold three finite numbers X,Y,Z in mm, got {text!r}. For example 0,-200,350.")
-        points.append(point)
+    points = [numbers_in(text, option) for text in entries]
+    for point in points:
+        require(len(point) == 3, f"{option} must hold three numbers X,Y,Z in mm, got {len(point)}. For example 0,-200,350.")
     return points
 
 
@@ -267,11 +233,6 @@ def certified(*, balls: Ball | None = None, **given: Any) -> dict[str, Any]:
 
 def campaign_fields(*, raw: bool = False, **given: Any) -> dict[str, Any]:
     """What the options say of a campaign that no table says: those given, as fields of `Campaign`."""
-    if given.get("name") == "":
-        raise InputError("--name must not be empty. Leave it out, or give one.")
-    for name in ("radius_mm", "resolution_um", "force_slope"):
-        if given.get(name, 1.0) <= 0.0:
-            raise InputError(f"--{name.replace('_', '-')} must be above zero, got {given[name]:g}. Correct it.")
     deflection, slope, offset = (given.pop(name, None) for name in ("mount_um_per_bar", "force_slope", "force_offset"))
     if raw or deflection is not None:
         given["mount"] = lb.MountCompensation(2.33 if deflection is None else deflection, compensated=not raw)
@@ -458,7 +419,6 @@ class Output:
                 write_files(staging, contents or {}, figures or {})
                 if also is not None:
                     also(staging)
-        clear_line()
         if self.as_json:
             sys.stdout.write(json_text(record))
             return
@@ -492,7 +452,6 @@ def _progress(words: Callable[..., tuple[float, str]], quiet: bool, what: str) -
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (TextColumn(what), BarColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), TimeRemainingColumn())
-    clear_line()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=1.0)
 

@@ -300,7 +300,7 @@ CASES: dict[str, Malformed] = {
         "a sheet asked for that is not there", BOOK, ("book.xlsx", "'40 N'"), "book.xlsx", ("--sheets", "40 N")
     ),
     "61_sheets_of_text": Malformed("sheets asked of a text file", PLAIN.encode(), (NAME, "workbook"), NAME, ("--sheets", "a")),
-    "62_zero_radius": Malformed("a radius of zero", PLAIN.encode(), ("--radius-mm",), NAME, ("--radius-mm", "0")),
+    "62_zero_radius": Malformed("a radius of zero", PLAIN.encode(), ("radius_mm",), NAME, ("--radius-mm", "0")),
     "63_header_again": Malformed("the header once more below five rows", with_line(7, LINES[0]), (NAME, "line 7")),
     "64_label_formula": Malformed(
         "a formula for the name of the test, never calculated",

@@ -38,8 +38,7 @@ def test_help_and_version_import_nothing_heavy() -> None:
 
 
 def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
-    """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code 130. Before it loads
-    anything it says that it is at work."""
+    """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code 130."""
     ours, theirs = pty.openpty()
     fit = ["fit", str(folder), "--json", "--ess", "1e7", "--max-steps", "1000000", "--out", str(tmp_path / "r")]
 
@@ -61,7 +60,6 @@ def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
         assert process.stdout.read() == ""
     os.close(ours)
     assert process.returncode == 130
-    assert shown.startswith(b"\rldbb-bayes fit: at work")
     assert shown.decode().rstrip().endswith("ldbb-bayes: interrupted; nothing was written.")
     assert list(tmp_path.iterdir()) == []
 

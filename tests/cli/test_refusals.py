@@ -55,32 +55,32 @@ def test_one_force(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
 # What a library call refuses is held where its tests are; here what a command line alone can get wrong, and that options arrive.
 COMMANDS: dict[str, list[tuple[str, str]]] = {
     "fitt": [("CAMPAIGN", "command must be one of"), ("", "got 'fitt'. Did you mean 'fit'?")],
-    "simulate": [("PLAN", "--out must be given, got nothing. See ldbb-bayes simulate --help.")],
+    "simulate": [("PLAN", "Missing option '--out'.")],
     "fit": [
         ("CAMPAIGN --without balls", "Did you mean 'ball-form'"),
         ("CAMPAIGN --model none.toml", "readable TOML file"),
         ("CAMPAIGN --radius-mm 100", "--radius-mm must come with a tidy CSV"),
         ("CAMPAIGN --work-ball 0.5", "--work-ball must be a grade like G20, or a deviation from sphericity like 0.5um, got"),
         ("CAMPAIGN --balls G21", "--balls: grade of a ball must be one of"),
-        ("CAMPAIGN --nonsense", "options must be those of ldbb-bayes fit, got '--nonsense'. Did you mean '--seed'?"),
-        ("CAMPAIGN --degree 7", "--degree must be a whole number ≥ 0 and ≤ 2, got '7'. Correct it."),
-        ("CAMPAIGN --ess 5", "--ess must be a finite number ≥ 100, got '5'"),
+        ("CAMPAIGN --nonsense", "No such option: --nonsense"),
+        ("CAMPAIGN --degree 7", "Invalid value for '--degree': "),
+        ("CAMPAIGN --ess 5", "Invalid value for '--ess': "),
         ("CAMPAIGN CAMPAIGN", "unexpected extra argument"),
         ("CAMPAIGN --seed", "'--seed' requires an argument"),
         ("CAMPAIGN --out /proc/nothing/r", "must be writable"),
-        ("", "CAMPAIGN must be given, got nothing. See ldbb-bayes fit --help."),
+        ("", "Missing argument 'CAMPAIGN'. See --help."),
     ],
     "summarize": [("nowhere", "result must be a folder with posterior.nc")],
     "compare": [
         ("CAMPAIGN --degree 0", "compare must have a degree of at least 1, got 0"),
-        ("CAMPAIGN --tolerance inf", "--tolerance must be a finite number, got 'inf'"),
+        ("CAMPAIGN --tolerance inf", "--tolerance must be a finite number, got inf"),
         ("CAMPAIGN --also nothing", "--also must be NAME=FILE.toml, got 'nothing'"),
         ("CAMPAIGN --also linear=x.toml", "--also must give a new name, got 'linear' again"),
     ],
     "design": [
         ("CAMPAIGN --forces 742:36:1", "--forces must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got '742:36:1'"),
         ("CAMPAIGN --forces 36:742:1e-6", "--forces must give at most 5000 values"),
-        ("CAMPAIGN --forces 36,x", "--forces must be made of numbers, got 'x'"),
+        ("CAMPAIGN --forces 36,x", "--forces must hold numbers, got '36,x'"),
         ("CAMPAIGN --clockings 0/45/90", "must be all angles of the work ball, or all WORK/TOOL, got '0/45/90'"),
         ("CAMPAIGN --against nowhere", "--against must be NAME=PATH, got 'nowhere'"),
     ],
@@ -93,7 +93,7 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
         ("wFYXZt --frame Y", "--frame must be AXIS=X,Y,Z, got 'Y'"),
         ("wFYXZt --frame Y=1,2,3 --frame Y=1,2,3", "--frame must give each name once, got 'Y' again"),
     ],
-    "trend": [("nowhere --reference-force -5", "--reference-force must be a finite number ≥ 0, got '-5'. Correct it.")],
+    "trend": [("nowhere --reference-force -5", "Invalid value for '--reference-force': ")],
     "report": [("CAMPAIGN", "must be a folder with posterior.nc")],
 }
 
