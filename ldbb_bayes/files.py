@@ -55,10 +55,7 @@ def _writing(target: Path) -> Iterator[None]:
 
 
 def write_whole(target: Path, content: bytes) -> None:
-    """Write a file in one step; of two that write the same one the later wins whole.
-
-    Where it cannot be written, an `InputError` says so, and what was there before stands.
-    """
+    """Write a file in one step, or leave what was there; of two that write the same one the later wins whole."""
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with _writing(target):
         try:
@@ -103,12 +100,7 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
     """A scratch folder beside ``target`` that takes its place when the block ends well.
 
     The old folder is there until the new one is whole; then the old one is renamed, and the new one. Of two runs into one folder
-    the later wins whole. A link stays; what it points to is replaced.
-
-    Raises
-    ------
-    InputError
-        As `check_target`, or when writing fails; the old target then stands untouched.
+    the later wins whole. A link stays; what it points to is replaced. Where writing fails the old target stands untouched.
     """
     check_target(target, force=force, ours=ours)
     target = target.resolve() if target.is_symlink() else target
@@ -175,13 +167,8 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
 
 def validated(model: type[T], content: dict[str, Any], place: str) -> T:
-    """Return the content of a file as a pydantic model or dataclass.
-
-    Raises
-    ------
-    InputError
-        Naming the place and the first thing wrong, a misspelt key, with the nearest known, before the gap it leaves.
-    """
+    """Return the content of a file as a pydantic model or dataclass. An `InputError` names the place and the first thing wrong, a
+    misspelt key, with the nearest known, before the gap it leaves."""
     try:
         return TypeAdapter(model).validate_python(content)
     except ValidationError as error:

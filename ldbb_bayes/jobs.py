@@ -269,13 +269,7 @@ def dask_setup(_: Any) -> None:
 @contextmanager
 def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Executor]:
     """Yield workers of Dask, one process and one BLAS thread each: of the scheduler at an address (tcp://10.0.0.1:8786), or of a
-    cluster on this machine, by default one per core, that ends with the context.
-
-    Raises
-    ------
-    InputError
-        Without Dask, for an address that does not answer in 10 s, or workers with other versions or more than one thread.
-    """
+    cluster on this machine, by default one per core, that ends with the context."""
     _refuse_to_nest()
     try:
         import dask

@@ -88,12 +88,7 @@ class Result:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """The findings that `as_dict` wrote; keys that are no findings (sentences, provenance) are passed over.
-
-        Raises
-        ------
-        pydantic.ValidationError
-        """
+        """The findings that `as_dict` wrote; keys that are no findings (sentences, provenance) are passed over."""
         result: Self = _adapter(cls).validate_python(values)
         return result
 

@@ -33,13 +33,7 @@ _HARDLY, _ZERO = 0.2, 1e-12
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """Factor and label that turn an inside unit into the one for reading, the same everywhere.
-
-    Raises
-    ------
-    InputError
-        For a unit that is not one of ours.
-    """
+    """Factor and label that turn an inside unit into the one for reading, the same everywhere."""
     require(unit in _UNITS, f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.")
     return _UNITS[unit]
 
@@ -55,14 +49,9 @@ def display_name(name: str) -> str:
 
 
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
-    """Return the items from the largest key to the smallest; those within the tolerance of one another keep their order.
+    """Return the items from the largest key to the smallest; those within the relative tolerance of one another keep their order.
 
-    So what is named first does not hang on the rounding of a processor.
-
-    Parameters
-    ----------
-    tolerance : float
-        Relative to the keys. What is a trillion times smaller than the largest key counts as zero.
+    So what is named first does not hang on the rounding of a processor. A trillionth of the largest key counts as zero.
     """
     left = sorted(((key(item), i, item) for i, item in enumerate(items)), key=lambda entry: (-entry[0], entry[1]))
     zero = _ZERO * max((abs(value) for value, _, _ in left if math.isfinite(value)), default=0.0)

@@ -169,16 +169,17 @@ class TestFields:
     force_N: Force | None = None
     pressure_bar: Pressure | None = None
     direction: Direction | None = None
-    work_ball_deg: Number | None = None
+    work_ball_deg: Number | None = None  # how far the ball is turned in its socket
     tool_ball_deg: Number | None = None
     radius_mm: Length | None = None
     plane: str | None = None
-    centre_x_mm: Coordinate | None = None
+    centre_x_mm: Coordinate | None = None  # of the work ball, in machine coordinates
     centre_y_mm: Coordinate | None = None
     centre_z_mm: Coordinate | None = None
+    # Tests of one set-up share the tool ball's offsets.
     setup: Annotated[int, BeforeValidator(_no_text), Field(ge=1, le=LARGEST_SETUP)] | None = None
     temperature_C: Number | None = None
-    time_s: Number | None = None
+    time_s: Number | None = None  # of the start, on any common clock
 
 
 # Fields of a test that a table may hold in columns, by these very names, beside its load and direction.
@@ -189,30 +190,8 @@ _CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 @refusing("test")
 @dataclass(frozen=True, eq=False)
 class CircularTest(TestFields):
-    """One circle at one force. Without readings it is a planned test.
-
-    Parameters
-    ----------
-    force_N : float, optional
-        Radial force F [N]. Either force or pressure must be given; the campaign's force law supplies the other.
-    angle_deg, angle_rad : array-like, shape (n,), one of the two
-        Angle θ of the bar's sensitive direction from the plane's first axis, any number of turns.
-    reading_um, reading_mm : array-like, shape (n,), at most one of the two
-        ρ: actual ball distance − R.
-    pressure_bar : float, optional
-        Regulator pressure P [bar].
-    name : str, optional
-        Default: ``f036`` for 36 N; the campaign numbers repeats.
-    direction : {"CW", "CCW"}, optional
-    work_ball_deg, tool_ball_deg : float
-        Clocking ψ: how far each ball is turned in its socket [deg].
-    radius_mm, plane, centre_x_mm, centre_y_mm, centre_z_mm : optional
-        Default: the campaign's. The centre is the work ball in machine coordinates, whatever the plane.
-    setup : int, optional
-        Number of the set-up, 1, 2, …: tests of one set-up share the tool ball's offsets. Default 1.
-    temperature_C : float, optional
-    time_s : float, optional
-        Start of the test on any common clock [s].
+    """One circle at one force. Without readings it is a planned test. Force or pressure must be given (the campaign's force
+    law supplies the other), angles in one of two units, readings in at most one. Angles may go any number of turns.
 
     Raises
     ------
@@ -221,9 +200,9 @@ class CircularTest(TestFields):
     """
 
     force_N: Force | None = None
-    angle_deg: Any = None
-    reading_um: Any = None
-    name: Annotated[str, AfterValidator(_file_name)] = field(default="", kw_only=True)
+    angle_deg: Any = None  # θ of the bar's sensitive direction from the plane's first axis, shape (n,)
+    reading_um: Any = None  # ρ: actual ball distance − R, shape (n,)
+    name: Annotated[str, AfterValidator(_file_name)] = field(default="", kw_only=True)  # f036 for 36 N, repeats numbered
     work_ball_deg: Number = field(default=0.0, kw_only=True)
     tool_ball_deg: Number = field(default=0.0, kw_only=True)
     angle_rad: Any = field(default=None, kw_only=True)
@@ -337,12 +316,13 @@ class CampaignFields:
     plane: str = "XY"
     radius_mm: Length = 150.0
     name: Label | None = None
-    machine_id: Label | None = None
-    date: Date | None = None
+    machine_id: Label | None = None  # a serial or inventory number: what tells the machines of a fleet apart
+    date: Date | None = None  # ISO 8601 (2026-11-20, 2026-11-20T14:30)
     feed_mm_per_min: Number | None = None
-    resolution_um: Positive = 0.24
+    resolution_um: Positive = 0.24  # of the readout; sets the floor σ ≥ resolution/√12
     mount: MountCompensation = field(default_factory=MountCompensation)
-    force_law: ForceLaw = field(default_factory=ForceLaw)
+    force_law: ForceLaw = field(default_factory=ForceLaw)  # used where a test has only one of force and pressure
+    # Where the joints' frames stand, by axis letter; see `Machine`.
     frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(default_factory=dict)
 
 
@@ -350,30 +330,6 @@ class CampaignFields:
 @dataclass(frozen=True, eq=False)
 class Campaign(CampaignFields):
     """The tests of one machine.
-
-    Parameters
-    ----------
-    tests : sequence of CircularTest
-    topology, plane, radius_mm : the machine and the default circle
-    name : str
-    feed_mm_per_min : float, optional
-    resolution_um : float
-        Of the readout; sets the floor σ ≥ resolution/√12 (default: the paper's 0.24 µm).
-    mount : MountCompensation
-    force_law : ForceLaw
-        Used where a test has only one of force and pressure.
-    centre_mm : tuple of two or three floats
-        Default circle centre (X, Y, Z) in machine coordinates.
-    frames_mm : mapping of axis letter to (x, y, z), optional
-        Where the joints' frames stand; see `Machine`.
-    machine_id : str, optional
-        Which machine was measured (a serial or inventory number): what tells the machines of a fleet apart.
-    date : str, optional
-        When, as ISO 8601 (2026-11-20, 2026-11-20T14:30).
-    instrument : Instrument, optional
-        What certificates say; by default nothing.
-    foreseen : sequence of CircularTest, optional
-        Tests that may follow: what only they can show is modelled already. Their readings, if any, are dropped.
 
     Raises
     ------
@@ -383,8 +339,9 @@ class Campaign(CampaignFields):
 
     tests: tuple[CircularTest, ...]
     name: Label = field(default="campaign", kw_only=True)
-    centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)  # of tests that state none
     instrument: Instrument = field(default_factory=Instrument, kw_only=True)
+    # Tests that may follow: what only they can show is modelled already; their readings, if any, are dropped.
     foreseen: tuple[CircularTest, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:

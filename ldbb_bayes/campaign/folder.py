@@ -60,21 +60,10 @@ _TEXTS = ("test", "direction", "plane")
 
 
 def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, Any] | None = None, **options: Any) -> Campaign:
-    """Return the campaign, or the plan, of a folder or file.
+    """Return the campaign, or the plan, of a campaign folder, a campaign.toml, or one tidy CSV; `InputError` names file and cure.
 
-    Parameters
-    ----------
-    path : path
-        A campaign folder, a campaign.toml, or one tidy CSV.
-    certificates : mapping, optional
-        Fields of `Instrument`, instead of what campaign.toml says of them.
-    **options
-        For a tidy CSV only: what campaign.toml would say (`radius_mm=150`, `mount=MountCompensation(...)`, …).
-
-    Raises
-    ------
-    InputError
-        One message that names the file, the place and the cure.
+    Certificates are fields of `Instrument`, before what campaign.toml says of them; options, for a tidy CSV only, what
+    campaign.toml would say (`radius_mm=150`, `mount=MountCompensation(...)`, …).
     """
     path = Path(path)
     if path.is_dir():
@@ -95,19 +84,9 @@ def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, An
 
 
 def write_campaign(campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write a campaign (or plan) folder, whole or not at all, and return its path.
+    """Write a campaign (or plan) folder, whole or not at all, and return its path; an existing one goes with ``force`` only.
 
     Numbers are written so that they read back to the same doubles.
-
-    Parameters
-    ----------
-    force : bool
-        Replace an existing folder.
-
-    Raises
-    ------
-    InputError
-        When the folder exists and ``force`` is false, or it cannot be written.
     """
     folder = Path(folder)
     with staged_folder(folder, force=force, ours=files_of(folder)) as staging:

@@ -402,21 +402,9 @@ def import_campaign(
 ) -> Imported:
     """Read tables as they are found into one campaign.
 
-    Every file (or sheet of a workbook) is one test, or holds a column that names the test of each row.
-
-    Parameters
-    ----------
-    files : path or sequence of paths
-        CSV or text of any encoding and separator, XLSX, XLS, ODS.
-    layout : Layout, optional
-        What is known of the tables; the rest is found out and told.
-    **campaign
-        Fields of `Campaign`: topology, plane, radius_mm, …
-
-    Raises
-    ------
-    InputError
-        One message that names the file, the line and the cure.
+    Every file (CSV or text of any encoding and separator) or sheet of a workbook (XLSX, XLS, ODS) is one test, or holds a column
+    that names the test of each row. What the layout does not say is found out and told; other arguments are fields of
+    `Campaign`. An `InputError` names the file, the line and the cure.
     """
     layout, notes = layout or Layout(), Notes()
     paths = [Path(file) for file in ([files] if isinstance(files, str | os.PathLike) else files)]

@@ -17,18 +17,7 @@ _TURN = 360.0
 
 
 def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
-    """Drop the readings inside the given arcs.
-
-    Parameters
-    ----------
-    arcs_deg : sequence of (start, end) [deg]
-        Counter-clockwise from start to end, modulo 360°; an arc may run through 0°.
-
-    Raises
-    ------
-    InputError
-        When an arc is not finite or nothing would remain.
-    """
+    """Drop the readings inside the given arcs [deg], counter-clockwise from start to end, modulo 360°."""
     keep = np.ones(len(test.angle_deg), dtype=bool)
     for start, end in arcs_deg:
         if not (np.isfinite(start) and np.isfinite(end)):
@@ -40,13 +29,7 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> 
 
 
 def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
-    """Drop the readings within ``half_width_deg`` of the axis reversal points 0°, 90°, 180° and 270°.
-
-    Raises
-    ------
-    InputError
-        When the half width is not between 0° and 45°.
-    """
+    """Drop the readings within ``half_width_deg`` of the axis reversal points 0°, 90°, 180° and 270°."""
     require(0.0 < half_width_deg < 45.0, f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.")
     return mask_angles(test, [(q - half_width_deg, q + half_width_deg) for q in (0.0, 90.0, 180.0, 270.0)])
 
@@ -58,8 +41,6 @@ def angles_from_time(
 
     The axes run at constant feed along the circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0 the first
     reading's time and sense 1 counter-clockwise, −1 clockwise. Acceleration at the ends is inside the overshoot, or neglected.
-
-    Raises InputError when the log ends before it has covered the overshoot and half a turn.
     """
     travelled = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm) * (time_s - time_s[0])
     got = f"{travelled[-1]:.1f}° at {feed_mm_per_min:g} mm/min on {radius_mm:g} mm. Check feed, radius and the unit of time"
@@ -81,10 +62,7 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
 
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
-    """The mean of the whole laps at the angles of the first, later ones interpolated; readings beyond the last are left out.
-
-    Raises InputError when the angles change direction, or there is no whole second lap.
-    """
+    """The mean of the whole laps at the angles of the first, later ones interpolated; readings beyond the last are left out."""
     once = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg, reading_um = angle_deg[once], reading_um[once]
     steps = np.diff(angle_deg)

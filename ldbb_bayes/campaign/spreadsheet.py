@@ -185,17 +185,7 @@ _ARCHIVE, _BINARY, _WORKBOOKS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0", (".xlsx", ".
 def read_sheets(
     path: Path, *, encoding: str | None = None, separator: str | None = None, sheets: Sequence[str] = ()
 ) -> list[Sheet]:
-    """Return the tables in a file.
-
-    Parameters
-    ----------
-    encoding : str, optional
-        Of a text file. Default: by its byte-order mark; UTF-16 where every other byte is zero; UTF-8; else Windows-1252.
-    separator : str, optional
-        The sign. Default: of comma, semicolon, tab, bar and space the one that splits most lines alike.
-    sheets : sequence of str
-        Of a workbook (XLSX, XLS, ODS). Default: all that hold anything.
-    """
+    """Return the tables in a file: of a workbook (XLSX, XLS, ODS) the sheets asked for, by default all that hold anything."""
     raw = _bytes_of(path)
     if raw.startswith((_ARCHIVE, _BINARY)) or path.suffix.lower() in _WORKBOOKS:
         return _sheets_of_workbook(path, raw, sheets)

@@ -41,21 +41,11 @@ PLANES: Mapping[str, Axes] = {"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A
 
 @dataclass(frozen=True)
 class Circle:
-    """The nominal circle of a test: the tool ball runs at distance ``radius_mm`` around the work ball.
-
-    Parameters
-    ----------
-    radius_mm : float
-        Nominal radius R [mm].
-    centre_mm : tuple of three floats
-        Axis coordinates (X, Y, Z) of the work ball [mm]. What stands across the plane changes lever arms only.
-    plane : {"XY", "YZ", "ZX"}
-        Angles count from its first axis.
-    """
+    """The nominal circle of a test: the tool ball runs at distance ``radius_mm`` around the work ball."""
 
     radius_mm: float = 150.0
-    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    plane: str = "XY"
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the work ball; across the plane it changes lever arms only
+    plane: str = "XY"  # angles count from its first axis
 
     def direction(self, angle_rad: Array) -> Array:
         """Sensitive direction B̂ of the bar, shape (n, 3) [1]."""
@@ -90,26 +80,11 @@ class Joint:
 
 @dataclass(frozen=True)
 class Machine:
-    """A serial machine tool and the planes it is tested in.
+    """A serial machine tool and the planes it is tested in."""
 
-    Parameters
-    ----------
-    topology : str
-        Joints from workpiece to tool, for example ``wCAFYXZSt``.
-    planes : str or tuple of {"XY", "YZ", "ZX"}
-        Planes of the circular tests.
-    frames_mm : mapping of axis letter to (x, y, z), optional
-        Where a joint's frame stands [mm], with all axes at zero, from the point where tool ball and work ball coincide. The
-        default is that point itself, as in the paper.
-
-    Raises
-    ------
-    InputError
-        For an unknown plane, a topology without ``w…F…t``, or a plane whose axes the machine does not have.
-    """
-
-    topology: str = "wCAFYXZSt"
+    topology: str = "wCAFYXZSt"  # joints from workpiece to tool
     planes: str | tuple[str, ...] = ("XY",)
+    # Where a joint's frame stands, all axes at zero, from the point where the balls coincide: by default there, as in the paper.
     frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:

@@ -98,26 +98,8 @@ def exact_reading_mm(
     compliances: Mapping[str, float] | None = None,
     geometric_errors: Mapping[str, float] | None = None,
 ) -> Array:
-    """Exact reading of one circle: geometry by Eq. 1-14 plus compliance by Eq. 20.
-
-    Parameters
-    ----------
-    angle_rad : ndarray, shape (n,) [rad]
-    force_N : float [N]
-    compliances : mapping, optional
-        Any of the 36 ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)].
-    geometric_errors : mapping, optional
-        Any of `geometric_names` [1, 1/mm, rad, mm].
-
-    Returns
-    -------
-    ndarray, shape (n,) [mm]
-
-    Raises
-    ------
-    InputError
-        For a parameter this machine does not have.
-    """
+    """Exact reading of one circle, shape (n,) [mm]: geometry by Eq. 1-14 plus compliance by Eq. 20, of any of the 36 ``C_ijk`` of
+    each joint [mm/N, rad/N, rad/(N mm)] and any of `geometric_names` [1, 1/mm, rad, mm]."""
     given = compliances or {}
     every = {name.label: name for name in joint_names(machine)}
     check_known("parameter", given, tuple(every))

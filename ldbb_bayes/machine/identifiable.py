@@ -54,12 +54,8 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     4. of a rotation, a joint that drives the plane it turns;
     5. alphabetical order.
 
-    Parameters
-    ----------
-    machine : Machine
-    *circles : Circle
-        The circles of the campaign, taken together: another centre or plane can tell compliances apart that one circle cannot.
-        Default: R = 150 mm about the frames' origin in every plane.
+    The circles of a campaign are taken together: another centre or plane can tell compliances apart that one circle cannot.
+    Default: R = 150 mm about the frames' origin in every plane.
     """
     return _kept(machine, circles or tuple(Circle(plane=plane) for plane in machine.planes))
 
@@ -156,28 +152,11 @@ def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
 def hybrid_jacobian(
     machine: Machine, circle: Circle, angle_rad: Array, force_N: float, *, degree: int = 0, reference_force_N: float = 0.0
 ) -> pd.DataFrame:
-    """Reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and 33.
+    """Reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and, with F0 = 0, 33: DataFrame, shape
+    (n, (degree + 1) compliances + geometric errors) [mm per inside unit of the parameter].
 
     Column k of a compliance is F (F − F0)^k j_C. Columns are those of this circle alone, named as in results: C_XXX …, C_XXX_1 …,
     then E_XX1 … .
-
-    Parameters
-    ----------
-    angle_rad : ndarray, shape (n,) [rad]
-    force_N : float [N]
-    degree : {0, 1, 2}
-    reference_force_N : float [N]
-        F0; 0 is Eq. 33.
-
-    Returns
-    -------
-    DataFrame, shape (n, (degree + 1) compliances + geometric errors)
-        [mm per inside unit of the parameter]; times the parameters it is the reading in mm.
-
-    Raises
-    ------
-    InputError
-        For another degree.
     """
     import pandas as pd
 
