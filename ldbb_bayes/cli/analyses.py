@@ -13,20 +13,7 @@ import typer
 import ldbb_bayes as lb
 from ldbb_bayes.cli import options
 from ldbb_bayes.cli.campaigns import ATLAS_FILES, write_atlases
-from ldbb_bayes.cli.options import (
-    CI,
-    NAMES,
-    SEED,
-    Kind,
-    Output,
-    command,
-    counting_progress,
-    group,
-    numbers_in,
-    option,
-    pairs_in,
-    sampling_progress,
-)
+from ldbb_bayes.cli.options import Kind, Output, command, group, option
 from ldbb_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,14 +64,14 @@ def _with_oddities(result: object, campaign: lb.Campaign) -> tuple[Any, ...]:
 
 
 def _models(entries: list[str], flag: str) -> dict[str, Path]:
-    return {name: Path(file) for name, file in pairs_in(entries, flag, "NAME=FILE.toml").items()}
+    return {name: Path(file) for name, file in options.pairs_in(entries, flag, "NAME=FILE.toml").items()}
 
 
 _COMPARE = group(
     also=option(Kind(list[str], _models, "NAME=FILE"), "Another model to compare, as NAME=FILE.toml; can be repeated."),
     tolerance=option(float, "Error asked of every log evidence (nat).", 1e-2),
-    ci=CI,
-    seed=SEED,
+    ci=options.CI,
+    seed=options.SEED,
 )
 
 
@@ -110,7 +97,7 @@ def compare(
         models[name] = lb.read_model(file, degree=model.degree)
     names = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
     output.check("comparison.json", "local_fits.csv", figures=names)
-    with counting_progress(output.quiet, "models weighed") as progress:
+    with options.counting_progress(output.quiet, "models weighed") as progress:
         result = lb.compare(models, campaign, **asked, progress=progress)
     record = {"schema": 1, "seed": asked["seed"], **lb.with_words(result)}
     contents = {"comparison.json": record, "local_fits.csv": result.local_fits}
@@ -126,8 +113,8 @@ _MOST_VALUES = 5000
 def _range(text: str, option: str) -> tuple[float, ...]:
     """LO:HI:STEP, both ends included, or a comma-separated list."""
     if ":" not in text:
-        return numbers_in(text, option)
-    parts = numbers_in(text, option, ":")
+        return options.numbers_in(text, option)
+    parts = options.numbers_in(text, option, ":")
     if len(parts) != 3 or parts[2] <= 0 or parts[1] < parts[0]:
         raise InputError(f"{option} must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got {text!r}. For example 36:742:1.")
     low, high, step = parts
@@ -141,14 +128,14 @@ def _clockings(text: str, option: str) -> tuple[tuple[float, float], ...]:
     """Angles of the work ball, or WORK/TOOL of both."""
     if "/" not in text:
         return tuple((angle, 0.0) for angle in _range(text, option))
-    pairs = [numbers_in(part, option, "/") for part in text.split(",")]
+    pairs = [options.numbers_in(part, option, "/") for part in text.split(",")]
     if any(len(pair) != 2 for pair in pairs):
         raise InputError(f"{option} must be all angles of the work ball, or all WORK/TOOL, got {text!r}. For example 0/0,45/90.")
     return tuple((work, tool) for work, tool in pairs)
 
 
 def _designs(entries: list[str], flag: str) -> dict[str, Any]:
-    return {name: lb.read_campaign(Path(path)) for name, path in pairs_in(entries, flag, "NAME=PATH").items()}
+    return {name: lb.read_campaign(Path(path)) for name, path in options.pairs_in(entries, flag, "NAME=PATH").items()}
 
 
 _LEVELS = "LO:HI:STEP or LIST"
@@ -162,9 +149,9 @@ _DESIGN = group(
         "clockings_deg",
     ),
     radii=option(Kind(str, _range, "LIST"), "Radii to choose from (mm). Default: the pilot's.", to="radii_mm"),
-    directions=option(NAMES, "Directions of travel to choose from: CW,CCW. Default: the pilot's."),
+    directions=option(options.NAMES, "Directions of travel to choose from: CW,CCW. Default: the pilot's."),
     criterion=option(str, "eig (default), d (default for flat priors), a, c, i or discriminate."),
-    parameters=option(NAMES, "Parameters of interest, comma-separated. Default: all.", metavar=None),
+    parameters=option(options.NAMES, "Parameters of interest, comma-separated. Default: all.", metavar=None),
     augment=option(bool, "The pilot's tests count as run; the new ones are added.", False),
     cost_circle=option(float, "Cost of a circle.", 1.0),
     cost_work_ball=option(float, "Cost of each change of the work ball's clocking.", 0.0),
@@ -173,7 +160,7 @@ _DESIGN = group(
         Kind(list[str], _designs, "NAME=PATH"), "Another design to judge: a plan or campaign, as NAME=PATH; can be repeated."
     ),
     slope_size=option(float, "Slopes that are to be found, in prior sd.", 1.0),
-    seed=SEED,
+    seed=options.SEED,
 )
 
 
@@ -224,7 +211,7 @@ _VALIDATE = group(
     sampler=options.SAMPLER,
     replicates=option(int, "Simulated campaigns.", 100),
     draws=option(int, "Posterior draws of each.", 99),
-    seed=SEED,
+    seed=options.SEED,
 )
 
 
@@ -250,7 +237,7 @@ def validate(
         asked["generator"] = lb.read_model(asked.pop("data_model"), degree=model.degree)
     campaign = options.campaign_from(plan, **certificates)
     output.check("validation.json", "ranks.csv", figures=["rank_ecdf"])
-    with executor_named(**pool) as executor, counting_progress(output.quiet, "simulated campaigns") as progress:
+    with executor_named(**pool) as executor, options.counting_progress(output.quiet, "simulated campaigns") as progress:
         result = lb.validate(model, campaign, **asked, executor=executor, progress=progress)
     record = {"schema": 1, "campaign": campaign.name, "seed": asked["seed"], **lb.with_words(result)}
     ranks = pd.DataFrame(result.ranks, columns=list(result.names)).rename_axis("replicate").reset_index()
@@ -266,8 +253,8 @@ _FIT = group(
     sampler=option(str, "joint (emcee over everything) or independent (exact draws from weighted nodes).", "joint"),
     ess=options.ESS,
     max_steps=option(int, "Steps of each ensemble at which sampling gives up.", 20_000, min=200),
-    seed=SEED,
-    ci=CI,
+    seed=options.SEED,
+    ci=options.CI,
 )
 
 
@@ -287,7 +274,7 @@ def fit(
     chosen, population = _with_population(model, prior_from, campaign)
     output.check(*RESULT_FILES)
     rule = lb.StoppingRule(ess=asked["ess"], max_steps=asked["max_steps"])
-    with sampling_progress(output.quiet, "sampling") as progress:
+    with options.sampling_progress(output.quiet, "sampling") as progress:
         posterior = lb.sample(chosen, campaign, sampler=asked["sampler"], seed=asked["seed"], rule=rule, progress=progress)
     result = full_result(posterior, asked["ci_prob"]) | population
     output.deliver(result, _parts_of_fit(result), also=partial(write_result, posterior, result))
@@ -311,7 +298,7 @@ def _with_population(model: lb.HybridModel, path: Path | None, campaign: lb.Camp
 def summarize(
     result: Annotated[Path, typer.Argument(help="The --out folder of a fit, or its posterior.nc.", metavar="RESULT")],
     as_json: Annotated[bool, options.JSON],
-    ci: Annotated[float, CI],
+    ci: Annotated[float, options.CI],
 ) -> None:
     """Table or JSON of a stored posterior, with intervals of any probability."""
     from ldbb_bayes.report.findings import full_result
@@ -356,7 +343,7 @@ def report(
     asked: Annotated[dict[str, Any], _REPORT],
     force: Annotated[bool, options.FORCE],
     as_json: Annotated[bool, options.JSON],
-    ci: Annotated[float, CI],
+    ci: Annotated[float, options.CI],
     quiet: Annotated[bool, options.QUIET],
 ) -> None:
     """One self-contained page: results, what the data cannot tell, budgets, circular-test quantities, next tests.
@@ -381,7 +368,7 @@ def report(
         raise InputError("--tests must not go with --design, got both. The design says how many.")
     if asked["same_instrument"] and len(result) == 1:
         raise InputError("--same-instrument must go with a second RESULT, got one alone. Name the campaign to set beside it.")
-    with counting_progress(quiet, "sections") as progress:
+    with options.counting_progress(quiet, "sections") as progress:
         first, *others = (lb.load(path) for path in result)
         document = lb.write_report(
             first,
@@ -433,7 +420,7 @@ DEMO_FILES = ("campaign", "constant", "linear", "figures")
 def demo(
     out: Annotated[Path, option(Path, "Folder to write results and figures to.", Path("ldbb_demo"), metavar="DIR")],
     force: Annotated[bool, options.FORCE],
-    seed: Annotated[int, SEED],
+    seed: Annotated[int, options.SEED],
     as_json: Annotated[bool, options.JSON],
     quiet: Annotated[bool, options.QUIET],
 ) -> None:
@@ -452,7 +439,7 @@ def demo(
     campaign = lb.read_campaign(source)
     fits = {}
     for name, degree in (("constant", 0), ("linear", 1)):
-        with sampling_progress(quiet, name) as progress:
+        with options.sampling_progress(quiet, name) as progress:
             fits[name] = lb.sample(lb.HybridModel.default(degree), campaign, seed=seed, progress=progress)
     results = {name: full_result(posterior, 0.95) for name, posterior in fits.items()}
     with staged_folder(out, force=force, ours=DEMO_FILES) as staging:

@@ -12,22 +12,7 @@ import typer
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import options
-from ldbb_bayes.cli.options import (
-    CI,
-    EXIT_INTERRUPTED,
-    EXIT_MISSED,
-    NAMES,
-    NEGATED,
-    REQUIRED,
-    SEED,
-    Kind,
-    Output,
-    command,
-    counting_progress,
-    group,
-    in_panel,
-    option,
-)
+from ldbb_bayes.cli.options import Kind, Output, command, group, in_panel, option
 from ldbb_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -102,7 +87,7 @@ def import_(
         list[Path],
         typer.Argument(help="CSV, text, XLSX, XLS or ODS; one test each, or a column that names the test.", metavar="FILE..."),
     ],
-    out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="CAMPAIGN")],
+    out: Annotated[Path, option(Path, "Campaign folder to write.", options.REQUIRED, metavar="CAMPAIGN")],
     layout: Annotated[Any, _LAYOUT],
     name: Annotated[dict[str, Any], group(options.campaign_fields, name=option(str, "Name of the campaign."))],
     table: options.TableFields,
@@ -145,12 +130,12 @@ def check(campaign: options.GivenCampaign, as_json: Annotated[bool, options.JSON
 @command
 def simulate(
     source: Annotated[Path, typer.Argument(help="A TOML of truths (forces_N, parameters, hyper_um), or a plan or campaign.")],
-    out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="DIR")],
+    out: Annotated[Path, option(Path, "Campaign folder to write.", options.REQUIRED, metavar="DIR")],
     model: options.ChosenModel,
     truth: Annotated[Path | None, option(Path, "Truths for a plan, as TOML.", metavar="FILE.toml")],
     certificates: options.Certificates,
     force: Annotated[bool, options.FORCE],
-    seed: Annotated[int, SEED],
+    seed: Annotated[int, options.SEED],
     as_json: Annotated[bool, options.JSON],
 ) -> None:
     """Write a campaign with simulated readings, and truth.json beside it.
@@ -205,7 +190,7 @@ def _frames_in(entries: list[str], flag: str) -> dict[str, tuple[float, ...]]:
 
 _FRAMES = Kind(list[str], _frames_in, "AXIS=X,Y,Z")
 _MACHINE = group(
-    plane=option(NAMES, "XY, YZ or ZX, or several, comma-separated.", "XY", metavar=None),
+    plane=option(options.NAMES, "XY, YZ or ZX, or several, comma-separated.", "XY", metavar=None),
     frame=option(_FRAMES, "Where a joint's frame stands (mm), axes at zero; can be repeated.", to="frames_mm"),
     centre=option(options.POINTS, "Centre of the circles (mm); can be repeated: all of them are measured."),
 )
@@ -233,12 +218,12 @@ _SHOWN = 10
 _BATCH = group(
     sampler=options.SAMPLER,
     ess=options.ESS,
-    no_compare=option(NEGATED, "Do not weigh linear compliance against constant.", False, "compare"),
+    no_compare=option(options.NEGATED, "Do not weigh linear compliance against constant.", False, "compare"),
     resume=option(bool, "Go on with a batch that stopped.", False),
     retry=option(bool, "With --resume: also do again what failed.", False),
     force=options.FORCE,
-    seed=SEED,
-    ci=CI,
+    seed=options.SEED,
+    ci=options.CI,
 )
 
 
@@ -253,7 +238,7 @@ def batch(
             show_default=False,
         ),
     ],
-    out: Annotated[Path, option(Path, "Folder for the journal and the table.", REQUIRED, metavar="DIR")],
+    out: Annotated[Path, option(Path, "Folder for the journal and the table.", options.REQUIRED, metavar="DIR")],
     model: options.ChosenModel,
     table: options.TableFields,
     certificates: options.Certificates,
@@ -274,17 +259,19 @@ def batch(
     if asked["resume"] and not (out / JOURNAL).exists():
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
     try:
-        with counting_progress(quiet, "campaigns") as progress:
+        with options.counting_progress(quiet, "campaigns") as progress:
             executor = partial(executor_named, **pool)
             given: dict[str, Any] = {"model": model, "table": table, "certificates": certificates, **asked}
             done = lb.batch(campaigns, out, executor=executor, **given, progress=progress)
     except KeyboardInterrupt:
         if not (out / JOURNAL).exists():
             raise
-        options.fail(f"interrupted; {out} keeps what is done. The same command with --resume goes on with it.", EXIT_INTERRUPTED)
+        options.fail(
+            f"interrupted; {out} keeps what is done. The same command with --resume goes on with it.", options.EXIT_INTERRUPTED
+        )
     options.Output(as_json=as_json).deliver({"schema": 1, **lb.with_words(done)}, _batch_parts(done))
     if done.not_converged:
-        raise typer.Exit(EXIT_MISSED)
+        raise typer.Exit(options.EXIT_MISSED)
 
 
 def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
@@ -317,7 +304,7 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
 BatchesArgument = Annotated[list[Path], typer.Argument(help="Folders that ldbb-bayes batch wrote.", metavar="BATCH...")]
 _ROWS = {
     "parameters": option(
-        NAMES,
+        options.NAMES,
         "Comma-separated compliances and geometric errors. Default: all constant compliances. Ball form and bar length are taken "
         "anew in each campaign: what is said of differences of geometric errors is conservative, of their levels not.",
     ),
@@ -329,7 +316,9 @@ _ROWS = {
     "reference_force": option(
         float, "Force (N) of the compliances. Default: the campaigns' median.", to="reference_force_N", min=0.0, metavar="F"
     ),
-    "own_instruments": option(NEGATED, "Every campaign had a bar, a mount and a regulator of its own.", False, "one_instrument"),
+    "own_instruments": option(
+        options.NEGATED, "Every campaign had a bar, a mount and a regulator of its own.", False, "one_instrument"
+    ),
 }
 _TREND = group(
     machine=option(str, "Whose campaigns; needed where they are of several machines.", metavar="ID"),
@@ -340,7 +329,7 @@ _TREND = group(
     ),
     probability=option(float, "Of a change, before the readings.", 0.5),
     threshold=option(float, "Probability above which a change counts as found.", 0.95),
-    ci=CI,
+    ci=options.CI,
 )
 
 
@@ -361,7 +350,7 @@ def trend(batches: BatchesArgument, output: options.OutputOptions, asked: Annota
 
 
 _SPREAD = "Prior of a spread: half-normal of this many default prior sd of the parameter."
-_POPULATION = group(**_ROWS, spread_scale=option(float, _SPREAD, 0.3, metavar="X"), ci=CI, seed=SEED)
+_POPULATION = group(**_ROWS, spread_scale=option(float, _SPREAD, 0.3, metavar="X"), ci=options.CI, seed=options.SEED)
 
 
 @command
@@ -374,7 +363,7 @@ def population(batches: BatchesArgument, output: options.OutputOptions, asked: A
 
     output.check("population.json", "machines.csv")
     rows = read_batch(batches, FLEET_COLUMNS)
-    with counting_progress(output.quiet, "machines left out") as progress:
+    with options.counting_progress(output.quiet, "machines left out") as progress:
         result = lb.population(rows, **asked, progress=progress)
     record = lb.with_words(result)
     contents = {"population.json": record, "machines.csv": result.machines_table().rename_axis("machine").reset_index()}

@@ -13,42 +13,31 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ldbb_bayes.fleet.trend import LIMITS, Trend
-from ldbb_bayes.report.figures.style import ACCENT, GREY, PALETTE, axis_label, new_figure, styled
+from ldbb_bayes.report.figures.style import ACCENT, PALETTE, axis_label, panels, styled
 from ldbb_bayes.report.wording import probability_words
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["control_chart"]
 
 Array = NDArray[Any]
-_SHARES = (4.0, 1.0)
+_VISIBLE = 0.05
 
 
 @styled
 def control_chart(trend: Trend) -> Figure:
-    """A panel for each parameter: every campaign by itself, the limits from those before it, the level, P(change) by time.
+    """A panel for each parameter: every campaign by itself, the limits from those before it, and when it may have changed.
 
     Parameters
     ----------
     trend : Trend
     """
-    names = list(trend.parameters)
-    columns = 1 if len(names) == 1 else 2
-    rows = -(-len(names) // columns)
-    figure = new_figure(5.4 * columns if columns > 1 else 8.0, 0.9 + 2.9 * rows)
-    grid = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=_SHARES * rows)
-    places, width = _places(trend)
-    for k, name in enumerate(names):
-        row, column = divmod(k, columns)
-        own = trend.estimates[trend.estimates["parameter"] == name]
-        _panel(grid[2 * row, column], trend, name, own, places)
-        _strip(grid[2 * row + 1, column], own, places, width)
-        last = k + columns >= len(names)
-        grid[2 * row + 1, column].tick_params(labelbottom=last)
-        if last:
-            _label_time(grid[2 * row + 1, column], trend, places)
-    for axes in grid.ravel():
-        axes.set_visible(axes.has_data())
-    found = {label: handle for axes in grid.ravel() for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    columns, places = min(len(trend.parameters), 2), _places(trend)
+    figure, every = panels(len(trend.parameters), columns, 5.4 * columns if columns > 1 else 8.0, 2.9, 0.9, sharex=True)
+    for k, (axes, name) in enumerate(zip(every, trend.parameters, strict=True)):
+        _panel(axes, trend, name, trend.estimates[trend.estimates["parameter"] == name], places)
+        if k + columns >= len(every):
+            _label_time(axes, trend)
+    found = {label: handle for axes in every for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
     figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=4)
     whose = trend.machine or "One machine"
     figure.suptitle(
@@ -59,16 +48,15 @@ def control_chart(trend: Trend) -> Figure:
     return figure
 
 
-def _places(trend: Trend) -> tuple[Array, float]:
-    """Where campaigns stand on the axis, those of one moment side by side, and how wide a bar is."""
+def _places(trend: Trend) -> Array:
+    """Where campaigns stand on the axis, those of one moment side by side."""
     if trend.campaigns[0].date is None:
-        return np.arange(1.0, len(trend.campaigns) + 1.0), 0.7
+        return np.arange(1.0, len(trend.campaigns) + 1.0)
     when = np.array([float(mdates.date2num(date)) for date in (own.date for own in trend.campaigns)])  # type: ignore[no-untyped-call]
-    span = float(np.ptp(when)) or 1.0
-    gap = 0.008 * span
+    gap = 0.008 * (float(np.ptp(when)) or 1.0)
     for t in range(1, len(when)):
         when[t] = max(when[t], when[t - 1] + gap)
-    return when, 0.7 * float(np.median(np.diff(when)))
+    return when
 
 
 def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame, places: Array) -> None:
@@ -92,18 +80,15 @@ def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame, places: Array
     common = trend.parameters[name].common_sd * factor
     shared = f"; u common to all {round_uncertainty(common)[0]} {display_unit(trend.parameters[name].unit)[1]}" if common else ""
     axes.set_title(f"{display_name(name)}: P(changed) {probability_words(trend.parameters[name].probability)}{shared}")
-    axes.tick_params(labelbottom=False)
+    for when, here in zip(0.5 * (places[1:] + places[:-1]), own["change_here"].to_numpy()[1:], strict=True):
+        if here > _VISIBLE:
+            axes.axvline(
+                when, color="black", linestyle="--", alpha=min(float(here), 1.0), label="a change here, as dark as probable"
+            )
 
 
-def _strip(axes: Axes, own: pd.DataFrame, places: Array, width: float) -> None:
-    axes.bar(places, own["change_here"], width=width, color=GREY)
-    axes.set_ylim(0.0, 1.05)
-    axes.set_yticks([0.0, 1.0])
-    axes.set_ylabel("P(change\nhere)", fontsize=7.5)
-    axes.grid(visible=False, axis="x")
-
-
-def _label_time(axes: Axes, trend: Trend, places: Array) -> None:
+def _label_time(axes: Axes, trend: Trend) -> None:
+    axes.tick_params(labelbottom=True)
     if trend.campaigns[0].date is None:
         axes.set_xlabel("campaign (in the order given)")
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

@@ -457,8 +457,11 @@ def test_the_figure(case: str) -> None:
     figure = lb.control_chart(found)
     check_texts(figure)
     shown = [axes for axes in figure.axes if axes.get_visible()]
-    assert len(shown) == 2 * len(found.parameters)
-    bars = [patch.get_x() for axes in shown for patch in axes.patches]
-    assert len(bars) == n * len(found.parameters)
-    assert np.all(np.diff(bars[:n]) > 0.0)
-    assert "(nm/N)" in shown[0].get_ylabel() + shown[1].get_ylabel()
+    assert len(shown) == len(found.parameters)
+    for axes, name in zip(shown, found.parameters, strict=True):
+        here = found.estimates.loc[found.estimates["parameter"] == name, "change_here"].to_numpy()
+        lines = [line for line in axes.lines if str(line.get_label()).startswith("a change here")]
+        assert [line.get_alpha() for line in lines] == pytest.approx(here[here > 0.05].tolist())
+        places = [float(line.get_xdata()[0]) for line in lines]  # type: ignore[index]
+        assert places == sorted(places)
+    assert "(nm/N)" in shown[0].get_ylabel()

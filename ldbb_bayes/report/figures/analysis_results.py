@@ -16,21 +16,8 @@ from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design.design import Design
 from ldbb_bayes.analysis.identifiability import Identifiability
-from ldbb_bayes.report.figures.style import (
-    ACCENT,
-    GREY,
-    LIGHT,
-    PALETTE,
-    axis_label,
-    band,
-    legend_below,
-    named_rows,
-    new_figure,
-    panels,
-    right_labels,
-    styled,
-    term_colours,
-)
+from ldbb_bayes.report.figures import style
+from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
 from ldbb_bayes.report.wording import source_words
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
@@ -79,16 +66,16 @@ def _bell(value: Array, mean: float, sd: float) -> Array:
 @styled
 def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
     """Share of every source in the variance of every parameter; right: its standard uncertainty."""
-    figure, axes, rows = named_rows(list(budgets), 8.6, 1.5)
+    figure, axes, rows = style.named_rows(list(budgets), 8.6, 1.5)
     start = np.zeros(len(rows))
-    for term, colour in term_colours(line.term for budget in budgets.values() for line in budget.contributions).items():
+    for term, colour in style.term_colours(line.term for budget in budgets.values() for line in budget.contributions).items():
         share = np.array([own.share(term) for own in budgets.values()])
         if share.max() >= _VISIBLE:
             axes.barh(rows, share, left=start, color=colour, height=0.72, label=source_words(term))
             start = start + share
     axes.grid(axis="y", visible=False)
     axes.set(xlim=(0.0, 1.0), xlabel="share of the variance (1)", title="Uncertainty budgets; right: standard uncertainty u")
-    right_labels(axes, rows, [_size(budget.u, budget.unit) for budget in budgets.values()])
+    style.right_labels(axes, rows, [_size(budget.u, budget.unit) for budget in budgets.values()])
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 
@@ -111,7 +98,7 @@ def evidence(comparison: Comparison) -> Figure:
     every = comparison.discrepancy_sensitivity
     bars = scales | {own.assumption: (own.log_bayes_factor, comparison.gain(own)) for own in every}
     allowed = dict.fromkeys(scales, True) | {own.assumption: comparison.allowed(own) for own in every}
-    figure = new_figure(9.0, 1.4 + 0.24 * max(len(bars), 10))
+    figure = style.new_figure(9.0, 1.4 + 0.24 * max(len(bars), 10))
     axes, rows = figure.subplots(), np.arange(len(bars))[::-1]
     axes.barh(
         rows, [value for value, _ in bars.values()], color=[ACCENT if allowed[name] else LIGHT for name in bars], height=0.7
@@ -125,7 +112,7 @@ def evidence(comparison: Comparison) -> Figure:
     axes.set_yticks(rows, [name.replace(" with one scale", "") for name in bars])
     axes.grid(axis="y", visible=False)
     axes.set_xlabel(f"ln B({comparison.sensitivity_of}) (nat, linear within ±5)")
-    right_labels(axes, rows, [_gain(gain) for _, gain in bars.values()])
+    style.right_labels(axes, rows, [_gain(gain) for _, gain in bars.values()])
     axes.set_title("Slope scale: sd(slope) (F_max − F_min) / sd(C); right: evidence of the assumption (nat), grey below −5")
     return figure
 
@@ -168,7 +155,7 @@ def _against_force(comparison: Comparison, names: list[str], what: str, beneath:
     force = np.array(next(iter(first.compliance_against_force.values())).force_N)
     figure, every = panels(len(names), min(len(names), 4), 11.0, 2.4)
     for axes, name in zip(every, names, strict=True):
-        factor, label = axis_label(name, first.parameters[name].unit)
+        factor, label = style.axis_label(name, first.parameters[name].unit)
         beneath(axes, name, factor)
         for k, (model, own) in enumerate(comparison.models.items()):
             curve = own.compliance_against_force.get(name)
@@ -177,7 +164,7 @@ def _against_force(comparison: Comparison, names: list[str], what: str, beneath:
         _local(axes, comparison.local_fits, name, factor)
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set(xlabel="force (N)", ylabel=label)
-    legend_below(figure, every[0], 5)
+    style.legend_below(figure, every[0], 5)
     figure.suptitle(f"{what}; local fits of neighbouring force levels")
     return figure
 
@@ -234,12 +221,12 @@ def expected_widths(design: Design) -> Figure:
     def shares(forecast: Any, size: str = "sd") -> list[float]:
         return [getattr(forecast[name], size) / scale[name] for name in expected]
 
-    figure, axes, rows = named_rows(list(expected), 7.6, 1.2)
+    figure, axes, rows = style.named_rows(list(expected), 7.6, 1.2)
     axes.barh(rows, shares(expected), height=0.62, color=ACCENT, label="recommended")
     axes.plot(shares(expected, "floor_sd"), rows, "|", color="white", markersize=9, markeredgewidth=1.6)
     for k, judged in enumerate(design.compared):
-        style: dict[str, Any] = {"marker": "D", "color": PALETTE[k % 6]} if k else {"marker": "o", "color": "black"}
-        axes.plot(shares(judged.expected), rows, linestyle="", markersize=4, label=judged.name, **style)
+        look: dict[str, Any] = {"marker": "D", "color": PALETTE[k % 6]} if k else {"marker": "o", "color": "black"}
+        axes.plot(shares(judged.expected), rows, linestyle="", markersize=4, label=judged.name, **look)
     axes.set_yticks(rows, [display_name(name) + ("" if name in design.parameters else " (nuisance)") for name in expected])
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")

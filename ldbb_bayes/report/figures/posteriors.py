@@ -26,23 +26,8 @@ from ldbb_bayes.machine.forward import geometric_jacobian, wrench_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.prior import compliance_unit
-from ldbb_bayes.report.figures.style import (
-    ACCENT,
-    GREY,
-    LIGHT,
-    PALETTE,
-    angle_axis,
-    axis_label,
-    band,
-    force_colours,
-    legend_below,
-    mean_and_sd,
-    named_rows,
-    panels,
-    right_labels,
-    save_figure,
-    styled,
-)
+from ldbb_bayes.report.figures import style
+from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
 from ldbb_bayes.units import display_name
 
 __all__ = [
@@ -70,7 +55,7 @@ def forest(posterior: xr.DataTree) -> Figure:
     beside."""
     group, (prior_sd, prior_mean) = posterior["posterior"], priors_of(posterior)
     names = list(record_of(posterior)["model"]["groups"])
-    figure, axes, rows = named_rows(names, 8.4, 1.1)
+    figure, axes, rows = style.named_rows(names, 8.4, 1.1)
     texts = []
     for row, name in zip(rows, names, strict=True):
         draws, prior, middle = np.asarray(group[name]).ravel(), prior_sd[name], prior_mean.get(name, 0.0)
@@ -82,11 +67,11 @@ def forest(posterior: xr.DataTree) -> Figure:
         axes.plot([low, high], [row, row], color=ACCENT, linewidth=1.4, zorder=2)
         axes.plot([first, last], [row, row], color=ACCENT, linewidth=3.6, solid_capstyle="butt", zorder=3)
         axes.plot((draws.mean() - middle) / scale, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6, zorder=4)
-        texts.append(mean_and_sd(float(draws.mean()), float(draws.std()), group[name].attrs["unit"]))
+        texts.append(style.mean_and_sd(float(draws.mean()), float(draws.std()), group[name].attrs["unit"]))
     flat = all(prior_sd[name] is None for name in names)
     value = "(value − prior mean)" if any(prior_mean.values()) else "value"
     axes.set_xlabel(f"{value} / {'posterior' if flat else 'prior'} sd")
-    right_labels(axes, rows, texts)
+    style.right_labels(axes, rows, texts)
     grey = "" if flat else "; grey: 95 % of the prior"
     axes.set_title(f"95 % and 50 % credible intervals{grey}; dot and right: mean, ± 1 sd")
     return figure
@@ -101,7 +86,7 @@ def compliance_against_force(posterior: xr.DataTree) -> Figure:
     force = np.linspace(forces.min(), forces.max(), 80) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
     figure, every = panels(len(bound.compliances), min(3, len(bound.compliances)), 9.0, 2.6, 0.3)
     for j, (axes, kind) in enumerate(zip(every, bound.compliances, strict=True)):
-        factor, text = axis_label(kind.label, compliance_unit(kind))
+        factor, text = style.axis_label(kind.label, compliance_unit(kind))
         value = beta @ np.stack([bound.compliance_at(f)[j] for f in force], axis=1) * factor
         for prob, alpha in ((0.95, 0.22), (0.5, 0.4)):
             low, high = np.quantile(value, [(1 - prob) / 2, (1 + prob) / 2], axis=0)
@@ -139,14 +124,14 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     check_known("parameter", names, [str(name) for name in group.data_vars])
     columns = {}
     for name in names:
-        factor, label = axis_label(name, group[name].attrs["unit"])
+        factor, label = style.axis_label(name, group[name].attrs["unit"])
         draws = np.asarray(group[name]).ravel() * factor
         if np.ptp(draws) > 0:
             columns[label.replace(" (", "\n(")] = draws
     figure = Figure(figsize=(1.55 * len(columns) + 0.6,) * 2)
-    style: dict[str, Any] = {"color": ACCENT, "plot_datapoints": False, "max_n_ticks": 3, "labelpad": 0.14}
+    look: dict[str, Any] = {"color": ACCENT, "plot_datapoints": False, "max_n_ticks": 3, "labelpad": 0.14}
     values = np.column_stack(list(columns.values()))
-    draw_corner(values, fig=figure, labels=list(columns), levels=(0.393, 0.865), smooth=1.0, bins=30, **style)
+    draw_corner(values, fig=figure, labels=list(columns), levels=(0.393, 0.865), smooth=1.0, bins=30, **look)
     for axes in figure.axes:
         axes.grid(visible=False)
         axes.tick_params(labelsize=7)
@@ -176,7 +161,7 @@ def traces(posterior: xr.DataTree) -> Figure:
     planes, several = bound.setting.planes, len(bound.setting.both_ways) > 0
     figure = Figure(figsize=(1.8 + 6.4 * len(planes), 6.6))
     width = 5.74 / figure.get_figwidth()
-    colours = force_colours(bound.setting.force_N.tolist())
+    colours = style.force_colours(bound.setting.force_N.tolist())
     every = -(-sum(map(len, readings)) // _MOST_DOTS)
     lines: dict[str, Any] = {}
     for k, plane in enumerate(planes):
@@ -184,11 +169,11 @@ def traces(posterior: xr.DataTree) -> Figure:
         here = [r for r, test in enumerate(tests) if test.plane == plane]
         for r in here:
             test, (lower, upper) = tests[r], band_um(new[:, r], phi[:, 0], _GRID, rng)
-            style = "--" if test.direction == "CCW" and several else "-"
+            line = "--" if test.direction == "CCW" and several else "-"
             label = f"{test.force_N:g} N" + (f" {test.direction}" if several and test.direction else "")
             band(axes, _GRID, zero + lower, zero + upper, colours[r], 0.22)
             axes.plot(test.angles_rad()[::every], zero + readings[r][::every], ".", color=colours[r], markersize=1.6)
-            axes.plot(_GRID, zero + predicted[r], color=colours[r], linewidth=1.1, linestyle=style, label=label)
+            axes.plot(_GRID, zero + predicted[r], color=colours[r], linewidth=1.1, linestyle=line, label=label)
         axes.plot(_GRID, np.full_like(_GRID, zero), color="black", linewidth=0.8, linestyle=_DASHED, label="nominal circle")
         ends = {0: f"+{PLANES[plane].first}", 90: f"+{PLANES[plane].second}"}
         axes.set_xticks(np.deg2rad(range(0, 360, 45)), [ends.get(angle, f"{angle}°") for angle in range(0, 360, 45)])
@@ -216,7 +201,7 @@ def residuals(posterior: xr.DataTree) -> Figure:
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
     rest = [r * 1e3 for r in residuals_mm(bound, shared_coefficients(bound, phi, beta).mean(axis=0))]
-    tests, colours = bound.campaign.tests, force_colours(bound.setting.force_N.tolist())
+    tests, colours = bound.campaign.tests, style.force_colours(bound.setting.force_N.tolist())
     shown = np.unique(np.linspace(0, len(rest) - 1, 10).astype(int)).tolist()
     figure, every = panels(len(shown), 1, 9.0, 0.72, 1.2, sharex=True, sharey=True)
     limit = 1.05 * max(np.abs(r).max() for r in rest)
@@ -226,7 +211,7 @@ def residuals(posterior: xr.DataTree) -> Figure:
         axes.plot(angle[order], rest[r][order], color=colours[r], linewidth=0.7)
         axes.set_ylabel(f"{tests[r].name}\n(µm)", rotation=0, ha="right", va="center")
     every[-1].set_ylim(-limit, limit)
-    angle_axis(every[-1], 45)
+    style.angle_axis(every[-1], 45)
     figure.suptitle("Residual against angle (each circle's own shift and discrepancy left in)")
     return figure
 
@@ -279,7 +264,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
     figure, every = panels(3 * len(planes), 3, 9.6, 3.0, sharey="row")
     for k, plane in enumerate(planes):
         row, circle = every[3 * k : 3 * k + 3], first_circle(bound, plane)
-        for force, colour in zip(forces, force_colours(forces.tolist()), strict=True):
+        for force, colour in zip(forces, style.force_colours(forces.tolist()), strict=True):
             paths = contribution_paths(bound, circle, float(force), beta)
             for axes, source in zip(row, (TOGETHER, COMPLIANCE, GEOMETRY), strict=True):
                 if source in paths and (source != GEOMETRY or force == forces[-1]):
@@ -287,9 +272,9 @@ def contributions(posterior: xr.DataTree) -> Figure:
         where = f" in plane {plane}" if len(planes) > 1 else ""
         for axes, title in zip(row, (f"Both{where}", f"Compliance{where}", f"Geometry{where}, at any force"), strict=True):
             axes.set_title(title)
-            angle_axis(axes)
+            style.angle_axis(axes)
         row[0].set_ylabel("contribution (µm)")
-    legend_below(figure, every[1])
+    style.legend_below(figure, every[1])
     return figure
 
 
@@ -386,4 +371,4 @@ def save_figures(
     posterior: xr.DataTree, folder: str | os.PathLike[str], *, formats: tuple[str, ...] = ("png", "svg")
 ) -> list[Path]:
     """Draw every figure of a posterior into a folder; returns the files written."""
-    return [path for name, draw in FIGURES.items() for path in save_figure(draw(posterior), folder, name, formats=formats)]
+    return [path for name, draw in FIGURES.items() for path in style.save_figure(draw(posterior), folder, name, formats=formats)]
