@@ -237,7 +237,7 @@ def test_the_lines_of_the_readme_and_the_table_of_priors() -> None:
     """They say what the studies found and what the default model assumes: their templates, filled with it."""
     text = (ROOT / "README.md").read_text(encoding="utf-8").split("## The paper, re-examined")[1].split("\n## ")[0]
     assert "](studies/README.md)" in text
-    results = {path.parent.name: stated(path.parent.name) for path in STUDIES.glob("0*/results.json")}
+    results = {path.parent.name: stated(path.parent.name) for path in STUDIES.glob("[01]*/results.json")}
     assert text.endswith(f"\n\n{study.page(STUDIES, 'six_lines.md', results)}")
     terms = {type(term).__name__: term for term in lb.HybridModel.first().nuisances}
     priors = study.page(STUDIES, "priors.md", {"prior": lb.Prior.first(), **terms})
