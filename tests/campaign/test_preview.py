@@ -11,7 +11,7 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.preview import RemarkKind, resolution_of
-from ldbb_bayes.report.wording import preview_sentences, remark_words
+from ldbb_bayes.report.wording import remark_words
 
 ANGLE = np.arange(36) * 10.0
 
@@ -38,13 +38,6 @@ def test_what_a_fit_will_assume() -> None:
         assert words in said
     assert [r.values for r in seen.remarks if r.kind is RemarkKind.ONE_WAY] == [{"compliance": "C_YZY", "plane": "YZ"}]
     assert seen.as_dict()["tests"][2]["centre_mm"] == [0.0, 0.0, -30.0]
-
-
-def test_planes_of_one_set_up_are_remarked() -> None:
-    tests = tuple(lb.CircularTest(force, ANGLE, plane=plane) for force in (100.0, 400.0) for plane in ("XY", "ZX"))
-    said = preview_sentences(lb.preview(lb.Campaign(tests)))
-    assert any("Several planes or centres in set-up 1: the tool ball's offsets are shared" in line for line in said)
-    assert any("in plane ZX: friction in the bar cannot be told from C_XZX" in line for line in said)
 
 
 def test_the_step_of_the_readout_is_found(rng: np.random.Generator) -> None:

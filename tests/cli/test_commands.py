@@ -132,15 +132,6 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
     assert (entry["prior_mean"], entry["prior_sd"], result["model"]["reference_force_N"]) == (5.1e-5, 4e-6, 389.0)
     again = lb.read_model(out / "model.toml")
     assert (dict(again.prior.means), again.reference_force_N) == ({"C_XXX": 5.1e-5}, 389.0)
-    code, _, err = invoke("fit", folder, "--preset", "paper", "--prior-from", population)
-    assert code == 2
-    assert "must have proper priors to take a population's, got flat ones" in err
-    other = record | {"topology": "wXFYZt"}
-    population.write_text(json.dumps(other | {"sha256": digest_of(other)}))
-    assert (
-        "topology must be the population's 'wXFYZt' to use its prior, got 'wCAFYXZSt'"
-        in invoke(*fit, "--prior-from", population)[2]
-    )
 
 
 def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:

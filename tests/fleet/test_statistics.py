@@ -15,7 +15,7 @@ from trends import doubts, drawn_rows, one_campaign, row
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.batch import Job, Settings, fit_row
-from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose, labels
+from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose
 from ldbb_bayes.fleet.statistics import (
     FleetStatistics,
     SufficientStatistics,
@@ -222,10 +222,3 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
         lb.population(rows, exclude=[f"M{k}" for k in range(6)])
     with pytest.raises(InputError, match=r"campaigns of one machine to rely on, got 1. Measure again. Left out, as was asked"):
         lb.trend(rows, machine="M6", exclude=["c08"])
-
-
-def test_names(rows: pd.DataFrame) -> None:
-    twice = rows.assign(name=["same", "same", None, *rows["name"][3:]])
-    assert labels(twice)[:4] == ["year/c01", "year/c02", "year/c03", "c04"]
-    assert labels(rows.drop(columns="name")) == list(rows["campaign"])
-    assert caveat_words(Caveat(CaveatKind.FAILED, tuple("abcdefg"))).endswith("fitted: a, b, c, d, e and 2 more.")

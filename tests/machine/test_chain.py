@@ -64,10 +64,8 @@ def _labels(machine: Machine) -> list[str]:
     [
         (("wCAFYXZSt", "XZ"), "plane must be one of XY, YZ, ZX, got 'XZ'. Did you mean 'ZX'"),
         (("wYXZt", "XY"), "topology must read w…F…t"),
-        (("wFYXQt", "XY"), "got 'Q'"),
         (("wFYXYt", "XY"), "got 'Y' twice"),
         (("wFYXt", "YZ"), "got 'wFYXt' without Z"),
-        (("wFXYt", "XY", {"Z": (0.0, 0.0, 0.0)}), "must name linear axes"),
         (("wFXYt", "XY", {"X": (0.0, float("nan"), 0.0)}), "three finite numbers"),
     ],
 )
