@@ -162,11 +162,6 @@ class Table:
         numeric = tuple(k > 0 and head not in text for k, head in enumerate(heads))
         return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
 
-    @classmethod
-    def of_frame(cls, caption: str, frame: pd.DataFrame, *, text: Collection[str] = ()) -> Self:
-        """Return a data frame's columns as a table, without its index."""
-        return cls.of(caption, [str(name) for name in frame.columns], frame.to_numpy(dtype=object).tolist(), text=text)
-
     def frame(self) -> pd.DataFrame:
         """Return the cells as they are, for CSV."""
         import pandas as pd

@@ -192,7 +192,8 @@ def _(fit: Fit) -> tuple[Passage, ...]:
 @parts_of.register
 def _(result: LeastSquares) -> tuple[Passage, ...]:
     frame = result.table.reset_index(names="parameter")
-    return (Table.of_frame(f"Least squares (Eq. 31), RMSE {result.quality.rmse_um:.3g} µm", frame, text=("unit",)),)
+    caption, cells = f"Least squares (Eq. 31), RMSE {result.quality.rmse_um:.3g} µm", frame.to_numpy(dtype=object).tolist()
+    return (Table.of(caption, list(frame.columns), cells, text=("unit",)),)
 
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:

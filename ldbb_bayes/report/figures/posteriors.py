@@ -28,7 +28,7 @@ from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
-from ldbb_bayes.units import display_name
+from ldbb_bayes.units import display_name, display_unit, value_and_uncertainty
 
 __all__ = [
     "FIGURES", "circularity", "compliance_against_force", "compliance_atlas", "contributions", "corner", "forest",
@@ -67,7 +67,9 @@ def forest(posterior: xr.DataTree) -> Figure:
         axes.plot([low, high], [row, row], color=ACCENT, linewidth=1.4, zorder=2)
         axes.plot([first, last], [row, row], color=ACCENT, linewidth=3.6, solid_capstyle="butt", zorder=3)
         axes.plot((draws.mean() - middle) / scale, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6, zorder=4)
-        texts.append(style.mean_and_sd(float(draws.mean()), float(draws.std()), group[name].attrs["unit"]))
+        factor, label = display_unit(group[name].attrs["unit"])
+        value, u = value_and_uncertainty(float(draws.mean()) * factor, float(draws.std()) * factor)
+        texts.append(f"{value.replace('-', '−')} ± {u} {label}")
     flat = all(prior_sd[name] is None for name in names)
     value = "(value − prior mean)" if any(prior_mean.values()) else "value"
     axes.set_xlabel(f"{value} / {'posterior' if flat else 'prior'} sd")

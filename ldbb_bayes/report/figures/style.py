@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import distinct_forces
-from ldbb_bayes.units import display_name, display_unit, value_and_uncertainty
+from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
@@ -86,13 +86,6 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
     """Factor and label for an axis that shows a parameter in its unit for reading."""
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
-
-
-def mean_and_sd(mean: float, sd: float, unit: str) -> str:
-    """54.8 ± 3.4 nm/N."""
-    factor, label = display_unit(unit)
-    value, u = value_and_uncertainty(mean * factor, sd * factor)
-    return f"{value.replace('-', '−')} ± {u} {label}"
 
 
 def panels(count: int, columns: int, width: float, height: float, extra: float = 0.6, **shared: Any) -> tuple[Figure, list[Axes]]:
