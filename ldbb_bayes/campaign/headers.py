@@ -54,7 +54,7 @@ _MOUNT = {
     "compensated": r"compensated(?: yes)?|compensation (?:yes|on)",
 }
 _ANOTHER = re.compile(
-    r"\b(?:max|maximum|min|minimum|limit|ambient|supply|preload|range|rated|case|no|nr|number|clamping|spring|gravity|cutting|air"
+    r"\b(?:step|max|maximum|min|minimum|limit|ambient|supply|preload|range|rated|case|no|nr|number|clamping|spring|gravity|cutting|air"
     r"|atmospheric|barometric|system|hydraulic|oil|ball|tool|corner|nose|encoder|scale|axis)\b",
     re.IGNORECASE,
 )
@@ -175,8 +175,7 @@ def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str]
     return None
 
 
-# Beside a word for a load: not the load of the test. Beside the word for a test in the header of the column that names it.
-_OTHER_LOADS = {"step", "max", "min", "limit", "no", "nr", "number", "case", "preload", "supply", "ambient", "rated", "range"}
+# Beside the word for a test in the header of the column that names it.
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
 _BRACKET = re.compile(r"[\[({<]")
 _INSIDE = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
@@ -221,7 +220,7 @@ def unit_of(header: str) -> tuple[str, str]:
 def _called(name: str, role: str) -> bool:
     """Whether a header names the role."""
     parts, words = re.findall(r"[^\W\d_]+", plain(name[:_LONGEST_NAME])), ROLES[role]
-    if role in ("force", "pressure") and set(parts) & _OTHER_LOADS:
+    if role in ("force", "pressure") and _ANOTHER.search(" ".join(parts)):
         return False
     if role == "test" and not set(parts) <= {*words, *_NUMBERING}:
         return False
@@ -332,9 +331,8 @@ def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
         units = [unit_of(header)[1] for header in headers]
         below = _units_alone(rows[first][1]) if first < block else []
         if below:
-            german = [plain(unit) == "grad" and plain(headers[c]).startswith("winkel") for c, unit in enumerate(below)]
-            units = ["deg" if german[c] else unit for c, unit in enumerate(below)]
-            units, first = [*units, *[""] * width][:width], first + 1
+            named = zip(headers, [*below, *[""] * width], strict=False)
+            units, first = [unit and unit_of(f"{name} [{unit}]")[1] for name, unit in named], first + 1
         while first < block and all(_RULE.fullmatch(cell) for cell in rows[first][1]):
             first += 1
     above = [(line, (sheet.separator or ";").join(cells)) for line, cells in rows[max(first - _LARGEST_ABOVE, 0) : last]]
@@ -450,8 +448,6 @@ def find_headings(sheets: Sequence[Sheet], layout: Layout, notes: Notes) -> list
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -> None:
     """Note encoding, separator, header line, which column was taken for what, and what was not used."""
-    if sheet.hidden:
-        notes.add(sheet.place, "hidden", "the sheet, read like the others", "the spreadsheet hides it", "--sheets")
     for key, value, usual, shown, because in (
         ("encoding", sheet.encoding, ("", "utf-8"), sheet.encoding, "its bytes"),
         ("separator", sheet.separator, ("", ","), repr(sheet.separator), "most lines split alike"),

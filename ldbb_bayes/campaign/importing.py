@@ -20,7 +20,7 @@ from ldbb_bayes.campaign.headers import Heading, Said, directions_said, find_hea
 from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes
 from ldbb_bayes.campaign.preparation import angles_from_time, average_laps, direction_run, on_the_circle
 from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
-from ldbb_bayes.errors import InputError, nearest, placed, require
+from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.result import Result
 
@@ -217,9 +217,6 @@ class _Table:
         if "angle" not in self.numbers and "time" in self.numbers:
             return self._from_time()
         raw = self._column("angle", "angle, or the time")
-        unused = [key for key in ("feed_mm_per_min", "start_deg", "overshoot_deg") if self.given(key)]
-        if unused:
-            self.note("not used", ", ".join(map(_option, unused)), "a column holds the angle", "--time-column")
         span = float(np.ptp(raw))
         unit = self._unit("angle", "deg" if span > _LARGEST_SPAN_RAD else "rad", f"it spans {span:.4g}")
         return np.unwrap(self.layout.angle_sign * (raw * unit - self.layout.angle_offset_deg), period=_TURN)
@@ -435,11 +432,9 @@ def import_campaign(
     got = f"{', '.join(map(str, paths))[:_LONGEST_LIST]}: tests must bear different names, got {twice!r} twice."
     require(twice is None, f"{got} A file or sheet named twice? Else rename one, or give it a name in a [[test]] of --layout.")
     used = {name for table in tables for name in _names(table.sheet, table.label)}
-    known = sorted({path.name for path in paths} | set(names))
     for entry in layout.test:
         if entry.file not in used:
-            why = f"no file, sheet or label of that name; did you mean {nearest(entry.file, known)!r}?"
-            notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], why, "--layout")
+            notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], "no file, sheet or label of that name", "--layout")
     _note_machine(campaign, tests, notes)
     campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
     return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told())

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.campaign import Number, TestFields
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import check_known
 from ldbb_bayes.files import read_toml, validated
 
 __all__ = [
@@ -158,15 +158,7 @@ class Layout(BaseModel, extra="forbid", allow_inf_nan=False):
             spoken = {"forces_N": [], "pressures_bar": []} | spoken
         if of_tests and "test" not in given:
             spoken["test"] = [{key: value for key, value in entry.stated().items() if key not in of_tests} for entry in self.test]
-        try:
-            return Layout.model_validate({**self.model_dump(by_alias=True), **spoken})
-        except ValidationError as error:
-            first = error.errors()[0]
-            name = str(first["loc"][0]) if first["loc"] else "layout"
-            why = first["msg"].removeprefix("Value error, ")
-            options = {"reading_unit": "--unit", "columns": "--…-column", "forces_N": "--forces-N"}
-            option = options.get(name, "--" + name.replace("_", "-"))
-            raise InputError(f"{option} must be valid, got {first['input']!r}: {why}. Correct it.") from None
+        return validated(Layout, {**self.model_dump(by_alias=True), **spoken}, "options")
 
 
 def layout_to_toml(layout: Layout) -> str:

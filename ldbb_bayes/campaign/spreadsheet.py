@@ -45,7 +45,6 @@ class Sheet:
     rows: Rows  # (line as the file counts it, cells) without empty lines
     encoding: str = ""  # of a text file, as its separator
     separator: str = ""
-    hidden: bool = False  # by the spreadsheet
     only: bool = False  # the one table of its file, which bears the file's name
 
     @property
@@ -302,22 +301,17 @@ def _sheets_of_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[S
 
     if raw.startswith(_ARCHIVE):
         _check_archive(path, raw)
-    missing = -len(raw) % 512 if raw.startswith(_BINARY) else 0  # of a sector; the library breaks down over half a one
+    old = raw.startswith(_BINARY)  # by its path, as this tells whether it has a password
+    got = "a cut one. Open and save it again"
+    require(not old or len(raw) % 512 == 0, f"{path} must hold a workbook that can be read, got {got}.")
     try:
-        try:
-            opened = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(raw + b"\xff" * missing))
-        except python_calamine.CalamineError:
-            if missing or not raw.startswith(_BINARY):
-                raise
-            opened = python_calamine.CalamineWorkbook.from_path(path)  # this tells whether it has a password
-        with opened as book:
-            hidden = {own.name for own in book.sheets_metadata if own.visible is not python_calamine.SheetVisibleEnum.Visible}
+        with python_calamine.load_workbook(path if old else io.BytesIO(raw)) as book:
             check_known(f"{path}: sheet", wanted, book.sheet_names)
             found = []
             for name in wanted or book.sheet_names:
                 cells = enumerate(book.get_sheet_by_name(name).to_python(skip_empty_area=False), start=1)
                 rows = [(k, texts) for k, row in cells if any(texts := [_text_of(value) for value in row])]
-                found += [Sheet(path, name, rows, hidden=name in hidden)] if rows else []
+                found += [Sheet(path, name, rows)] if rows else []
     except python_calamine.PasswordError:
         raise InputError(f"{path} must be a workbook without a password, got one with. Save it without.") from None
     except BaseException as error:

@@ -16,7 +16,7 @@ from ldbb_bayes import __version__
 from ldbb_bayes.cli.analyses import compare, demo, design, fit, identify, report, summarize, validate
 from ldbb_bayes.cli.campaigns import batch, check, import_, machine, population, simulate, trend
 from ldbb_bayes.cli.options import EXIT_BAD_INPUT
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError
 
 __all__ = ["app", "main"]
 
@@ -41,10 +41,6 @@ class _Commands(TyperGroup):
             said = str(error) if isinstance(error, InputError) else f"{error.format_message().rstrip('.')}. See --help."
             print(f"ldbb-bayes: {said}", file=sys.stderr)  # noqa: T201
         sys.exit(code)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        check_known("command", [cmd_name], self.commands)
-        return super().get_command(ctx, cmd_name)
 
 
 app = typer.Typer(

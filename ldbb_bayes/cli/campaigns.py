@@ -286,14 +286,9 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
         ("in all", done.campaigns),
     )
     parts = []
-    named = (
-        ("Failed", [tuple(one.values()) for one in done.failures], done.failed),
-        ("To look at", [tuple(one.values()) for one in done.doubts], done.not_converged + done.doubtful),
-    )
-    for head, entries, number in named:
-        said = [f"  {text if text.startswith(campaign) else f'{campaign}: {text}'}" for campaign, text in entries[:_SHOWN]]
-        parts += [f"{head}:", *said] if said else []
-        parts += [f"  … and {number - _SHOWN} more."] if said and number > _SHOWN else []
+    for head, entries in (("Failed", done.failures), ("To look at", done.doubts)):
+        said = [tuple(one.values()) for one in entries[:_SHOWN]]
+        parts += [f"{head}:", *(f"  {campaign}: {text}" for campaign, text in said)] if said else []
     if parts:
         parts.append("Each is a row too. What has been mended is done again with --resume --retry.")
     rate = f"{done.fitted} campaigns in {done.seconds:.1f} s: {done.fitted / max(done.seconds, 1e-9):.3g} a second."

@@ -118,24 +118,21 @@ def in_panel(panel: str, **options: Option) -> dict[str, Option]:
 def command(function: Callable[..., None]) -> Callable[..., None]:
     """A function as a command: groups of options spelled out, bad input answered with one message, never a traceback."""
     groups: dict[str, Group] = {}
-    singles: dict[str, Option] = {}
     parameters: list[inspect.Parameter] = []
     kinds = inspect.get_annotations(function, eval_str=True)
     for name, own in inspect.signature(function).parameters.items():
         stated = getattr(kinds[name], "__metadata__", (None,))[0]
+        if isinstance(stated, Option):
+            stated = group(lambda **own: next(iter(own.values()), None), **{name: stated})
         if isinstance(stated, Group):
             groups[name] = stated
             parameters += stated.parameters()
-        elif isinstance(stated, Option):
-            singles[name] = stated
-            parameters.append(stated.parameter(name))
         else:
             parameters.append(own.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kinds[name]))
 
     @functools.wraps(function)
     def run(**typed: Any) -> None:
         try:
-            typed |= {name: single.read(typed[name], name) for name, single in singles.items()}
             function(**{name: group.made(typed) for name, group in groups.items()}, **typed)
             sys.stdout.flush()
         except BrokenPipeError:

@@ -234,7 +234,7 @@ CASES: dict[str, Malformed] = {
     "40_odd_utf16": Malformed("UTF-16 that ends in half a sign", PLAIN.encode("utf-16") + b"x", (NAME, "utf-16")),
     "41_long_line": Malformed("a line of 200 000 signs", with_line(40, "1," * 100_000), (NAME, "line 40", "signs")),
     "42_old_workbook": Malformed(
-        "half a binary XLS", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(2000), ("book.xls", "damaged"), "book.xls"
+        "half a binary XLS", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(2000), ("book.xls", "cut"), "book.xls"
     ),
     "43_time_back": Malformed(
         "time runs back", log((50, "3.00;1.5")), ("log.csv", "time must increase"), "log.csv", ("--feed-mm-per-min", "2000")
@@ -269,7 +269,7 @@ CASES: dict[str, Malformed] = {
     ),
     "52_cut_workbook": Malformed("half a workbook", BOOK[: len(BOOK) // 2], ("book.xlsx", "damaged"), "book.xlsx"),
     "52_cut_old_workbook": Malformed(
-        "a cut binary XLS", compound("Workbook", LOCKED.ljust(4096, b"\0"))[:637], ("book.xls", "damaged"), "book.xls"
+        "a cut binary XLS", compound("Workbook", LOCKED.ljust(4096, b"\0"))[:637], ("book.xls", "cut"), "book.xls"
     ),
     "53_not_a_workbook": Malformed("a table called .xlsx", PLAIN.encode(), ("book.xlsx", "damaged"), "book.xlsx"),
     "54_other_zip": Malformed(

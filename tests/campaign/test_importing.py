@@ -34,12 +34,11 @@ def table(path: Path, header: str = HEADER, rows: list[str] = CIRCLE, above: str
     return path
 
 
-def book(path: Path, sheets: dict[str, list[list[Any]]], hidden: str = "") -> Path:
+def book(path: Path, sheets: dict[str, list[list[Any]]]) -> Path:
     made = Workbook()
     del made["Sheet"]
     for name, rows in sheets.items():
         sheet = made.create_sheet(name)
-        sheet.sheet_state = "hidden" if name == hidden else "visible"
         for row in rows:
             sheet.append(row)
     made.save(path)
@@ -249,7 +248,6 @@ def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
         ("angle_deg,reading_um,Test temperature", "{a},{r},21", "", {}, ("columns not used", "Test temperature")),
         ("temperature_C,angle_deg,reading_um", "{t},{a},{r}", "", {}, ("columns not used", "temperature_C")),
         (HEADER, "{a},{r}", "", {"test": [{"file": "other.csv", "force_N": 742.0}]}, ("[[test]] not used", "other.csv")),
-        (HEADER, "{a},{r}", "", {"overshoot_deg": 45.0}, ("not used", "--overshoot-deg")),
         (HEADER, "{a},{r}", "", {"direction": "CW"}, ("direction", "CW, as stated")),
         ("angle_deg;reading_nm", "{a};12,{k}10", "", {}, ("decimal mark", ",")),
         ("angle_deg;reading_um", "{a};{r}.250", "", {"decimal": ","}, ("decimal mark", ",, as given")),
@@ -418,6 +416,5 @@ def test_one_force_for_each_sheet(tmp_path: Path) -> None:
         loads_of(path, test=[{"file": "two.xlsx", "force_N": 36.0}])
     with pytest.raises(lb.InputError, match=r"--forces-N must hold one number for each test, got 1 for 2 tests"):
         loads_of(path, forces_N=[36.0])
-    senses = book(tmp_path / "cw and ccw.xlsx", {"36 N CW": SHEET, "36 N CCW": SHEET}, hidden="36 N CW")
+    senses = book(tmp_path / "cw and ccw.xlsx", {"36 N CW": SHEET, "36 N CCW": SHEET})
     assert loads_of(senses) == [("36 N CW", 36.0, "CW"), ("36 N CCW", 36.0, "CCW")]
-    assert [own.place for own in imported(senses).assumptions if own.what == "hidden"] == [f"{senses}, sheet '36 N CW'"]

@@ -70,9 +70,9 @@ def test_loads_and_names(files: list[Path], tmp_path: Path, invoke: Invoke) -> N
     ("options", "said"),
     [
         ("--forces-N 1,2", "one number for each test, got 2 for 3 tests"),
-        ("--sign 3", "sign must be valid, got 3"),
+        ("--sign 3", "options: 'sign' must be 1 or -1, got 3"),
         ("--start-deg nan", "--start-deg must be a finite number, got nan"),
-        ("--separator dot", "--separator must be valid, got 'dot': it should be one of comma, semicolon"),
+        ("--separator dot", "options: 'separator' must be valid, got 'dot': it should be one of comma, semicolon"),
         ("--header-line 70", "line 70"),
     ],
 )

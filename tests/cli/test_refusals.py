@@ -54,7 +54,7 @@ def test_one_force(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
 
 # What a library call refuses is held where its tests are; here what a command line alone can get wrong, and that options arrive.
 COMMANDS: dict[str, list[tuple[str, str]]] = {
-    "fitt": [("CAMPAIGN", "command must be one of"), ("", "got 'fitt'. Did you mean 'fit'?")],
+    "fitt": [("CAMPAIGN", "No such command 'fitt'")],
     "simulate": [("PLAN", "Missing option '--out'.")],
     "fit": [
         ("CAMPAIGN --without balls", "Did you mean 'ball-form'"),
