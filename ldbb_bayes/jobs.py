@@ -73,15 +73,8 @@ def done(function: Callable[[T], R], jobs: Iterable[T], executor: Executor | Non
     it is `Lost`. Threads of one process take turns: processes are faster.
 
     On other processes the function is imported, and jobs, read as far as needed, and results are pickled. Without an executor
-    they run here, one after the other.
-
-    Raises
-    ------
-    InputError
-        When a whole pool broke, or the executor gave its jobs up. Results handed out before are sound.
-    Exception
-        Of the first job that raises, with a note that says which. What is pending is cancelled, as it is when the iterator is
-        closed.
+    they run here, one after the other. The exception of the first job that raises is raised, with a note that says which; what is
+    pending is cancelled, as it is when the iterator is closed. An executor that gave its jobs up is an `InputError`.
     """
     fresh, again = enumerate(jobs), deque[tuple[int, T]]()
     room = 1 if executor is None else _PER_WORKER * getattr(executor, "_max_workers", 0) or _UNCOUNTED

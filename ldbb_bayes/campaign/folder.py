@@ -153,9 +153,6 @@ class _CampaignFile(CampaignFields):
 def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, Any]]:
     """The tests of a campaign.toml, and the other fields of its campaign."""
     content = read_toml(path)
-    schema = content.get("schema")
-    if isinstance(schema, int) and schema > SCHEMA:
-        raise InputError(f"{path}: schema must be {SCHEMA}, got {schema}, written by a newer version. Upgrade ldbb-bayes.")
     file = validated(_CampaignFile, content, str(path))
     planned = sum(entry.readings or PLANNED_READINGS for entry in file.test if entry.file is None)
     got = f"a plan must have at most {LARGEST_PLAN} readings, got {planned}"
@@ -202,13 +199,12 @@ def _inside(toml: Path, k: int, file: str) -> Path:
     root, place = toml.parent.resolve(), f"{toml}, test {k}: file must"
     try:
         path = (root / file).resolve()
+        there = path.is_file()
     except (OSError, RuntimeError, ValueError):
         raise InputError(f"{place} be the name of one, got {file[:80]!r}, which leads nowhere. Check the name.") from None
-    if Path(file).is_absolute() or not path.is_relative_to(root):
-        raise InputError(f"{place} lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name.")
-    if not path.is_file():
-        got = "is no ordinary file" if path.exists() else f"is not in {toml.parent}"
-        raise InputError(f"{place} exist, got {file!r}, which {got}. Check the name.")
+    inside = path.is_relative_to(root) and not Path(file).is_absolute()
+    require(inside, f"{place} lie inside {toml.parent}, got {file!r}. Copy it there and use a relative name.")
+    require(there, f"{place} exist, got {file!r}, which is no file in {toml.parent}. Check the name.")
     return toml.parent / file
 
 

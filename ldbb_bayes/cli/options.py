@@ -215,12 +215,7 @@ POINTS = Kind(list[str], points_in, "X,Y,Z")
 def campaign_from(path: Path, **options: Any) -> Campaign:
     """The campaign the argument names; the options say of a tidy CSV what campaign.toml would say, and what certificates say."""
     certificates = certified(**{name: options.pop(name) for name in _CERTIFIED if name in options})
-    given = campaign_fields(**options)
-    if given and (path.is_dir() or path.suffix.lower() == ".toml"):
-        named = {"mount": "--raw or --mount-um-per-bar", "force_law": "--force-slope or --force-offset"}
-        said = ", ".join(named.get(name, "--" + name.replace("_", "-")) for name in given)
-        raise InputError(f"{said} must come with a tidy CSV, got {path}. Write what it says into its campaign.toml.")
-    return lb.read_campaign(path, certificates=certificates, **given)
+    return lb.read_campaign(path, certificates=certificates, **campaign_fields(**options))
 
 
 def certified(*, balls: Ball | None = None, **given: Any) -> dict[str, Any]:

@@ -123,11 +123,6 @@ class Machine:
         return " + ".join(self.planes)
 
     @property
-    def slides(self) -> tuple[Joint, ...]:
-        """Every linear joint of the chain, in the order X, Y, Z: they all set lever arms."""
-        return tuple(self.joint(axis) for axis in LINEAR if axis in self.topology)
-
-    @property
     def joints(self) -> tuple[Joint, ...]:
         """The joints whose compliances and errors count: those driven in any of the planes, in the order of the planes' axes."""
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))

@@ -104,7 +104,7 @@ def test_radians_millimetres_bom_crlf_semicolons_and_decimal_commas(tmp_path: Pa
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("schema = 1", "schema = 2", "campaign.toml: schema must be 1, got 2, written by a newer version. Upgrade"),
+        ("schema = 1", "schema = 2", "campaign.toml: 'schema' must be 1, got 2. Correct it"),
         ("schema = 1\n", "", "'schema' must be given"),
         ("radius_mm", "radius_um", "got 'radius_um'. Did you mean 'radius_mm'"),
         ("force_N = 36.0", "force = 36.0", r"keys in \[test 1\] must be among .*got 'force'. Did you mean 'force_N'"),

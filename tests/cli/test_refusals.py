@@ -59,7 +59,7 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
     "fit": [
         ("CAMPAIGN --without balls", "Did you mean 'ball-form'"),
         ("CAMPAIGN --model none.toml", "readable TOML file"),
-        ("CAMPAIGN --radius-mm 100", "--radius-mm must come with a tidy CSV"),
+        ("CAMPAIGN --radius-mm 100", "options must come with a tidy CSV, got radius_mm with"),
         ("CAMPAIGN --work-ball 0.5", "--work-ball must be a grade like G20, or a deviation from sphericity like 0.5um, got"),
         ("CAMPAIGN --balls G21", "--balls: grade of a ball must be one of"),
         ("CAMPAIGN --nonsense", "No such option: --nonsense"),
