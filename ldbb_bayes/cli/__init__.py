@@ -38,7 +38,7 @@ class _Commands(TyperGroup):
             code = super().main(given, *rest, **{**more, "standalone_mode": False})
         except (_UsageError, InputError) as error:
             code = EXIT_BAD_INPUT
-            said = str(error) if isinstance(error, InputError) else f"{error.format_message().rstrip('.')}. See --help."
+            said = str(error) if isinstance(error, InputError) else f"{error.format_message().rstrip('.?')}. See --help."
             print(f"ldbb-bayes: {said}", file=sys.stderr)  # noqa: T201
         sys.exit(code)
 
