@@ -125,7 +125,7 @@ class Fit(Result):
         Power-scaling sensitivity to prior, hyper_prior and likelihood.
     shift : dict of test to float
         Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is
-        left out.
+        left out; not of flat priors.
     widening : float
         By which share an interval grows at most with noise as strong as that at the orders 13 to 16, in tests where the checks of
         noise and of its autocorrelation fail.
@@ -156,10 +156,11 @@ class Fit(Result):
     @property
     def misfits(self) -> tuple[Check, ...]:
         """Those for which intervals would move: by half a u without the test, or by a tenth of their width."""
-        moved = [name for name, shift in self.shift.items() if shift > _MOVED]
-        return tuple(
-            own for own in self.unexpected if (own.test in moved if own.kind == CheckKind.ORDER else self.widening > _WIDER)
-        )
+
+        def moves(own: Check) -> bool:
+            return self.shift.get(own.test, math.inf) > _MOVED if own.kind == CheckKind.ORDER else self.widening > _WIDER
+
+        return tuple(filter(moves, self.unexpected))
 
     @property
     def kinds(self) -> tuple[str, ...]:

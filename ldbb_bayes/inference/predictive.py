@@ -265,7 +265,7 @@ def effects(bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]) -> 
     found = failing(every_check(checks))
     names = dict.fromkeys(check.test for check in found if check.kind == CheckKind.ORDER)
     given, shift = bound.given(phi[None])[1], dict[str, float]()
-    for name in names if len(bound.test_names) > 1 else ():
+    for name in names if len(bound.test_names) > 1 and not bound.model.prior.flat else ():
         rest = bound.keeping([other for other in bound.test_names if other != name])
         shift[name] = float((np.abs(rest.given(phi[None])[1].mean - given.mean) / given.sd).max())
     sigma, noisy, power = bound.hyper_prior.names.index("sigma"), phi.copy(), np.ones(len(bound.test_names))

@@ -210,7 +210,7 @@ def fit_verdict(fit: Fit) -> str:
 def expectation(fit: Fit) -> str:
     """Return whether the model expects readings like these, and else what that does to the intervals."""
     if fit.misfits:
-        return f"the model does not expect readings like these ({_some_checks(fit.misfits)}): {_effect(fit)}"
+        return f"the model does not expect readings like these ({_some_checks(fit.misfits)}){_effect(fit)}"
     if fit.unexpected:
         return f"what the model does not expect ({_some_checks(fit.unexpected)}) hardly moves an interval"
     worst, count = fit.checks[0], len(fit.checks)
@@ -225,13 +225,14 @@ def _some_checks(checks: Sequence[Check]) -> str:
 def _effect(fit: Fit) -> str:
     moved = [f"without {name} a parameter moves by {shift:.1f} u" for name, shift in fit.shift.items()]
     wider = f"intervals would be up to {100.0 * fit.widening:.0f} % wider"
-    return joined([*moved, *([wider] if any(own.kind != "order" for own in fit.unexpected) else [])])
+    effects = joined([*moved, *([wider] if any(own.kind != "order" for own in fit.unexpected) else [])])
+    return f": {effects}" if effects else ""
 
 
 def check_notes(fit: Fit) -> Iterator[str]:
     """Return a note on what is not expected though it hardly moves an interval."""
     if quiet := [own for own in fit.unexpected if own not in fit.misfits]:
-        yield f"The model does not expect {_some_checks(quiet)}: {_effect(fit)}."
+        yield f"The model does not expect {_some_checks(quiet)}{_effect(fit)}."
 
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
