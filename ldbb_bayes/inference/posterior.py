@@ -158,7 +158,7 @@ class Fit(Result):
         """Those for which intervals would move: by half a u without the test, or by a tenth of their width."""
 
         def moves(own: Check) -> bool:
-            return self.shift.get(own.test, math.inf) > _MOVED if own.kind == CheckKind.ORDER else self.widening > _WIDER
+            return self.shift.get(own.test, np.inf) > _MOVED if own.kind == CheckKind.ORDER else self.widening > _WIDER
 
         return tuple(filter(moves, self.unexpected))
 

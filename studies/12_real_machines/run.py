@@ -24,7 +24,7 @@ from ldbb_bayes.model.hybrid import information_of
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
-from machines import CERTIFIED, FAMILIES, STATED, simulate  # noqa: E402
+from machines import CERTIFIED, FAMILIES, FORCES_N, READINGS, STATED, simulate  # noqa: E402
 from study import Effort, Study, replicated, run  # noqa: E402
 
 CAMPAIGNS = 60
@@ -38,6 +38,7 @@ GROUPS = {
 }
 CALIBRATED = ["E_XX1", "E_YY1", "E_C0YX", "E_YX2", "E_XY2"]
 LEVELS, TOLERANCE, DRAWS, FAR = np.array([0.025, 0.975]), 0.05, 400, 3.0
+LEVEL = 0.95
 
 
 def analysed(kind: str, seed: int) -> dict[str, float]:
@@ -114,6 +115,12 @@ def measure(effort: Effort) -> dict[str, Any]:
     left = {name: float(certified[f"second/{name}/u"].median()) for name in NAMES}
     return {
         "campaigns": CAMPAIGNS,
+        "se": float(np.sqrt(LEVEL * (1.0 - LEVEL) / CAMPAIGNS)),
+        "readings": READINGS,
+        "forces_N": list(FORCES_N),
+        "far": FAR,
+        "bar_U_um": CERTIFIED.bar_U_um,
+        "mount_U_percent": CERTIFIED.mount_U_percent,
         "families": families,
         "foretold": share,
         "mild_u": mild,
