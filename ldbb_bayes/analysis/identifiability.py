@@ -1,7 +1,8 @@
 """What circles show: which numbers come from the readings, which from the prior, and which are two names for one thing.
 
 Everything is of the linear Gaussian model at one value of the hyper-parameters φ, without truncation: no readings are needed, and
-a plan can be asked before it is run. With readings φ is its posterior mean, without them its prior median.
+a plan can be asked before it is run. With readings φ is its posterior mean (but what certificates are worth is averaged over
+p(φ | y)), without them its prior median.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ __all__ = [
     "Seen",
     "Verdict",
     "describe",
+    "hyper_nodes",
     "identify",
+    "uncertainty_with",
     "verdicts",
 ]
 
@@ -151,7 +154,7 @@ class Identifiability(Result):
     effective_parameters : float
         How many parameters the readings determine: the sum of the contractions, all of them when the prior is flat.
     certificates : dict of name to dict of parameter to float
-        Standard uncertainty that would be left with a certificate of the instrument that there is none of yet, by what it states.
+        Standard uncertainty, by what is certified of the instrument: none of these, and each that there is none of yet.
     hyper_um : dict of name to float
         φ it holds at [µm].
     measured : bool
@@ -184,21 +187,24 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-def _worth_of_certificates(bound: BoundModel, phi: Array) -> dict[str, dict[str, float]]:
-    """Standard uncertainties with each certificate, and with all of them, at the same φ."""
+def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
+    """Standard uncertainty of every parameter that these certificates would leave, shape (p,) in inside units: the variance given
+    φ (w, h) [mm], averaged by the weights (w,), as of `hyper_nodes`, that it has without them."""
+    stated = BoundModel(bound.model, replace(bound.campaign, instrument=instrument), pilot=bound.pilot)
+    return np.asarray(np.sqrt(weight @ stated.given(phi)[1].sd ** 2))
+
+
+def _worth_of_certificates(bound: BoundModel, weight: Array, phi: Array) -> dict[str, dict[str, float]]:
+    """Standard uncertainties as things are, with each certificate, and with all of them."""
     own, none = bound.campaign.instrument, Instrument()
     open_ = {
         name: stated for name, stated in CERTIFICATES.items() if all(getattr(own, key) == getattr(none, key) for key in stated)
     }
     if len(open_) > 1:
         open_ = {**open_, "all of these": {key: value for stated in open_.values() for key, value in stated.items()}}
-    found = {}
-    for name, stated in open_.items():
-        more = BoundModel(bound.model, replace(bound.campaign, instrument=replace(own, **stated)), pilot=bound.pilot)
-        information = information_of(more, phi)
-        sd = np.sqrt(information.variances()) * information.scale[information.own]
-        found[name] = dict(zip(bound.names, sd.tolist(), strict=True))
-    return found
+    each = {"none of these": {}, **open_}
+    left = {name: uncertainty_with(bound, replace(own, **stated), weight, phi) for name, stated in each.items()}
+    return {name: dict(zip(bound.names, sd.tolist(), strict=True)) for name, sd in left.items()}
 
 
 @one_blas_thread
@@ -211,7 +217,9 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         Where the model does not go with the campaign.
     """
     bound = model.bind(campaign)
-    phi, mean = _hyper_and_mean(bound)
+    weight, nodes = hyper_nodes(bound)
+    phi = weight @ nodes
+    mean = bound.prior_mean if campaign.is_plan else bound.given(phi[None])[1].mean[0]
     information = information_of(bound, phi)
     found = degeneracies(bound)
     return Identifiability(
@@ -222,7 +230,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         effective_parameters=len(bound.names) - (0.0 if information.flat else float(information.variances().sum())),
         alias=_alias_matrix(bound, information),
         correlation=_correlation(information),
-        certificates={} if information.flat else _worth_of_certificates(bound, phi),
+        certificates={} if information.flat else _worth_of_certificates(bound, weight, nodes),
         hyper_um=bound.hyper_prior.named(phi),
         measured=not campaign.is_plan,
     )
@@ -242,13 +250,12 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     return _parameters(bound, information, degeneracies(bound), beta.mean(axis=0), drawn)
 
 
-def _hyper_and_mean(bound: BoundModel) -> tuple[Array, Array]:
-    """φ [mm] and the mean of β there."""
+def hyper_nodes(bound: BoundModel) -> tuple[Array, Array]:
+    """Weights (w,) and φ (w, h) [mm]: nodes of p(φ | y), truncation aside; of a plan the prior median alone."""
     if bound.campaign.is_plan:
-        return bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), _HALF)), bound.prior_mean
-    lattice = HyperPosterior(bound, truncated=False).coarse
-    phi = lattice.weight @ bound.hyper_prior.phi(lattice.free)
-    return phi, bound.given(phi[None])[1].mean[0]
+        return np.ones(1), bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), _HALF))
+    found = HyperPosterior(bound, truncated=False).coarse
+    return found.weight, bound.hyper_prior.phi(found.free)
 
 
 def _parameters(

@@ -477,14 +477,16 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 
 def _certificate_sentences(result: Identifiability) -> Iterator[str]:
     """What certificates would be worth: u of the parameters that they narrow by a tenth."""
-    for name, left in result.certificates.items():
-        share = {own: sd / result.parameters[own].sd for own, sd in left.items()}
+    certificates = dict(result.certificates)
+    without = certificates.pop("none of these", {})
+    for name, left in certificates.items():
+        share = {own: sd / without[own] for own, sd in left.items()}
         narrowed = []
         for own in ranked(share, share.__getitem__):
             entry = result.parameters[own]
             factor, unit = display_unit(entry.unit)
             if share[own] < 0.9:
-                before, after = (round_uncertainty(u * factor)[0] for u in (entry.sd, left[own]))
+                before, after = (round_uncertainty(u * factor)[0] for u in (without[own], left[own]))
                 narrowed.append(f"{display_name(own)} {before} → {after} {unit}")
         yield (
             f"A certificate ({name}) would bring u of {joined(narrowed)}."

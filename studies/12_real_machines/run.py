@@ -16,10 +16,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.identifiability import hyper_nodes, uncertainty_with
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import Fit
 from ldbb_bayes.inference.predictive import centre_shift, effects, predictive_checks
-from ldbb_bayes.model.hybrid import information_of
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
@@ -69,12 +69,8 @@ def analysed(kind: str, seed: int) -> dict[str, float]:
 
 def foretold(campaign: lb.Campaign) -> dict[str, float]:
     """u that the certificates were to leave, as `identify` works it out before they are bought."""
-    model, without = MODELS["second"], replace(campaign, instrument=lb.Instrument())
-    found = HyperPosterior(model.bind(without), truncated=False).coarse
-    bound = model.bind(without)
-    phi = found.weight @ bound.hyper_prior.phi(found.free)
-    information = information_of(model.bind(replace(campaign, instrument=CERTIFIED)), phi)
-    sd = np.sqrt(information.variances()) * information.scale[information.own]
+    bound = MODELS["second"].bind(replace(campaign, instrument=lb.Instrument()))
+    sd = uncertainty_with(bound, CERTIFIED, *hyper_nodes(bound))
     return {f"foretold/{name}": float(sd[NAMES.index(name)]) for name in CALIBRATED}
 
 

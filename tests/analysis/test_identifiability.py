@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns import oracle_of, plan, simulated
+from oracle import Stated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.identifiability import lost_by_knowing, unseen_share
+from ldbb_bayes.analysis.identifiability import hyper_nodes, lost_by_knowing, uncertainty_with, unseen_share
 from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.hybrid import information_of
@@ -187,6 +188,21 @@ def test_matrices_by_the_oracle() -> None:
     expected = np.linalg.lstsq(oracle.J * oracle.sd, np.full(len(oracle.J), 9.4e-3), rcond=None)[0] * oracle.sd
     np.testing.assert_allclose(found.alias["bar_length"], expected, atol=1e-9 * oracle.sd.max())
     assert found.alias.loc["E_XX1", "bar_length"] == pytest.approx(9.4e-3 / 150.0, rel=1e-6)
+
+
+def test_certificates_by_the_oracle() -> None:
+    """Variances given φ are averaged, with a bar certified to 1 µm and without; these are what `marginals` finds."""
+    campaign, weight = simulated(plan()), np.array([0.5, 0.3, 0.2])
+    bound = LINEAR.without("truncation").bind(campaign)
+    phi = hyper_nodes(bound)[1][[0, 7, -1]]
+    oracle = oracle_of(campaign, 1, stated=Stated(length_U_um=1.0))
+    expected = weight @ [np.diag(oracle.given(own)[2]) for own in phi]
+    np.testing.assert_allclose(uncertainty_with(bound, lb.Instrument(bar_U_um=1.0), weight, phi), np.sqrt(expected), rtol=1e-6)
+    found = lb.identify(bound.model, campaign).certificates
+    for name, own in (("none of these", campaign), ("bar ± 1 µm", replace(campaign, instrument=lb.Instrument(bar_U_um=1.0)))):
+        table = lb.marginals(bound.model, own, tolerance=1e-2)
+        for parameter in ("E_XX1", "E_C0YX", "C_CCY"):
+            assert found[name][parameter] == pytest.approx(table.loc[parameter, "sd"], rel=0.05)
 
 
 # What circles show of a machine
