@@ -17,7 +17,7 @@ OFFSETS = ("E_Xt0", "E_Yt0")
 Pair = tuple[str, str]
 BAND_U = 1.96
 # What an axis shows of one inside unit (mm, N, rad).
-SHOWN = {"µm/N": 1e3, "nrad/N": 1e9, "µrad/(N m)": 1e9, "µm/m": 1e6, "µm/m²": 1e9, "µrad": 1e6, "µm": 1e3}
+SHOWN = {"nm/N": 1e6, "nrad/N": 1e9, "µrad/(N m)": 1e9, "µm/m": 1e6, "µm/m²": 1e9, "µrad": 1e6, "µm": 1e3}
 GLOBAL = {"constant": ("#009E73", (0, (6, 2))), "linear": ("#CC79A7", (0, (6, 2, 1, 2)))}
 
 

@@ -22,6 +22,7 @@ import ldbb_bayes as lb
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
+import beliefs  # noqa: E402
 from figures import (  # noqa: E402
     BAND_U,
     Pair,
@@ -35,7 +36,7 @@ from figures import (  # noqa: E402
     with_least_squares,
 )
 from make_campaign import FORCES_N, OUT_OF_BAND_RMS_UM, TABLES, WEAK_UM, Recovered, campaign_of, half_unit, recover  # noqa: E402
-from study import DATA, Study, run  # noqa: E402
+from study import DATA, Effort, Study, run  # noqa: E402
 
 HARMONICS = ("1", "cos θ", "sin θ", "cos 2θ", "sin 2θ", "cos 3θ", "sin 3θ", "cos 4θ")
 COLUMNS = ("constant", "linear", "local")
@@ -235,7 +236,7 @@ def figure_values() -> list[dict[str, Any]]:
     return rows
 
 
-def measure() -> dict[str, Any]:
+def measure(effort: Effort) -> dict[str, Any]:
     """Everything the pages state."""
     found = recover()
     mean, sd = found.mean.reshape(6, 8), found.sd.reshape(6, 8)
@@ -266,6 +267,7 @@ def measure() -> dict[str, Any]:
         "left_out_N": 112,
         "weak_prior_um": WEAK_UM,
         "band_u": BAND_U,
+        "beliefs": beliefs.measure(beliefs.AGAIN if effort == "quick" else [*beliefs.BELIEFS]),
         "figure_off": [f"{row['quantity']} (Fig. {row['figure']})" for row in beside if row["units_of_last_digit"] > 1.0],
     }
 
@@ -283,6 +285,7 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
     along = found.open_directions
     zero = found.mean - along.T @ (along @ found.mean)
     return {
+        "beliefs": beliefs.widths_and_shifts(results["beliefs"]),
         "harmonics": harmonics(*(v.reshape(6, 8) for v in (found.mean, found.sd, zero)), FORCES_N, HARMONICS),
         "fig_07": named(lb.figures.traces(fitted), "Least squares of all six\ncircles (Eq. 31), constant\ncompliance"),
         "fig_08": contributions(whole, dict.fromkeys(local, fits["constant"].estimate)),
@@ -297,7 +300,10 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
 
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    run(Study(HERE, lambda effort: measure(), draw, absolute={"*half_units*": 0.002}))
+    near = {"*half_units*": 0.002, "*log_bayes_factor*": 0.05, "*/evidence": 0.05, "*elsewhere/*": 0.05}
+    near |= {"beliefs/*/mean/C_[XY]*": 0.05, "beliefs/*/mean/C_C[XY]*": 0.2, "beliefs/*/mean/E_*": 0.5, "*/delta_um": 0.005}
+    long = tuple(f"beliefs/by_belief/{belief}" for belief in beliefs.BELIEFS if belief not in beliefs.AGAIN)
+    run(Study(HERE, measure, draw, absolute=near, long=long))
 
 
 if __name__ == "__main__":
