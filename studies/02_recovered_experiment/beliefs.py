@@ -65,8 +65,8 @@ def log_bayes_factor(linear: lb.HybridModel, campaign: lb.Campaign) -> float:
 
 
 def measure(beliefs: Sequence[str]) -> dict[str, Any]:
-    """By belief: mean and sd of every parameter [unit for reading] and mean δ [µm] with linear compliance, ln B over constant, and
-    the evidence over the first edition's [nat]."""
+    """By belief: mean and sd of every parameter [unit for reading], mean δ [µm], ln B over constant, and the evidence over the
+    first edition's [nat], all with linear compliance."""
     plain = lb.read_campaign(DATA / "recovered_experiment")
     ball = lb.Ball(grade=GRADE)
     stated = replace(plain, instrument=replace(plain.instrument, work=ball, tool=ball))

@@ -43,8 +43,9 @@ CLAIMS = {
         "near(open['cos4_at_lowest_um']['set to zero'], 0.26, 0.02) and near(open['cos4_at_lowest_um']['sd'], 0.7, 0.07)",
         "open['orthonormal'] and all(open['alternating'].values()) and completions['least_squares_unchanged']",
         "table_9['worst']['constant']['all'] < 0.7 < table_9['worst']['constant']['own']",
-        "near(beliefs['by_belief']['first edition']['log_bayes_factor'], -5.85, 0.01) and beliefs['elsewhere']['mean_in_u'] < 0.1",
-        "all(abs(own['mean'][name]) < 2 * own['sd'][name] for own in beliefs['by_belief'].values() for name in ('C_CXY', 'C_CYY'))",
+        "near(beliefs['by_belief']['first edition']['log_bayes_factor'], -5.85, 0.01)",
+        "all(abs(own['mean'][p]) < 2 * own['sd'][p] for own in beliefs['by_belief'].values() for p in ('C_CXY', 'C_CYY'))",
+        "beliefs['elsewhere']['mean_in_u'] < 0.1",
         "[row['figure'] for row in figure_values if row['units_of_last_digit'] > 2.0] == ['12'] and len(figure_values) == 31",
     ),
     "04_constant_or_linear": (
