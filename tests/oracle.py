@@ -181,12 +181,19 @@ class Oracle:
         for r in range(len(self.tests)):
             self._add((self.circle == r) * deflection, self.stated.random_N)
 
-    def _joint(self) -> None:
+    def joint_columns(self) -> list[tuple[np.ndarray, float]]:
+        """Two of X and two of Y, with their sd."""
+        found = []
         for place, size in self.axes:
             F, square, angle = self.force, np.cos(self.theta - place) ** 2, self.theta - place
-            self._add(F * (F * projected_power(3.0, angle) - self.reference * square) / self.most, 0.2 * size)
+            found.append((F * (F * projected_power(3.0, angle) - self.reference * square) / self.most, 0.2 * size))
             contact = F ** (2 / 3) * self.reference ** (1 / 3) * projected_power(5 / 3, angle)
-            self._add(contact - F * square, 0.2 * size)
+            found.append((contact - F * square, 0.2 * size))
+        return found
+
+    def _joint(self) -> None:
+        for column, sd in self.joint_columns():
+            self._add(column, sd)
 
     def _position(self) -> None:
         for place, size in self.axes:

@@ -28,7 +28,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, check_comparable, log_bayes_factor, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.inference.posterior import check_probability
-from ldbb_bayes.inference.predictive import least_squares
+from ldbb_bayes.inference.predictive import compliance_curves, least_squares
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import compliance_unit
@@ -190,7 +190,7 @@ def _best_first(slopes: int, of: Callable[[tuple[bool, ...]], Nodes]) -> dict[tu
 
 
 def averaged_curves(weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: float) -> dict[str, Curve]:
-    """C(F) over the tested forces, averaged over models with these probabilities."""
+    """C(F), see `compliance_curves`, over the tested forces, averaged over models with these probabilities."""
     rng = np.random.default_rng(seed)
     bound = weighed[0].bound
     forces = bound.campaign.forces_N
@@ -199,8 +199,8 @@ def averaged_curves(weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: 
     values = []
     for nodes, count in zip(weighed, counts, strict=True):
         if count:
-            rows = np.stack([nodes.bound.compliance_at(own) for own in force])
-            values.append(np.einsum("fcp,wp->wfc", rows, nodes.draw(int(count), rng)[0]))
+            beta, phi = nodes.draw(int(count), rng)
+            values.append(compliance_curves(nodes.bound, phi, beta, force, rng))
     every = np.concatenate(values)
     low, median, high = np.quantile(every, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob], axis=0)
     mean = every.mean(axis=0)

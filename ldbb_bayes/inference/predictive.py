@@ -26,7 +26,7 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
-from ldbb_bayes.model.terms import BasisNoise, Columns
+from ldbb_bayes.model.terms import BasisNoise, Columns, JointLoad
 from ldbb_bayes.result import ByRow, Numbers, Result
 from ldbb_bayes.units import ranked
 
@@ -40,6 +40,7 @@ __all__ = [
     "autocorrelation",
     "band_um",
     "centre_shift",
+    "compliance_curves",
     "draw_shared",
     "effects",
     "every_check",
@@ -85,6 +86,20 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
     """One draw of the shared nuisance coefficients given each β, φ and y, shape (draws, q)."""
     parts = [slice(start, start + CHUNK) for start in range(0, len(phi), CHUNK)]
     return np.concatenate([bound.given_interest.conditional(phi[i], beta[i] - bound.centre)[1].draw(rng) for i in parts])
+
+
+def compliance_curves(bound: BoundModel, phi: Array, beta: Array, force_N: Array, rng: np.random.Generator) -> Array:
+    """C(F) of every kept compliance at forces (n,), shape (draws, n, compliances): C and its slopes; of an axis, its deflection
+    over a bar force along it, also what `JointLoad` adds, drawn given each β, φ and y."""
+    curves = np.einsum("fcp,wp->wfc", np.stack([bound.compliance_at(force) for force in force_N]), beta)
+    term = next((term for term in bound.model.nuisances if isinstance(term, JointLoad)), None)
+    if term is not None:
+        names = [name for part in shared_terms(bound.nuisance_columns) for name in part.names]
+        drawn, secants = draw_shared(bound, phi, beta, rng), term.secants(bound.setting, force_N)
+        for j, own in enumerate(bound.compliances):
+            along = [k for k, name in enumerate(names) if own.kind == "direct" and name.startswith(f"joint_load_{own.twist}_")]
+            curves[:, :, j] += drawn[:, along] @ secants[:, : len(along)].T
+    return np.asarray(curves)
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:

@@ -355,7 +355,7 @@ class BoundModel:
         return tuple(name for name in self.model.terms if name not in idle)
 
     def compliance_at(self, force_N: float) -> Array:
-        """Rows A with C(F) = A β, one per kept compliance, shape (compliances, p)."""
+        """Rows A with C + slopes = A β at a force, one per kept compliance, shape (compliances, p)."""
         labels = [name.label for name in self.compliances]
         rows = np.zeros((len(labels), len(self.parameters)))
         for column, parameter in enumerate(self.parameters):

@@ -649,15 +649,22 @@ class JointLoad(Term):
     on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        force, middle = setting.force_N[:, None], setting.reference_force_N
         found = []
         for axis, estimate in setting.driven_axes():
-            square, cube, contact = (setting.along(axis, power) for power in (2.0, 3.0, 5.0 / 3.0))
-            own = force * (force * cube - middle * square) / setting.largest_force_N
-            bolted = np.cbrt(force**2 * middle) * contact - force * square
+            values = self._laws(setting, setting.force_N[:, None], *(setting.along(axis, a) for a in (2.0, 3.0, 5.0 / 3.0)))
             names = (f"joint_load_{LINEAR[axis]}_slope", f"joint_load_{LINEAR[axis]}_contact")
-            found.append(Columns(names, np.stack([own, bolted], axis=2), np.full(2, self.relative_sd * estimate)))
+            found.append(Columns(names, values, np.full(2, self.relative_sd * estimate)))
         return tuple(found)
+
+    def secants(self, setting: Setting, force_N: Array) -> Array:
+        """What an axis' two coefficients add to its C_aa(F): the columns along the axis over F, shape (n, 2), at forces (n,)."""
+        return self._laws(setting, force_N, 1.0, 1.0, 1.0) / force_N[:, None]
+
+    def _laws(self, setting: Setting, force: Array, square: Array | float, cube: Array | float, contact: Array | float) -> Array:
+        """Both columns from u², |u|³ and |u|^(5/3), shape (..., 2)."""
+        middle = setting.reference_force_N
+        own = force * (force * cube - middle * square) / setting.largest_force_N
+        return np.stack([own, np.cbrt(force**2 * middle) * contact - force * square], axis=-1)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:

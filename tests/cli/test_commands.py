@@ -106,17 +106,9 @@ def test_fit_of_dead_circles_gives_valid_json(tmp_path: Path, invoke: Invoke) ->
 
 
 def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
-    record = {
-        "schema": 1,
-        "kind": "population",
-        "reference_force_N": 389.0,
-        "machines": 4,
-        "campaigns": 9,
-        "compliances": {},
-        "machine": {},
-        "readings_sha256": [],
-        "doubts": ["With 4 machines how much they differ rests on what was assumed."],
-    }
+    record: dict[str, object] = {"schema": 1, "kind": "population", "reference_force_N": 389.0, "machines": 4, "campaigns": 9}
+    record |= {"compliances": {}, "machine": {}, "readings_sha256": []}
+    record |= {"doubts": ["With 4 machines how much they differ rests on what was assumed."]}
     record |= {"topology": "wCAFYXZSt", "next": {"C_XXX": {"unit": "mm/N", "mean": 5.1e-5, "sd": 4e-6}}}
     population, out = tmp_path / "population.json", tmp_path / "out"
     population.write_text(json.dumps(record | {"sha256": digest_of(record)}))

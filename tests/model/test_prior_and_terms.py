@@ -22,9 +22,7 @@ def test_default_prior_of_the_papers_machine() -> None:
     expected |= {"E_XX1": 2e-4, "E_YY1": 2e-4, "E_C0YX": 5e-5, "E_YX2": 1e-6, "E_XY2": 1e-6, "E_Xt0": 0.02, "E_Yt0": 0.02}
     assert {p.name: p.prior_sd for p in bound.parameters} == pytest.approx(expected)
     units = {p.name: p.unit for p in bound.parameters}
-    assert units["C_XXX"] == "mm/N"
-    assert units["C_CXY_1"] == "rad/N/N"
-    assert units["C_CCY"] == "rad/(N mm)"
+    assert (units["C_XXX"], units["C_CXY_1"], units["C_CCY"]) == ("mm/N", "rad/N/N", "rad/(N mm)")
     assert (units["E_XX1"], units["E_YX2"], units["E_C0YX"], units["E_Xt0"]) == ("1", "1/mm", "rad", "mm")
 
 

@@ -16,7 +16,6 @@ from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_
 
 PRIORS = {"C_XXX": (5.1e-5, 4e-6), "C_YYY": (4.6e-5, 8e-6), "C_CXY": (-2e-8, 3e-8), "E_YY1": (-5e-5, 4e-5)}
 MEANS = {name: mean for name, (mean, _) in PRIORS.items()}
-SDS = {name: sd for name, (_, sd) in PRIORS.items()}
 CLOSE = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
 
 

@@ -12,6 +12,7 @@ from oracle import Oracle, Stated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Ball, Campaign, CircularTest, Instrument, MountCompensation
+from ldbb_bayes.inference.predictive import compliance_curves
 from ldbb_bayes.model.hybrid import BoundModel
 
 TERMS = {
@@ -132,6 +133,28 @@ def test_all_terms_together(name: str, degree: int) -> None:
 def test_every_term_alone_and_left_out(name: str, term: str) -> None:
     check(*both(CAMPAIGNS[name], 1, [term]))
     check(*both(CAMPAIGNS[name], 1, [other for other in TERMS if other != term]))
+
+
+def test_force_curves_with_joint_load() -> None:
+    """C_aa(F) by dense algebra, where the coefficients of the joint load are parameters beside the others."""
+    bound, oracle, phi, own = both(CAMPAIGNS["circles"], 1, list(TERMS))
+    dense = oracle_of(bound.campaign, 1, terms=tuple(set(TERMS.values()) - {"joint"}), edition="second")
+    columns, sd = zip(*oracle.joint_columns(), strict=True)
+    dense.J, dense.sd, dense.mean = np.column_stack([dense.J, *columns]), np.append(dense.sd, sd), np.append(dense.mean, 4 * [0])
+    _, mean, covariance = dense.given(phi)
+    rng, force = np.random.default_rng(1), np.array([36.0, 150.0, 389.0, 742.0])
+    every, beta = np.tile(own, (40_000, 1)), bound.given(own[None])[1].draw(rng, (40_000,))[:, 0]
+    plain = bound.model.without("joint-load").bind(bound.campaign)
+    slopes, found = (compliance_curves(model, every, beta, force, rng) for model in (plain, bound))
+    along = np.stack([np.ones(4), force - 389.0, (force - 389.0) / 742.0, np.cbrt(389.0 / force) - 1.0], axis=1)
+    for k, axis, first in ((0, "C_XXX", -4), (2, "C_YYY", -2)):
+        index = [dense.names.index(axis), dense.names.index(f"{axis}_1"), first, first + 1]
+        u = np.sqrt(np.diag(along @ covariance[np.ix_(index, index)] @ along.T))
+        np.testing.assert_allclose((found[:, :, k].mean(axis=0) - along @ mean[index]) / u, 0.0, atol=0.02)
+        np.testing.assert_allclose(found[:, :, k].std(axis=0), u, rtol=0.015)
+        assert abs(slopes[:, 0, k].std() / u[0] - 1.0) > 0.1
+    np.testing.assert_array_equal(found[:, 2], beta[:, :6])  # at F0
+    np.testing.assert_array_equal(found[:, :, [1, 3, 4, 5]], slopes[:, :, [1, 3, 4, 5]])
 
 
 @pytest.mark.slow

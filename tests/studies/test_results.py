@@ -18,6 +18,8 @@ import study
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.predictive import compliance_curves
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.machine.forward import exact_reading_mm
 
@@ -221,6 +223,24 @@ def test_machines_as_they_are_in_the_limits() -> None:
     (order,) = np.flatnonzero(lobed) + 2
     assert 2 <= order <= 5
     assert np.abs(lobed).sum() == pytest.approx(2.5e-3, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_force_curves_of_joints_in_contact() -> None:
+    """The band of C_XXX(F) and C_YYY(F) with the joint load covers at low force, where slopes alone do not."""
+    sys.modules.pop("machines", None)
+    machines, force = module_of("12_real_machines", "machines"), np.array([112.0, 238.0, 742.0])
+    model, rng, covered = lb.HybridModel.default(1), np.random.default_rng(1), np.zeros((2, 3))
+    for seed in range(100, 112):
+        campaign, machine = machines.simulate(machines.FAMILIES["contact"], seed)
+        beta, phi = HyperPosterior(model.bind(campaign), truncated=True).nodes(0.05).draw(2000, rng)
+        for row, own in zip(covered, (model.without("joint-load"), model), strict=True):
+            curves = compliance_curves(own.bind(campaign), phi, beta, force, rng)
+            for k, name, share in zip((0, 2), ("C_XXX", "C_YYY"), machine.contact, strict=True):
+                truth = machine.compliance[name] * (1.0 - share + share * np.cbrt(machines.MIDDLE_N / force))
+                low, high = np.quantile(curves[:, :, k], [0.025, 0.975], axis=0)
+                row += ((low <= truth) & (truth <= high)) / 24.0
+    assert covered[0, 0] < 0.5 < 0.85 < covered[1].min()
 
 
 def test_pages_of_the_handbook_quote_the_studies() -> None:

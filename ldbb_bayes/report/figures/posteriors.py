@@ -20,7 +20,7 @@ from ldbb_bayes.analysis.circularity import circularity as quantities
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.posterior import bound_of, draws_of, priors_of, record_of
-from ldbb_bayes.inference.predictive import band_um, new_circle_coefficients, residuals_mm, shared_coefficients
+from ldbb_bayes.inference.predictive import band_um, compliance_curves, new_circle_coefficients, residuals_mm, shared_coefficients
 from ldbb_bayes.machine.chain import PLANES, Circle, Machine, geometric_names, wrench_names
 from ldbb_bayes.machine.forward import geometric_jacobian, wrench_jacobian
 from ldbb_bayes.machine.identifiable import kept_compliances
@@ -83,13 +83,14 @@ def forest(posterior: xr.DataTree) -> Figure:
 def compliance_against_force(posterior: xr.DataTree) -> Figure:
     """C(F) of every kept compliance with 50 % and 95 % bands over the tested forces."""
     bound = bound_of(posterior)
-    beta, _ = draws_of(posterior, bound)
+    beta, phi = draws_of(posterior, bound)
     forces = bound.setting.force_N
     force = np.linspace(forces.min(), forces.max(), 80) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
+    curves = compliance_curves(bound, phi, beta, force, np.random.default_rng(0))
     figure, every = panels(len(bound.compliances), min(3, len(bound.compliances)), 9.0, 2.6, 0.3)
     for j, (axes, kind) in enumerate(zip(every, bound.compliances, strict=True)):
         factor, text = style.axis_label(kind.label, compliance_unit(kind))
-        value = beta @ np.stack([bound.compliance_at(f)[j] for f in force], axis=1) * factor
+        value = curves[:, :, j] * factor
         for prob, alpha in ((0.95, 0.22), (0.5, 0.4)):
             low, high = np.quantile(value, [(1 - prob) / 2, (1 + prob) / 2], axis=0)
             band(axes, force, low, high, ACCENT, alpha, label=f"{100 * prob:g} %")
