@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
+from ldbb_bayes.inference.predictive import runs_with_force
 from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Columns, Term
@@ -167,6 +168,7 @@ class StandingKind(StrEnum):
     """An effect that is no term of the model, or one that force alone separates."""
 
     FRICTION = "friction"
+    DRIFT = "drift"
     CURVATURE = "curvature"
     LOBES = "lobes"
 
@@ -237,6 +239,10 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
     if hidden:
         standing.append(Standing(StandingKind.FRICTION, hidden))
     direct = tuple(name.label for name in bound.compliances if name.kind == "direct")
+    modelled = {type(term).__name__ for term in bound.model.nuisances}
+    if "Drift" not in modelled and not bound.campaign.is_plan and runs_with_force(bound):
+        turning = [name.label for name in bound.compliances if name.kind == "rotation_for_force" and "Position" in modelled]
+        standing.append(Standing(StandingKind.DRIFT, (*direct, *turning)))
     if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
         standing.append(Standing(StandingKind.CURVATURE, direct))
     rotary = tuple(name.label for name in bound.compliances if name.kind == "rotation_for_moment")

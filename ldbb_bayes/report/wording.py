@@ -84,6 +84,8 @@ _CURES = {
 _STANDING = {
     "friction": "Friction in the bar or lost motion in proportion to force looks exactly like {names} in these directions. Run "
     "both directions at the same forces.",
+    "drift": "The tests ran in an order of force (as listed, where no times are recorded): a drift of the bar's length or of the "
+    "centre looks exactly like {names}. Run the forces in an order that has nothing to do with time.",
     "curvature": "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {names}.",
     "lobes": "{names} and the 4-lobe form of the balls are told apart by force alone.",
 }
