@@ -127,8 +127,8 @@ class Fit(Result):
         Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is
         left out; not of flat priors.
     widening : float
-        By which share an interval grows at most with noise as strong as that at the orders 13 to 16, in tests where the checks of
-        noise and of its autocorrelation fail.
+        By which share an interval grows at most with noise as strong as what tests do not share at the orders 13 to 16, where the
+        checks of noise and of its autocorrelation fail.
     """
 
     rmse_um: float

@@ -284,23 +284,29 @@ def effects(bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]) -> 
     for name in names if len(bound.test_names) > 1 and not bound.model.prior.flat else ():
         rest = bound.keeping([other for other in bound.test_names if other != name])
         shift[name] = float((np.abs(rest.given(phi[None])[1].mean - given.mean) / given.sd).max())
-    sigma, noisy, power = bound.hyper_prior.names.index("sigma"), phi.copy(), np.ones(len(bound.test_names))
-    for name in {check.test for check in found if check.kind != CheckKind.ORDER}:
-        r = bound.test_names.index(name)
-        power[r] = max(_power_beyond(_tests(bound)[r]) / phi[sigma] ** 2, 1.0)
+    sigma, noisy = bound.hyper_prior.names.index("sigma"), phi.copy()
+    fails = np.isin(bound.test_names, [check.test for check in found if check.kind != CheckKind.ORDER])
+    power = np.where(fails, np.maximum(_power_beyond(bound) / phi[sigma] ** 2, 1.0), 1.0) if fails.any() else np.ones(1)
     noisy[sigma] *= np.sqrt(power.mean())
     before, after = (information_of(bound, own).variances() for own in (phi, noisy))
     return shift, float(np.sqrt((after / before).max()) - 1.0)
 
 
-def _power_beyond(test: CircularTest) -> float:
-    """Variance [mm²] of white noise as strong as what readings have at the orders 13 to 16, next to those of the basis."""
-    angle, reading = test.angles_rad(), test.readings_mm()
-    orders = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
-    turned = np.exp(1j * np.outer(angle, orders))
-    columns = np.column_stack([basis(angle), turned.real, turned.imag])
-    white, *_ = np.linalg.lstsq(columns, reading, rcond=_RANK)
-    return float((white[SIZE:] ** 2).mean() * len(angle) / 2.0)
+def _power_beyond(bound: BoundModel) -> Array:
+    """Variance [mm²] of white noise as strong as what the readings of each test have at the orders 13 to 16, next to those of the
+    basis, but for what tests of one plane, radius and direction share there: a pattern of the machine is no noise."""
+    setting, orders, waves = bound.setting, np.arange(MAX_ORDER + 1, MAX_ORDER + 5), []
+    for test in _tests(bound):
+        angle = test.angles_rad()
+        turned = np.exp(1j * np.outer(angle, orders))
+        columns = np.column_stack([basis(angle), turned.real, turned.imag])
+        waves.append(np.linalg.lstsq(columns, test.readings_mm(), rcond=_RANK)[0][SIZE:])
+    power, kinds = np.zeros(len(waves)), list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
+    for kind in set(kinds):
+        alike = [r for r, other in enumerate(kinds) if other == kind]
+        each, many = np.array(waves)[alike], len(alike) > 1
+        power[alike] = np.mean((each - many * each.mean(axis=0)) ** 2, axis=1) * (len(alike) / (len(alike) - many))
+    return power * np.array([test.readings for test in bound.reduced]) / 2.0
 
 
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:

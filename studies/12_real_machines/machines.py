@@ -43,7 +43,8 @@ class Disturbances:
     filtered: int = 0  # readings that the trace is averaged over
     both_ways: bool = False
     spikes_um: float = 0.0
-    backlash_um: float = 0.0
+    lost_um: float = 0.0  # lost motion of an axis: backlash, wind-up
+    lost_um_per_kN: float = 0.0  # what it grows by with the bar's force
     mismatch_um: float = 0.0
     friction_um: float = 0.0  # constant, by the sign of travel
     friction_um_per_kN: float = 0.0
@@ -64,8 +65,8 @@ FAMILIES: dict[str, Disturbances] = {
     "travel": Disturbances(travel=(0.05, 0.10)),
     "odd circle": Disturbances(odd_um=3.0),
     "angle lag": Disturbances(lag_deg=(0.1, 0.3), filtered=9),
-    "both ways": Disturbances(both_ways=True, spikes_um=3.0, backlash_um=2.0, mismatch_um=3.0),
-    "warm-up, seals": Disturbances(warm_up_um=2.0, friction_um=0.5, friction_um_per_kN=0.5),
+    "both ways": Disturbances(both_ways=True, spikes_um=3.0, lost_um=2.0, lost_um_per_kN=0.5, mismatch_um=3.0),
+    "warm-up, seals": Disturbances(warm_up_um=2.0, friction_um=0.5, friction_um_per_kN=0.5, lost_um_per_kN=0.5),
     "stiff": Disturbances(compliance=(5e-6, 1e-5)),
     "soft": Disturbances(compliance=(1e-4, 2e-4)),
 }
@@ -75,6 +76,21 @@ _G20 = lb.Instrument(work=lb.Ball(grade="G20"), tool=lb.Ball(grade="G20"))
 STATED: dict[str, Disturbances] = {
     "mild, G20 stated": Disturbances(stated=_G20),
     "mild, certificates": Disturbances(grade="G10", length_um=0.5, mount_percent=1.0, stated=CERTIFIED),
+    "drives, drift, well planned": Disturbances(
+        grade="G10",
+        length_um=0.5,
+        mount_percent=1.0,
+        stated=CERTIFIED,
+        both_ways=True,
+        shuffled=True,
+        spikes_um=3.0,
+        lost_um=2.0,
+        lost_um_per_kN=0.5,
+        mismatch_um=3.0,
+        warm_up_um=2.0,
+        friction_um=0.5,
+        friction_um_per_kN=0.5,
+    ),
 }
 
 
@@ -191,9 +207,11 @@ def simulate(family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORC
     order = np.random.default_rng([seed, 1]).permutation(len(runs)) if family.shuffled else np.arange(len(runs))
     odd = int(rng.integers(len(runs))) if family.odd_um else -1
     drift = rng.normal(0.0, family.warm_up_um * 1e-3, 3)
-    sizes = {name: getattr(family, f"{name}_um") * 1e-3 for name in ("spikes", "backlash", "mismatch", "friction")}
+    sizes = {name: getattr(family, f"{name}_um") * 1e-3 for name in ("spikes", "lost", "mismatch", "friction")}
     drive = {name: rng.normal(0.0, size, 2) for name, size in sizes.items()}
-    rubbing = rng.normal(0.0, family.friction_um_per_kN * 1e-6)
+    rubbing, growing = (
+        rng.normal(0.0, per_kN * 1e-6, n) for per_kN, n in ((family.friction_um_per_kN, None), (family.lost_um_per_kN, 2))
+    )
     tests = []
     for k, (nominal, way) in enumerate(runs):
         sign = 1.0 if way == "CW" else -1.0
@@ -204,7 +222,8 @@ def simulate(family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORC
         later = order[k] / max(len(runs) - 1, 1)
         reading += (drift[0] + drift[1] * np.cos(angle) + drift[2] * np.sin(angle)) * later
         reading += _changes(angle, 0.25e-3, rng)
-        reading += sign * _drives(angle, drive, rng) + sign * rubbing * nominal
+        lost = drive["lost"] + growing * nominal
+        reading += _drives(angle, sign, drive | {"lost": lost}, rng) + sign * rubbing * nominal
         if k == odd:
             reading += _changes(angle, family.odd_um * 1e-3, rng, highest=6) + family.odd_um * 1e-3 * rng.normal()
         if family.filtered:
@@ -220,7 +239,8 @@ def simulate(family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORC
             )  # type: ignore[arg-type]
         )
     of_all = {"radius_mm": RADIUS_MM, "resolution_um": RESOLUTION_UM, "name": f"seed {seed}", "instrument": family.stated}
-    return lb.Campaign(tuple(tests), **of_all), machine
+    run = sorted(zip(order, tests, strict=True), key=lambda pair: pair[0])
+    return lb.Campaign(tuple(test for _, test in run), **of_all), machine
 
 
 def _reading(machine: Machine, nominal: float, angle: Array, rng: np.random.Generator) -> Array:
@@ -250,11 +270,15 @@ def _changes(angle: Array, size_mm: float, rng: np.random.Generator, highest: in
     return np.asarray(turned.real @ amplitude[0] + turned.imag @ amplitude[1])
 
 
-def _drives(angle: Array, drive: dict[str, Array], rng: np.random.Generator) -> Array:
-    """Reversal spikes and backlash at the quadrants, servo mismatch, friction: what changes its sign with the direction."""
-    total = drive["mismatch"][0] * np.sin(2.0 * angle) + drive["friction"][0]
+def _drives(angle: Array, sign: float, drive: dict[str, Array], rng: np.random.Generator) -> Array:
+    """What the drives add, ``sign`` 1 clockwise: servo mismatch and friction, which change their sign with the direction; lost
+    motion, by half of which each axis lags behind its own velocity; spikes where an axis sticks after its reversal, outwards
+    (inwards where compensated too much) in either direction and fading as the circle goes on."""
+    total = sign * (drive["mismatch"][0] * np.sin(2.0 * angle) + drive["friction"][0])
+    along = np.stack([np.cos(angle), np.sin(angle)])
+    velocity = sign * np.stack([np.sin(angle), -np.cos(angle)])
+    total = total - 0.5 * drive["lost"] @ (along * np.sign(np.round(velocity, 12)))
     for k in range(4):
-        since = np.remainder(angle - 0.5 * np.pi * k, 2.0 * np.pi)
+        since = np.remainder(-sign * (angle - 0.5 * np.pi * k), 2.0 * np.pi)
         total = total + drive["spikes"][k % 2] * np.exp(-since / np.deg2rad(6.0)) * (1.0 + 0.1 * rng.normal())
-    total = total + drive["backlash"][0] * np.sign(np.sin(angle)) * np.abs(np.cos(angle))
-    return np.asarray(total + drive["backlash"][1] * np.sign(np.cos(angle)) * np.abs(np.sin(angle)))
+    return np.asarray(total)

@@ -12,7 +12,14 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, State, draws_of, fit_of, power_sensitivity
-from ldbb_bayes.inference.predictive import TestChecks, autocorrelation, fit_quality, machine_coefficients, shared_coefficients
+from ldbb_bayes.inference.predictive import (
+    TestChecks,
+    autocorrelation,
+    effects,
+    fit_quality,
+    machine_coefficients,
+    shared_coefficients,
+)
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import Columns
@@ -87,6 +94,23 @@ def test_a_wave_on_one_circle_is_found_where_it_is(harmonic: int, amplitude_um: 
     assert found <= set(every)
     assert every[0] in found
     assert fit.state == State.USABLE, "neither moves an interval"
+
+
+def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> None:
+    """1 µm at order 14 in all circles moves nothing; at four phases it is as white noise of a variance of 4/3 · 120/2 · 1/8 µm²
+    more, by the oracle."""
+    campaign = simulated(plan((120,) * 4))
+
+    def widening(phases: tuple[float, ...]) -> float:
+        pairs = zip(campaign.tests, phases, strict=True)
+        tests = [t.with_reading_um(np.asarray(t.reading_um) + np.cos(14 * t.angles_rad() + phase)) for t, phase in pairs]
+        made = replace(campaign, tests=tuple(tests))
+        return effects(MODEL.bind(made), PHI[0], dict.fromkeys([t.name for t in tests], TestChecks({}, 1e-9, 0.9, 1e-9)))[1]
+
+    assert widening((0.0,) * 4) < 0.1
+    oracle, noisy = oracle_of(campaign, 0), PHI[0] * [np.sqrt(1.0 + 10.0 / 0.3**2), 1.0, 1.0, 1.0]
+    growth = np.sqrt(np.diag(oracle.given(noisy)[2]) / np.diag(oracle.given(PHI[0])[2])).max() - 1.0
+    assert widening((0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi)) == pytest.approx(growth, rel=0.05)
 
 
 def test_autocorrelation_of_white_noise_is_uniform() -> None:
