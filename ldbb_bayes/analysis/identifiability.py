@@ -46,6 +46,7 @@ __all__ = [
     "describe",
     "hyper_nodes",
     "identify",
+    "parameters_of",
     "uncertainty_with",
     "verdicts",
 ]
@@ -226,7 +227,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     information = information_of(bound, phi)
     found = degeneracies(bound)
     return Identifiability(
-        parameters=_parameters(bound, information, found, mean),
+        parameters=parameters_of(bound, information, found, mean),
         degeneracies=found,
         cures=cures(bound, found),
         standing=standing_degeneracies(bound, found),
@@ -250,7 +251,7 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     ]
     information = information_of(bound, phi.mean(axis=0))
     drawn = (np.array(prior_sd), beta.std(axis=0))
-    return _parameters(bound, information, degeneracies(bound), beta.mean(axis=0), drawn)
+    return parameters_of(bound, information, degeneracies(bound), beta.mean(axis=0), drawn)
 
 
 def hyper_nodes(bound: BoundModel) -> tuple[Array, Array]:
@@ -261,14 +262,17 @@ def hyper_nodes(bound: BoundModel) -> tuple[Array, Array]:
     return found.weight, bound.hyper_prior.phi(found.free)
 
 
-def _parameters(
+def parameters_of(
     bound: BoundModel,
     information: Information,
     found: tuple[Degeneracy, ...],
     mean: Array,
     drawn: tuple[Array, Array] | None = None,
 ) -> dict[str, ParameterIdentifiability]:
-    """``drawn``: prior and posterior sd that replace the Gaussian's, truncation included."""
+    """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null space there.
+
+    ``drawn``: prior and posterior sd that replace the Gaussian's, truncation included.
+    """
     own, proper = information.own, not information.flat
     unseen = [unseen_share(information, least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)]
     correlation = _correlation(information)

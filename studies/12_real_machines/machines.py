@@ -113,6 +113,18 @@ class Machine:
         """Parameters by name."""
         return {**self.compliance, **{f"{name}_1": value for name, value in self.slope.items()}, **self.geometry}
 
+    def secant(self, name: str, force_N: float) -> float:
+        """C_XXX or C_YYY as the deflection along the axis over the bar's force, in the middle of the travel [mm/N]."""
+        k = ("C_XXX", "C_YYY").index(name)
+        spring = self.compliance[name] + self.slope[name] * (force_N - MIDDLE_N)
+        return spring * self.axial_force(k, np.array(force_N)).item() / force_N
+
+    def axial_force(self, k: int, load: Array) -> Array:
+        """The force that a linear spring of axis ``k`` would need to yield as this one does to its load [N]."""
+        size, share = np.abs(load), self.contact[k]
+        law = (1.0 - share) * load + share * np.sign(load) * np.cbrt(size**2 * MIDDLE_N)
+        return np.asarray(law + self.own_load[k] * load * (size - MIDDLE_N) / LARGEST_N)
+
 
 def ball(rng: np.random.Generator, decay: float, sphericity_um: float, lobe: bool) -> Array:
     """Complex amplitudes [mm] of a form whose deviation from sphericity over the circle, peak to valley, is so much."""
@@ -180,10 +192,7 @@ def deflection_mm(machine: Machine, force_N: float, bar_N: float, angle: Array) 
         for k, name in enumerate(("C_XXX", "C_YYY")):
             linear, quadratic = machine.travel[k]
             place = np.array([x, y])[k] / RADIUS_MM
-            size, share, own = np.abs(load[k]), machine.contact[k], machine.own_load[k]
-            law = (1.0 - share) * load[k] + share * np.sign(load[k]) * np.cbrt(size**2 * MIDDLE_N)
-            law = law + own * load[k] * (size - MIDDLE_N) / LARGEST_N
-            axial.append(c[name] * (1.0 + linear * place + quadratic * (place**2 - 0.5)) * law)
+            axial.append(c[name] * (1.0 + linear * place + quadratic * (place**2 - 0.5)) * machine.axial_force(k, load[k]))
         turn = c["C_CXY"] * load[0] + c["C_CYY"] * load[1] + c["C_CCY"] * x * load[1]
         moved = np.array([axial[0] + c["C_XYX"] * load[1] - x * (1.0 - np.cos(turn)), axial[1] + x * np.sin(turn)])
     return moved[0], moved[1]

@@ -16,10 +16,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.identifiability import hyper_nodes, uncertainty_with
+from ldbb_bayes.analysis.aliases import degeneracies
+from ldbb_bayes.analysis.identifiability import hyper_nodes, parameters_of, uncertainty_with
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import Fit
-from ldbb_bayes.inference.predictive import centre_shift, effects, predictive_checks
+from ldbb_bayes.inference.predictive import centre_shift, compliance_curves, effects, predictive_checks
+from ldbb_bayes.model.hybrid import information_of
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
@@ -37,7 +39,8 @@ GROUPS = {
     "geometric errors": [name for name in NAMES if name.startswith("E")],
 }
 CALIBRATED = ["E_XX1", "E_YY1", "E_C0YX", "E_YX2", "E_XY2"]
-LEVELS, TOLERANCE, DRAWS, FAR = np.array([0.025, 0.975]), 0.05, 400, 3.0
+LEVELS, TOLERANCE, DRAWS, FAR = np.array([0.025, 0.975]), 0.05, 1000, 3.0
+CURVES, ENDS = ("C_XXX", "C_YYY"), (FORCES_N[0], FORCES_N[-1])
 LEVEL = 0.95
 
 
@@ -55,11 +58,17 @@ def analysed(kind: str, seed: int) -> dict[str, float]:
         checks = predictive_checks(bound, phi, beta, np.random.default_rng(seed))
         fit = Fit(0.0, {}, 0.0, 0.0, 0.0, 0.0, (), checks, {}, *effects(bound, phi.mean(axis=0), checks))
         row |= {f"{edition}/misfit": bool(fit.misfits), f"{edition}/centre": bool(centre_shift(bound, mean))}
-        verdicts = lb.identify(model, campaign).parameters
+        verdicts = parameters_of(bound, information_of(bound, phi.mean(axis=0)), degeneracies(bound), mean)
         for j, name in enumerate(NAMES):
             row[f"{edition}/{name}/error"], row[f"{edition}/{name}/u"] = (mean[j] - truth[j]) / sd[j], sd[j]
             row[f"{edition}/{name}/covered"] = low[j] <= truth[j] <= high[j]
             row[f"{edition}/{name}/confounded"] = verdicts[name].verdict == "confounded"
+        curves = compliance_curves(bound, phi, beta, np.array(ENDS), np.random.default_rng(seed))
+        for name in CURVES:
+            own = curves[:, :, [label.label for label in bound.compliances].index(name)]
+            for k, force in enumerate(ENDS):
+                least, most = np.quantile(own[:, k], LEVELS)
+                row[f"{edition}/{name} at {force:.0f} N/covered"] = least <= machine.secant(name, force) <= most
         if kind == "mild, certificates" and edition == "second":
             row |= foretold(campaign)
     if "foretold/E_XX1" not in row:
@@ -75,11 +84,13 @@ def foretold(campaign: lb.Campaign) -> dict[str, float]:
 
 
 def of_family(rows: pd.DataFrame) -> dict[str, Any]:
-    """Coverage by group and of the worst parameter; errors beyond 3 u and the share of them that was announced; alarms."""
+    """Coverage by group, of the worst parameter and of C(F) at the ends; errors beyond 3 u and the share of them that was
+    announced, the share of all parameters that was, and the coverage of the rest; alarms."""
     found: dict[str, Any] = {}
     for edition in MODELS:
         covered = {name: float(rows[f"{edition}/{name}/covered"].mean()) for name in NAMES}
         far = np.array([rows[f"{edition}/{name}/error"].abs() > FAR for name in NAMES])
+        inside = np.array([rows[f"{edition}/{name}/covered"] > 0 for name in NAMES])
         announced = np.array([(rows[f"{edition}/{n}/confounded"] > 0) | (rows[f"{edition}/misfit"] > 0) for n in NAMES])
         worst = min(covered, key=covered.__getitem__)
         unannounced = {
@@ -93,6 +104,12 @@ def of_family(rows: pd.DataFrame) -> dict[str, Any]:
             "far": int(far.sum()),
             "announced": float((far & announced).sum() / far.sum()) if far.any() else 1.0,
             "unannounced": unannounced,
+            "marked": float(announced.mean()),
+            "rest_coverage": float(inside[~announced].mean()) if not announced.all() else None,
+            "curve": {
+                f"{force:.0f}": float(np.mean([rows[f"{edition}/{name} at {force:.0f} N/covered"].mean() for name in CURVES]))
+                for force in ENDS
+            },
             "alarms": float(rows[f"{edition}/misfit"].mean()),
             "centre": float(rows[f"{edition}/centre"].mean()),
         }

@@ -18,8 +18,6 @@ import study
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.predictive import compliance_curves
 from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.machine.forward import exact_reading_mm
 
@@ -223,24 +221,13 @@ def test_machines_as_they_are_in_the_limits() -> None:
     (order,) = np.flatnonzero(lobed) + 2
     assert 2 <= order <= 5
     assert np.abs(lobed).sum() == pytest.approx(2.5e-3, rel=1e-4)
-
-
-@pytest.mark.slow
-def test_force_curves_of_joints_in_contact() -> None:
-    """The band of C_XXX(F) and C_YYY(F) with the joint load covers at low force, where slopes alone do not."""
-    sys.modules.pop("machines", None)
-    machines, force = module_of("12_real_machines", "machines"), np.array([112.0, 238.0, 742.0])
-    model, rng, covered = lb.HybridModel.default(1), np.random.default_rng(1), np.zeros((2, 3))
-    for seed in range(100, 112):
-        campaign, machine = machines.simulate(machines.FAMILIES["contact"], seed)
-        beta, phi = HyperPosterior(model.bind(campaign), truncated=True).nodes(0.05).draw(2000, rng)
-        for row, own in zip(covered, (model.without("joint-load"), model), strict=True):
-            curves = compliance_curves(own.bind(campaign), phi, beta, force, rng)
-            for k, name, share in zip((0, 2), ("C_XXX", "C_YYY"), machine.contact, strict=True):
-                truth = machine.compliance[name] * (1.0 - share + share * np.cbrt(machines.MIDDLE_N / force))
-                low, high = np.quantile(curves[:, :, k], [0.025, 0.975], axis=0)
-                row += ((low <= truth) & (truth <= high)) / 24.0
-    assert covered[0, 0] < 0.5 < 0.85 < covered[1].min()
+    bent = replace(drawn, geometry={}, contact=(0.3, 0.4), own_load=(0.1, -0.2))
+    along = np.diag(machines.deflection_mm(bent, 742.0, 742.0, np.array([0.0, np.pi / 2]))) / 742.0
+    assert along == pytest.approx([bent.secant(name, 742.0) for name in ("C_XXX", "C_YYY")], rel=1e-3)
+    drive = dict.fromkeys(("mismatch", "friction", "spikes"), np.zeros(2)) | {"lost": np.array([2e-3, 0.0])}
+    there, back = (np.fft.rfft(machines._drives(angle, sign, drive, np.random.default_rng(1)))[:13] for sign in (1.0, -1.0))
+    assert np.flatnonzero(np.abs(there) > 1e-3).tolist() == [2, 4, 6, 8, 10, 12]
+    np.testing.assert_allclose(there, -back, atol=1e-12)
 
 
 def test_pages_of_the_handbook_quote_the_studies() -> None:
