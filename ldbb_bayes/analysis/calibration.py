@@ -97,6 +97,8 @@ class Validation(Result):
         Probability of the band, simultaneous over ranks and quantities.
     failures : tuple of str
         What went wrong in replicates that gave no draws; these are not among the ranks.
+    by_emcee : int
+        Replicates in which emcee took over, the weights of independent draws not to be trusted.
     """
 
     names: tuple[str, ...]
@@ -105,6 +107,7 @@ class Validation(Result):
     sampler: str
     prob: float
     failures: tuple[str, ...]
+    by_emcee: int = 0
 
     @property
     def replicates(self) -> int:
@@ -156,6 +159,7 @@ class Validation(Result):
             "band_probability": self.prob,
             "quantities": {n: {"inside_band": n not in self.outside, "coverage": coverage[n]} for n in self.names},
             "failures": list(self.failures),
+            "by_emcee": self.by_emcee,
             "calibrated": self.calibrated,
         }
 
@@ -209,20 +213,21 @@ def validate(
     failures = tuple(row for _, row in sorted(rows.items()) if isinstance(row, str))
     if len(failures) == replicates:
         raise InputError(f"at least one replicate must give draws, got none. First reason: {failures[0]}")
-    ranks = np.array([rows[i] for i in range(replicates) if not isinstance(rows[i], str)])
-    return Validation((*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD), ranks, draws, sampler, prob, failures)
+    found = np.array([rows[i] for i in range(replicates) if not isinstance(rows[i], str)])
+    names, by_emcee = (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD), int(found[:, -1].sum())
+    return Validation(names, found[:, :-1], draws, sampler, prob, failures, by_emcee)
 
 
 def _ranks(
     model: HybridModel, generator: HybridModel, plan: Campaign, sampler: str, draws: int, seed: np.random.SeedSequence
 ) -> Array | str:
-    """Ranks of the truth among the draws of the posterior of one simulated campaign, or why there are none."""
+    """Ranks of the truth among the draws of one simulated campaign, then whether emcee took over; or why there are none."""
     simulating, sampling = seed.spawn(2)
     simulation = generator.simulate(plan, seed=int(simulating.generate_state(1)[0]))
     bound = model.bind(simulation.campaign)
     start = HyperPosterior(bound, truncated=bound.truncation.active)
     try:
-        beta, phi = draw(sampler, start, draws, seed=sampling)
+        beta, phi, by_emcee = draw(sampler, start, draws, seed=sampling)
     except InputError as error:
         return str(error)
     shown = zip(bound.hyper_prior.names, bound.hyper_prior.shown, strict=True)
@@ -231,7 +236,7 @@ def _ranks(
     ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
     p = len(bound.names)
     true_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
-    return np.append(ranks, (bound.log_likelihood(phi, beta) < true_likelihood).sum())
+    return np.append(ranks, [(bound.log_likelihood(phi, beta) < true_likelihood).sum(), by_emcee and sampler == "independent"])
 
 
 def _check(model: HybridModel, generator: HybridModel | None, replicates: int, draws: int, sampler: str, prob: float) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.integrals import Integral
-from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes, draw_jointly
+from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes, TooRoughError, draw_jointly
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import mixture_moments
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -133,7 +133,10 @@ def marginals(
     nodes = _posterior(model, campaign, seed=seed).nodes(tolerance)
     bound = nodes.bound
     levels = np.array([0.5, 0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
-    draws, *_ = draw_jointly(nodes.posterior, _DRAWS, np.random.default_rng(seed))
+    try:
+        draws, *_ = draw_jointly(nodes.posterior, _DRAWS, np.random.default_rng(seed))
+    except TooRoughError:
+        draws = nodes.posterior.wandered.pick(_DRAWS, np.random.default_rng(seed))
     phi = bound.hyper_prior.phi(nodes.integral.free)
     of_phi = [*mixture_moments(nodes.integral.weight, phi, 0.0 * phi), *np.quantile(bound.hyper_prior.phi(draws), levels, axis=0)]
     of_beta = [*nodes.moments(), *nodes.quantiles(levels, seed=seed)]

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.inference.integrals import CHUNK, LARGEST_PARETO_K, Integral, importance_sample, in_chunks, integrate
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.integrals import CHUNK, Integral, bridge_sample, importance_sample, in_chunks, integrate
 from ldbb_bayes.model.gaussian import Sobol, central_differences, mixture_quantiles, newton, solve_upper
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
 from ldbb_bayes.model.truncation import Orthant
 
-__all__ = ["Evidence", "HyperPosterior", "Nodes", "conditional_draws", "draw_jointly", "draw_parameters_given"]
+__all__ = ["Evidence", "HyperPosterior", "Nodes", "TooRoughError", "conditional_draws", "draw_jointly", "draw_parameters_given"]
 
 Array = NDArray[Any]
 Index = NDArray[np.intp]
@@ -133,6 +133,12 @@ class HyperPosterior:
     def brief(self) -> Integral:
         """The coarse nodes with P(T | y, φ) itself."""
         return self.inside(self.coarse, _COARSE, bounded=True).integral if self.truncated else self.coarse
+
+    @cached_property
+    def wandered(self) -> Integral:
+        """emcee's draws as nodes, from where the sample's are."""
+        found = bridge_sample(self._smooth, self.proposal, seed=self._seed)
+        return self.inside(found, _COARSE, bounded=True).integral if self.truncated else found
 
     def _starts(self) -> list[Array]:
         """Where to climb from: the best of many starting points, several basins tried."""
@@ -310,6 +316,10 @@ def draw_parameters_given(start: HyperPosterior, free: Array, rng: np.random.Gen
     )
 
 
+class TooRoughError(Exception):
+    """The density of the hyper-parameters is too rough to be drawn from independently: emcee must take over."""
+
+
 def draw_jointly(start: HyperPosterior, size: int, rng: np.random.Generator) -> tuple[Array, Array, float]:
     """Independent draws of free coordinates (size, h) and β (size, p), and the share of proposals used.
 
@@ -319,17 +329,14 @@ def draw_jointly(start: HyperPosterior, size: int, rng: np.random.Generator) -> 
 
     Raises
     ------
-    InputError
-        When the weights of the sample cannot be trusted, or almost nothing is accepted: the density is too rough.
+    TooRoughError
+        When the weights of the sample cannot be trusted, or almost nothing is accepted.
     """
     share = _share_inside(start, rng) if start.truncated else 1.0
     tilted = share < _FEW_INSIDE
     proposal, prior = (start if tilted else start.plain).proposal, start.bound.hyper_prior
-    require(
-        proposal.trusted,
-        f"weights of nodes must have a Pareto k of at most {LARGEST_PARETO_K:g} to be drawn from, got "
-        f"{proposal.pareto_k:.2f}. Use --sampler joint.",
-    )
+    if not proposal.trusted:
+        raise TooRoughError(f"Pareto k {proposal.pareto_k:.2f}")
     tries = int(np.ceil(_INSIDE / share)) if start.truncated and not tilted else 1
     log_scale = proposal.log_integral + np.log(_ENVELOPE * (1.0 if tilted else share))
     kept: list[tuple[Array, Array]] = []
@@ -356,10 +363,7 @@ def draw_jointly(start: HyperPosterior, size: int, rng: np.random.Generator) -> 
         if used >= size:
             order, every = rng.permutation(size), [np.concatenate(part) for part in zip(*kept, strict=True)]
             return every[0][order], every[1][order], used / tried
-    raise InputError(
-        f"the density of the hyper-parameters must be smooth, got {used} of {size} draws from {tried} proposals. "
-        "Use --sampler joint."
-    )
+    raise TooRoughError(f"{used} of {size} draws from {tried} proposals")
 
 
 def _owed(log_weight: Array, rng: np.random.Generator) -> Index:

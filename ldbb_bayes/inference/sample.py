@@ -5,8 +5,10 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
-from ldbb_bayes.inference.nodes import HyperPosterior, draw_jointly
+from ldbb_bayes.inference.nodes import HyperPosterior, TooRoughError, draw_jointly
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
 from ldbb_bayes.inference.predictive import SHIFTED, centre_shift, effects, fit_quality, predictive_checks
 from ldbb_bayes.jobs import one_blas_thread, versions
@@ -144,15 +146,19 @@ def run_sampler(
 ) -> tuple[EnsembleRun, Array, Array]:
     """A run until the rule is met, β (chains, draws, p) and φ (chains, draws, h) [mm].
 
-    Of independent draws ``steps`` counts those of one chain, ``acceptance`` is the share of proposals used.
+    Of independent draws ``steps`` counts those of one chain, ``walkers`` is 1, ``acceptance`` the share of proposals used.
     """
+    emcee = partial(_joint, start, rule=rule, seed=seed, progress=progress, **ensembles)
     if sampler == "joint":
-        return _joint(start, rule=rule, seed=seed, progress=progress, **ensembles)
+        return emcee()
     rng = np.random.default_rng(seed)
     # A third more than the target, so that the smallest of many estimates of ESS reaches it; twice as many where it does not.
     each, found = int(np.ceil(1.3 * rule.ess / _CHAINS + 50)), list[tuple[Array, ...]]()
     while True:
-        free, beta, acceptance = draw_jointly(start, _CHAINS * each, rng)
+        try:
+            free, beta, acceptance = draw_jointly(start, _CHAINS * each, rng)
+        except TooRoughError:
+            return emcee()
         found.append((free.reshape(_CHAINS, each, -1), beta.reshape(_CHAINS, each, -1)))
         chain, beta = (np.concatenate(own, axis=1) for own in zip(*found, strict=True))
         assessment, steps = assess(np.concatenate([beta, chain], axis=2)), chain.shape[1]
@@ -166,18 +172,17 @@ def run_sampler(
     return run, beta, start.bound.hyper_prior.phi(chain)
 
 
-def draw(sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence) -> tuple[Array, Array]:
-    """As good as independent draws: β, shape (size, p), and φ, shape (size, h) [mm].
-
-    Those of ``independent`` are; those of emcee are thinned from a run worth four times as many.
-    """
-    if sampler == "independent":
-        rng = np.random.default_rng(seed)
-        free, beta, _ = draw_jointly(start, size, rng)
-        return beta, start.bound.hyper_prior.phi(free)
+def draw(sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence) -> tuple[Array, Array, bool]:
+    """As good as independent draws: β, shape (size, p), and φ, shape (size, h) [mm]; and whether they are emcee's: thinned from a
+    run worth four times as many, also in place of ``independent`` where its weights cannot be trusted."""
+    with suppress(TooRoughError):
+        if sampler == "independent":
+            free, beta, _ = draw_jointly(start, size, np.random.default_rng(seed))
+            return beta, start.bound.hyper_prior.phi(free), False
     rule = StoppingRule(ess=_SPACING * size, rhat=1.05, lengths=2.0)
-    _, beta, phi = run_sampler(sampler, start, rule=rule, seed=seed)
-    return _picked(beta, phi, size)
+    run, beta, phi = _joint(start, rule=rule, seed=seed)
+    require(run.converged, f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use --seed.")
+    return *_picked(beta, phi, size), True
 
 
 def _picked(beta: Array, phi: Array, most: int | None = None) -> tuple[Array, Array]:
@@ -208,7 +213,7 @@ def sample(
         With readings.
     sampler : {"joint", "independent"}
         ``joint``: emcee over everything but the nuisances, which are integrated out. ``independent``: independent draws from
-        weighted nodes over the hyper-parameters.
+        weighted nodes over the hyper-parameters; where these cannot be trusted ``joint`` takes over and the record says so.
     seed : int
     ensembles, walkers : int
         At least 4 independent ensembles; walkers each.
@@ -252,7 +257,8 @@ def sample_from(
         "campaign": campaign_record(bound.campaign),
         "model": _model_record(bound),
         "sampler": {
-            "kind": sampler,
+            "kind": "joint" if run.walkers > 1 else sampler,
+            "by_emcee": sampler == "independent" and run.walkers > 1,
             **asdict(run.assessment),
             "converged": run.converged,
             "draws": int(beta.shape[0] * beta.shape[1]),

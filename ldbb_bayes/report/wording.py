@@ -279,9 +279,10 @@ def quality_words(quality: Mapping[str, Any]) -> str:
 def sampler_words(sampler: Mapping[str, Any]) -> str:
     """Return whether the sampler reached its target, from that part of a fit's JSON."""
     state = "" if sampler["converged"] else "NOT CONVERGED, "
+    instead = ", as weights of independent draws could not be trusted" if sampler.get("by_emcee") else ""
     return (
-        f"Sampler {sampler['kind']}: {state}{sampler['draws']} draws, worth {sampler['ess_bulk_min']:.0f} independent ones (bulk "
-        f"ESS; tail {sampler['ess_tail_min']:.0f}); R-hat {sampler['rhat_max']:.4f} (1 when runs agree)."
+        f"Sampler {sampler['kind']}{instead}: {state}{sampler['draws']} draws, worth {sampler['ess_bulk_min']:.0f} independent "
+        f"ones (bulk ESS; tail {sampler['ess_tail_min']:.0f}); R-hat {sampler['rhat_max']:.4f} (1 when runs agree)."
     )
 
 
@@ -503,6 +504,7 @@ def _certificate_sentences(result: Identifiability) -> Iterator[str]:
 def validation_verdict(validation: Validation) -> str:
     """Return in one line whether ranks are as those of a calibrated computation."""
     tested = f"{validation.replicates} replicates, {len(validation.names)} quantities, {100 * validation.prob:g} % band"
+    tested += f", emcee for {validation.by_emcee} whose weights could not be trusted" if validation.by_emcee else ""
     if validation.failures:
         count, first = len(validation.failures), validation.failures[0]
         return f"NOT CALIBRATED: {count} replicates failed, first: {first} ({tested})."

@@ -81,10 +81,6 @@ def test_holds_with_the_probability_it_claims(replicates: int, draws: int, prob:
     assert prob - 4.0 * error < share < prob + 4.0 * error + 0.03, "counts are whole: a little more than asked for"
 
 
-def test_ecdf_counts_ranks() -> None:
-    np.testing.assert_allclose(ecdf(np.array([0, 0, 3, 4]), 4), [0.5, 0.5, 0.5, 0.75])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("degree", "planned", "replicates"), [(1, CIRCLES, 200), (0, ARCS, 100)], ids=["linear, circles", "constant, arcs"]

@@ -135,13 +135,14 @@ UNIFORM = simulated(plan(), seed=1)
 @pytest.mark.parametrize("truncated", [False, True])
 def test_emcee_takes_over_where_weights_cannot_be_trusted(truncated: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     model = lb.HybridModel.first(0) if truncated else lb.HybridModel.first(0).without("truncation")
-    exact = lb.log_evidence(model, UNIFORM)
+    exact, table = lb.log_evidence(model, UNIFORM), lb.marginals(model, UNIFORM)
     monkeypatch.setattr("ldbb_bayes.inference.integrals._LATTICE", 0)
     monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
     found = lb.log_evidence(model, UNIFORM, tolerance=0.1)
     assert (exact.by_emcee, found.by_emcee) == (False, True)
     assert found.error < 0.1
     assert found.log_value == pytest.approx(exact.log_value, abs=1.5 * found.error)
+    assert ((lb.marginals(model, UNIFORM, tolerance=0.1)["median"] - table["median"]) / table["sd"]).abs().max() < 0.1
 
 
 @pytest.mark.parametrize("truncated", [pytest.param(False, marks=pytest.mark.slow), True])

@@ -21,6 +21,7 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import State, bound_of, campaign_of, draws_of, fit_of, record_of, result_json
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.report.findings import fit_in_words
+from ldbb_bayes.report.wording import sampler_words, validation_verdict
 
 QUICK = StoppingRule(ess=300.0, rhat=1.05, lengths=1.0)
 ROUGH = StoppingRule(ess=150.0, rhat=1.1, lengths=0.3)
@@ -159,7 +160,16 @@ def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) ->
     entry = result_json(tree)["parameters"]["C_XXX"]
     assert (entry["prior_sd"], entry["prior_mean"]) == (None, None)
     assert list(tree["prior"].data_vars) == ["sigma"]
-    assert f"{fit_of(tree).rmse_um:.1f}" == "1.1"
+
+
+def test_emcee_takes_over_where_weights_cannot_be_trusted(campaign: lb.Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+    joint = lb.sample(CONSTANT, campaign, rule=QUICK)
+    monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
+    tree = lb.sample(CONSTANT, campaign, sampler="independent", rule=QUICK)
+    assert "Sampler joint, as weights of independent draws could not be trusted: " in sampler_words(result_json(tree)["sampler"])
+    np.testing.assert_array_equal(tree["posterior"]["C_CCY"], joint["posterior"]["C_CCY"])
+    found = lb.validate(CONSTANT, FEW, replicates=10, draws=9)
+    assert (found.replicates, found.failures, "emcee for 10 whose" in validation_verdict(found)) == (10, (), True)
 
 
 def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(campaign: lb.Campaign) -> None:
