@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-from ldbb_bayes.cli import main as run
+import sys
 
 __all__ = ["run"]
+
+
+def run() -> None:
+    """Load the commands and run the one typed; Ctrl-C at any time ends it with one line, exit code 130."""
+    try:
+        from ldbb_bayes.cli import main
+
+        main()
+    except KeyboardInterrupt:
+        print("ldbb-bayes: interrupted; nothing was written.", file=sys.stderr)  # noqa: T201
+        sys.exit(130)
+
 
 if __name__ == "__main__":
     run()

@@ -35,11 +35,7 @@ def _null(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _infinite(value: Any) -> Any:
-    return np.inf if value is None else value
-
-
-Finite = Annotated[float, BeforeValidator(_infinite), PlainSerializer(_null)]
+Finite = Annotated[float, BeforeValidator(lambda value: np.inf if value is None else value), PlainSerializer(_null)]
 """A number that may be infinite, which JSON writes as null."""
 
 Number = Annotated[float, BeforeValidator(lambda value: np.nan if value is None else value), PlainSerializer(_null)]

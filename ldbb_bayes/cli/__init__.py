@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 from ldbb_bayes import __version__
 from ldbb_bayes.cli.analyses import compare, demo, design, fit, identify, report, summarize, validate
 from ldbb_bayes.cli.campaigns import batch, check, import_, machine, population, simulate, trend
-from ldbb_bayes.cli.options import EXIT_BAD_INPUT
+from ldbb_bayes.cli.options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 from ldbb_bayes.errors import InputError
 
 __all__ = ["app", "main"]
@@ -36,6 +36,11 @@ class _Commands(TyperGroup):
         given = list(sys.argv[1:] if args is None else args) or ["--help"]
         try:
             code = super().main(given, *rest, **{**more, "standalone_mode": False})
+            # What Typer makes of Ctrl-C; Click makes it Abort.
+            if code == EXIT_INTERRUPTED:
+                raise typer.Abort
+        except typer.Abort:
+            raise KeyboardInterrupt from None
         except (_UsageError, InputError) as error:
             code = EXIT_BAD_INPUT
             said = str(error) if isinstance(error, InputError) else f"{error.format_message().rstrip('.?')}. See --help."

@@ -142,8 +142,6 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             if said is None:
                 raise
             fail(said, EXIT_BAD_INPUT)
-        except KeyboardInterrupt:
-            fail("interrupted; nothing was written.", EXIT_INTERRUPTED)
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -153,7 +151,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 def fail(message: str, code: int) -> NoReturn:
     """Say one thing on stderr and leave."""
     print(f"ldbb-bayes: {message}", file=sys.stderr)  # noqa: T201
-    raise typer.Exit(code)
+    sys.exit(code)
 
 
 # ---- what is typed

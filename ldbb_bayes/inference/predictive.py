@@ -118,16 +118,13 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
 def new_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """A new circle in the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
     set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
-    return _shared_drawn(bound, phi, beta, rng) + _every_own(bound, phi, rng)
+    shared = _shared_drawn(bound, phi, beta, rng)
+    return shared + np.stack([_draw_own(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
 
 
 def _shared_drawn(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     drawn = draw_shared(bound, phi, beta, rng)
     return np.asarray(machine_coefficients(bound, beta) + np.einsum("tkq,wq->wtk", shared_columns(bound), drawn))
-
-
-def _every_own(bound: BoundModel, phi: Array, rng: np.random.Generator) -> Array:
-    return np.stack([_draw_own(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
 
 
 def _draw_own(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:

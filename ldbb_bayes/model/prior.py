@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -134,7 +134,7 @@ class Prior:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """To other processes; a read-only mapping does not pickle."""
-        return _prior_from, (dict(vars(self), overrides=dict(self.overrides), means=dict(self.means)),)
+        return partial(Prior, **{**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}), ()
 
     @classmethod
     def default(cls) -> Prior:
@@ -181,10 +181,6 @@ class Prior:
         laws = tuple(scale.law for scale in scales)
         unit = np.array([1e-3 if law == "half-normal" else 1.0 for law in laws])
         return HyperPrior(tuple(scale.name for scale in scales), np.array(own) * unit, lower * unit, laws, self.decay_sd)
-
-
-def _prior_from(fields: Mapping[str, Any]) -> Prior:
-    return Prior(**fields)
 
 
 _LEAST_DECAY, _MOST_DECAY = 0.5, 3.5

@@ -296,7 +296,7 @@ class Term:
             what = f"{type(self).__name__} {name}"
             if get_origin(hints.get(name)) is Literal:
                 check_known(what, [value], get_args(hints[name]))
-            elif not isinstance(value, str | bool) and not (np.isfinite(value) and (value > 0 or _is_off(name, value))):
+            elif not isinstance(value, str | bool) and not (np.isfinite(value) and value >= 0 and (value or "curvature" in name)):
                 raise InputError(f"{what} must be a positive number, got {value}. To drop the term, leave it out.")
 
     @property
@@ -353,11 +353,6 @@ class Term:
         """Its pattern after the term's words: `` in cos 2θ``; empty where it has none."""
         order = _order(coefficient)
         return f" in {order}{_in_plane(coefficient)}" if order else ""
-
-
-def _is_off(setting: str, value: float) -> bool:
-    """Curvatures can be left out of a term."""
-    return setting.startswith("curvature") and value == 0.0
 
 
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")

@@ -8,6 +8,7 @@ import pty
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,8 @@ import pytest
 import ldbb_bayes as lb
 from ldbb_bayes.report.figures import FIGURES
 
+# A run in the background ignores Ctrl-C, and hands that on.
+HEED = partial(signal.signal, signal.SIGINT, signal.default_int_handler)
 COMMAND = [sys.executable, "-W", "error", "-m", "ldbb_bayes"]
 
 
@@ -37,15 +40,24 @@ def test_help_and_version_import_nothing_heavy() -> None:
         assert done.stdout.strip().endswith("[]")
 
 
+@pytest.mark.parametrize("module", ["typer", "ldbb_bayes.errors", "numpy.linalg"])
+def test_interruption_while_modules_are_loaded(module: str, folder: Path) -> None:
+    """A real Ctrl-C once a module is imported, which Python says: one line, exit code 130."""
+    start = [sys.executable, "-X", "importtime", "-c", "from ldbb_bayes.__main__ import run; run()"]
+    with subprocess.Popen([*start, "check", folder], stderr=subprocess.PIPE, text=True, preexec_fn=HEED) as process:
+        assert process.stderr is not None
+        next(line for line in process.stderr if line.split("|")[-1].strip() == module)
+        process.send_signal(signal.SIGINT)
+        said = [line for line in process.stderr if not line.startswith("import time:")]
+    assert (said, process.returncode) == (["ldbb-bayes: interrupted; nothing was written.\n"], 130)
+
+
 def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
     """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code 130."""
     ours, theirs = pty.openpty()
     fit = ["fit", str(folder), "--json", "--ess", "1e7", "--max-steps", "1000000", "--out", str(tmp_path / "r")]
 
-    def heed() -> None:  # a run in the background ignores Ctrl-C, and hands that on
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    with subprocess.Popen([*COMMAND, *fit], stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heed) as process:
+    with subprocess.Popen([*COMMAND, *fit], stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=HEED) as process:
         os.close(theirs)
         shown = b""
         while b"steps" not in shown:

@@ -138,16 +138,6 @@ def test_walker_major_order() -> None:
     assert run.assessment.ess_bulk_min < 500.0
 
 
-def test_an_interrupt_ends_the_run_and_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    def interrupted(points: np.ndarray) -> np.ndarray:
-        raise KeyboardInterrupt
-
-    starts = np.random.default_rng(0).normal(size=(4, 8, 2))
-    with pytest.raises(KeyboardInterrupt):
-        run_ensembles(interrupted, starts, rule=StoppingRule(), seed=np.random.SeedSequence(1))
-    assert capsys.readouterr() == ("", "")
-
-
 @pytest.mark.parametrize(
     ("ess", "rhat", "walkers", "met"),
     [

@@ -79,13 +79,19 @@ def test_prior_refused(changes: dict, message: str) -> None:
 
 
 def test_overrides() -> None:
-    model = replace(lb.HybridModel.first(1), prior=replace(lb.Prior.first(), overrides={"C_XXX": 2e-5, "E_Xt0": 1.0}))
-    sd = {p.name: p.prior_sd for p in model.bind(plan()).parameters}
-    assert (sd["C_XXX"], sd["E_Xt0"], sd["C_YYY"]) == (2e-5, 1.0, 1e-4)
-    assert sd["C_XXX_1"] == pytest.approx(0.3 * 2e-5 / 706.0)
-    wrong = replace(model, prior=replace(model.prior, overrides={"C_XXY": 1.0}))
+    """Slopes follow their compliance; their own overrides go with the degree, and change with the slopes' scale in proportion."""
+
+    def sds(degree: int, scale: float, **overrides: float) -> dict[str, float]:
+        model = lb.HybridModel(1, (), replace(lb.Prior.first(), overrides=overrides)).with_slope_scale(scale).with_degree(degree)
+        return {p.name: p.prior_sd for p in model.bind(plan()).parameters}
+
+    sd = sds(1, 0.3, C_XXX=2e-5, E_Xt0=1.0)
+    assert [sd[name] for name in ("C_XXX", "E_Xt0", "C_YYY", "C_XXX_1")] == pytest.approx([2e-5, 1.0, 1e-4, 0.3 * 2e-5 / 706.0])
+    assert sds(0, 0.3, C_XXX=2e-4, C_XXX_1=3e-8)["C_XXX"] == 2e-4
+    sd = sds(1, 0.6, C_XXX=2e-4, C_XXX_1=3e-8)
+    assert [sd[name] for name in ("C_XXX", "C_XXX_1", "C_XYX_1")] == pytest.approx([2e-4, 6e-8, 0.6 * 1e-5 / 706.0])
     with pytest.raises(InputError, match="prior override must be one of"):
-        wrong.bind(plan())
+        sds(1, 0.3, C_XXY=1.0)
 
 
 def test_a_kept_compliance_has_the_prior_of_what_it_absorbs() -> None:
@@ -189,15 +195,3 @@ def test_a_slope_alone_about_the_middle_is_refused() -> None:
     for reference in (0.0, 742.0):
         replace(model, reference_force_N=reference).bind(planned)
     model.fixing("C_CCY_1").bind(planned)
-
-
-def test_overrides_follow_the_degree() -> None:
-    """Overrides of slopes go with them, and change with the slopes' scale in proportion."""
-    prior = replace(lb.Prior.first(), overrides={"C_XXX": 2e-4, "C_XXX_1": 3e-8})
-    model = replace(lb.HybridModel.first(1), prior=prior)
-    constant = model.with_degree(0).bind(plan())
-    assert constant.prior_sd[constant.names.index("C_XXX")] == 2e-4
-    doubled = model.with_slope_scale(0.6).bind(plan())
-    sd = dict(zip(doubled.names, doubled.prior_sd, strict=True))
-    assert (sd["C_XXX"], sd["C_XXX_1"]) == pytest.approx((2e-4, 6e-8))
-    assert sd["C_XYX_1"] == pytest.approx(0.6 * 1e-5 / 706.0)
