@@ -152,7 +152,7 @@ def fits_of(folder: Path) -> Any:
     fit = ["fit", str(folder), *model, "--sampler", "independent", "--json", "--quiet"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ldbb_bayes.inference.mcmc.Assessment.meets", lambda *_, **__: False)
-        runs = [CliRunner().invoke(app, fit)]
+        runs = [CliRunner().invoke(app, [*fit, "--max-steps", "400"])]
     runs += [CliRunner().invoke(app, [*fit, *options]) for options in (["--ess", "600"], ["--ci", "2"])]
     codes = [run.exit_code for run in runs]
     assert codes == [1, 0, 2]
