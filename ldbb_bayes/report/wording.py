@@ -84,8 +84,7 @@ _CURES = {
 _STANDING = {
     "friction": "Friction in the bar or lost motion in proportion to force looks exactly like {names} in these directions. Run "
     "both directions at the same forces.",
-    "drift": "The tests ran in an order of force (as listed, where no times are recorded): a drift of the bar's length or of the "
-    "centre looks exactly like {names}. Run the forces in an order that has nothing to do with time.",
+    "drift": "Tests in the order of force: drift of bar or centre looks exactly like {names}. Shuffle them.",
     "curvature": "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {names}.",
     "lobes": "{names} and the 4-lobe form of the balls are told apart by force alone.",
 }
@@ -314,8 +313,7 @@ _REMARKS: Mapping[str, str | Callable[..., str]] = {
     "travel": "stated {stated}, but the angles run {travel}",
     "arc": "arc of {arc_deg:.0f}° only: harmonics mix",
     "gap": "gap of {gap_deg:.1f}°",
-    "open trace": "start and end differ by {start_end_um:+.1f} µm more than the path does there: drift, or a trace that does "
-    "not close",
+    "open trace": "start and end differ by {start_end_um:+.1f} µm more than the path does there: drift, or an open trace",
     "unit": "{what} is {value:.4g} {unit}: check the unit",
     "force law": "force {force_N:g} N, but the force law gives {law_N:.0f} N at {pressure_bar:g} bar",
     "spikes": lambda reading, angle_deg, off_um, count: (
