@@ -16,7 +16,13 @@ FORCES_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 RANGE_N = FORCES_N[-1] - FORCES_N[0]
 MID_N = (FORCES_N[0] + FORCES_N[-1]) / 2.0
 READINGS = 360
-HYPER_UM = {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0}
+Edition = Literal["first", "second"]
+EDITIONS: dict[Edition, lb.HybridModel] = {"first": lb.HybridModel.first(degree=1), "second": lb.HybridModel.default(degree=1)}
+# τ is the form at order 1, and in the second edition at order 6.
+HYPER_UM: dict[Edition, dict[str, float]] = {
+    "first": {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0},
+    "second": {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 0.5},
+}
 DIRECT = {"C_XXX": 5.5e-5, "C_YYY": 4.2e-5}  # mm/N
 PRIOR_SD = {"C_XXX": 1e-4, "C_XYX": 1e-5, "C_YYY": 1e-4, "C_CXY": 1e-7, "C_CYY": 1e-7, "C_CCY": 1e-9}  # mm, N, rad
 GEOMETRY_SD = {
@@ -28,7 +34,7 @@ GEOMETRY_SD = {
     "E_Xt0": 0.02,
     "E_Yt0": 0.02,
 }  # mm, rad
-SLOPE_SCALE = 0.3
+SLOPE_SCALE, LEAST_SHARE = 0.3, 20.0
 NARROWER = 0.5
 DIRECT_SPREAD = 0.3
 CIRCLE_S = 600.0
@@ -37,7 +43,6 @@ SPIKE_DEG = 2.0
 OUTLIER_UM = 10.0
 KNEE_N = 500.0
 QUADRANTS_DEG = (0.0, 90.0, 180.0, 270.0)
-BELIEVED = lb.HybridModel.first(degree=1)
 
 
 @dataclass(frozen=True)
@@ -92,10 +97,10 @@ class Kind:
     drift_term: bool = False
     masked: bool = False
 
-    @property
-    def model(self) -> lb.HybridModel:
+    def model(self, edition: Edition) -> lb.HybridModel:
         """For the analysis."""
-        return BELIEVED.including(lb.Drift("time")) if self.drift_term else BELIEVED
+        believed = EDITIONS[edition]
+        return believed.including(lb.Drift("time")) if self.drift_term else believed
 
 
 KINDS = {
@@ -128,20 +133,21 @@ KINDS = {
 }
 
 
-def simulated(kind: Kind, seed: int) -> tuple[lb.Campaign, dict[str, float]]:
-    """Readings as the user has them, and the true parameters; truths, nuisances and noise of a seed are those of every kind."""
+def simulated(kind: Kind, seed: int, edition: Edition) -> tuple[lb.Campaign, dict[str, float]]:
+    """Readings as the user has them, and the true parameters; truths, nuisances and noise of a seed are those of every kind, as
+    this edition of the model believes them."""
     rng = np.random.default_rng([seed, 0])
     plan = _plan(kind, rng)
     loaded = replace(plan, tests=tuple(replace(t, force_N=actual_force_N(kind, t)) for t in plan.tests))
-    truth = _truth(rng)
-    quiet = replace(BELIEVED.without("hysteresis"), reference_force_N=MID_N)
-    made = quiet.simulate(loaded, seed=seed, parameters=truth, hyper_um=HYPER_UM | {"sigma": 0.0}).campaign
+    truth = _truth(rng, edition)
+    quiet = replace(EDITIONS[edition].without("hysteresis"), reference_force_N=MID_N)
+    made = quiet.simulate(loaded, seed=seed, parameters=truth, hyper_um=HYPER_UM[edition] | {"sigma": 0.0}).campaign
     heading = rng.uniform(0.0, 2.0 * np.pi)
     noise = np.random.default_rng([seed, 1])
     mean_warmth = float(np.mean([warmth(test) for test in plan.tests]))
     tests = []
     for used, own in zip(plan.tests, made.tests, strict=True):
-        added = added_um(kind, own, heading, mean_warmth) + _noise_um(kind, len(own.angle_deg), noise)
+        added = added_um(kind, own, heading, mean_warmth) + _noise_um(kind, HYPER_UM[edition]["sigma"], len(own.angle_deg), noise)
         test = used.with_reading_um(own.reading_um + added)
         test = lb.mask_reversals(test) if kind.masked else test
         tests.append(test if kind.stated else replace(test, direction=None))
@@ -200,22 +206,24 @@ def _plan(kind: Kind, rng: np.random.Generator) -> lb.Campaign:
     return lb.Campaign(tuple(tests))
 
 
-def _truth(rng: np.random.Generator) -> dict[str, float]:
-    """Compliances about the published ones, the rest within `NARROWER` of its prior; C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0."""
+def _truth(rng: np.random.Generator, edition: Edition) -> dict[str, float]:
+    """Compliances about the published ones, the rest within `NARROWER` of its prior, slopes of the prior's compliance or, in the
+    second edition, of their own; C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0."""
     spread = np.array([rng.uniform(1.0 - DIRECT_SPREAD, 1.0 + DIRECT_SPREAD) for _ in DIRECT])
     truth = {name: NARROWER * sd * rng.standard_normal() for name, sd in (PRIOR_SD | GEOMETRY_SD).items()}
     truth |= {name: value * factor for (name, value), factor in zip(DIRECT.items(), spread, strict=True)}
     truth["C_CCY"] = abs(truth["C_CCY"])
-    slopes = {name: NARROWER * SLOPE_SCALE * sd / RANGE_N * rng.standard_normal() for name, sd in PRIOR_SD.items()}
+    own = {name: max(abs(truth[name]), sd / LEAST_SHARE) for name, sd in PRIOR_SD.items()}
+    size = PRIOR_SD if edition == "first" else own
+    slopes = {name: NARROWER * SLOPE_SCALE * sd / RANGE_N * rng.standard_normal() for name, sd in size.items()}
     for name in (*DIRECT, "C_CCY"):
         steepest = 2.0 * truth[name] / RANGE_N
         slopes[name] = float(np.clip(slopes[name], -steepest, steepest))
     return truth | {f"{name}_1": slope for name, slope in slopes.items()}
 
 
-def _noise_um(kind: Kind, count: int, rng: np.random.Generator) -> Array:
+def _noise_um(kind: Kind, sigma: float, count: int, rng: np.random.Generator) -> Array:
     """White noise, shape (count,) [µm]."""
-    sigma = HYPER_UM["sigma"]
     if kind.degrees_of_freedom is not None:
         nu = kind.degrees_of_freedom
         return np.asarray(sigma * np.sqrt((nu - 2.0) / nu) * rng.standard_t(nu, count))
