@@ -8,6 +8,7 @@ from .analysis.circularity import contributions as contributions
 from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
 from .analysis.comparison import compare as compare
+from .analysis.comparison import local_fits as local_fits
 from .analysis.comparison import read_comparison as read_comparison
 from .analysis.design.candidates import Costs as Costs
 from .analysis.design.design import Design as Design
@@ -20,7 +21,6 @@ from .analysis.identifiability import describe as describe
 from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts
 from .analysis.outliers import belonging as belonging
-from .analysis.sensitivity import local_fits as local_fits
 from .campaign.campaign import Ball as Ball
 from .campaign.campaign import Campaign as Campaign
 from .campaign.campaign import CircularTest as CircularTest
@@ -33,10 +33,10 @@ from .campaign.folder import read_campaign as read_campaign
 from .campaign.folder import write_campaign as write_campaign
 from .campaign.importing import Imported as Imported
 from .campaign.importing import import_campaign as import_campaign
+from .campaign.importing import mask_angles as mask_angles
+from .campaign.importing import mask_reversals as mask_reversals
 from .campaign.layout import Layout as Layout
 from .campaign.layout import read_layout as read_layout
-from .campaign.preparation import mask_angles as mask_angles
-from .campaign.preparation import mask_reversals as mask_reversals
 from .campaign.preview import preview as preview
 from .errors import InputError as InputError
 from .fleet.batch import Batch as Batch
@@ -62,7 +62,7 @@ from .inference.predictive import least_squares as least_squares
 from .inference.sample import sample as sample
 from .machine.chain import Circle as Circle
 from .machine.chain import Machine as Machine
-from .machine.forward import exact_reading_mm as exact_reading_mm
+from .machine.chain import exact_reading_mm as exact_reading_mm
 from .machine.identifiable import hybrid_jacobian as hybrid_jacobian
 from .machine.identifiable import patterns as patterns
 from .model.hybrid import HybridModel as HybridModel

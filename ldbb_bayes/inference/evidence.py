@@ -158,7 +158,7 @@ class Evidences:
     def of(self, *models: HybridModel) -> list[Nodes]:
         """Of each model, those that are one Gaussian given φ from the nodes of the largest."""
         keys = {model_to_toml(model): model for model in models}
-        for key, model in sorted(keys.items(), key=lambda own: (-own[1].degree, len(own[1].fixed))):
+        for key, model in sorted(keys.items(), key=lambda own: (-own[1].degree, len(own[1].fixed), -len(own[1].rivals))):
             if key not in self._weighed:
                 self._weighed[key] = self._weigh(model)
             self.progress()
@@ -169,8 +169,8 @@ class Evidences:
         posterior = _posterior(model, self.campaign)
         names = posterior.bound.hyper_prior.names
         posterior = _posterior(model, self.campaign, near=self._modes.get(names)) if names in self._modes else posterior
-        # What models that are one Gaussian given φ have in common: all but slopes and truncation.
-        key = model_to_toml(model.without("truncation").with_slope_scale(1.0).with_degree(0))
+        # What models that are one Gaussian given φ have in common: all but slopes, their rivals and truncation.
+        key = model_to_toml(model.without("truncation").with_slope_scale(1.0).with_degree(0).with_rivals())
         if key not in self._relatives:
             self._relatives[key] = _Relatives(posterior.plain.nodes(self.tolerance), self.tolerance)
             self._modes.setdefault(names, posterior.plain.mode)
@@ -185,17 +185,17 @@ class Evidences:
 class _Relatives:
     """Models that are one Gaussian given φ: p(φ | y) and P(T | y, φ) of one from the nodes of another, without truncation.
 
-    They differ only in the prior sd of parameters, s₀ there and s₁ here, or fix some at zero. Their priors' ratio is a reading of
-    the parameter at its prior mean, of variance v = 1/(1/s₁² − 1/s₀²), or for one that is fixed an exact one at zero (the
-    Savage-Dickey ratio): the posterior is conditioned on one after the other.
+    They differ only in the prior sd of parameters and of rivals of slopes, s₀ there and s₁ here, or fix some at zero. Their
+    priors' ratio is a reading of the coefficient at its prior mean, of variance v = 1/(1/s₁² − 1/s₀²), or for one that is fixed
+    an exact one at zero (the Savage-Dickey ratio): the posterior is conditioned on one after the other.
     """
 
     def __init__(self, plain: Nodes, tolerance: float) -> None:
-        self._density, self._integral, self._bound, self._tolerance = plain.posterior, plain.integral, plain.bound, tolerance
+        self._integral, self._bound, self._tolerance = plain.integral, plain.bound, tolerance
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Of the other model; nodes of its own where it has other parameters, or these do not suit it."""
-        if not set(posterior.bound.names) <= set(self._bound.names):
+        if not set(posterior.bound.coefficients) <= set(self._bound.coefficients):
             return posterior.nodes(self._tolerance)
         log_ratio, *_ = self._changed(posterior.bound, [], np.arange(len(self._integral.free)))
         plain = replace(self._integral, log_density=self._integral.log_density + log_ratio)
@@ -203,7 +203,7 @@ class _Relatives:
         return found if found.suit(self._tolerance) else posterior.nodes(self._tolerance)
 
     def _inside(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
-        names, rows = self._bound.names, posterior.bound.physical.rows
+        names, rows = [*self._bound.coefficients], posterior.bound.physical.rows
         touched = np.flatnonzero((rows != 0.0).any(axis=0))
         own = [names.index(posterior.bound.names[j]) for j in touched]
 
@@ -218,22 +218,25 @@ class _Relatives:
 
     @cached_property
     def _given(self) -> tuple[Array, Array]:
-        """Mean (p, n) and covariance (p, p, n) of the parameters at the nodes."""
-        _, given = self._density.given(self._integral.free)
-        return np.ascontiguousarray(given.mean.T), np.ascontiguousarray(np.moveaxis(given.covariance, 0, -1))
+        """Mean (p, n) and covariance (p, p, n) of the coefficients at the nodes."""
+        bound = self._bound
+        _, given = bound.collapsed.conditional(bound.hyper_prior.phi(self._integral.free), last=len(bound.coefficients))
+        mean = given.mean.T + np.pad(bound.centre, (len(bound.coefficients) - len(bound.names), 0))[:, None]
+        return mean, np.ascontiguousarray(np.moveaxis(given.covariance, 0, -1))
 
     def _changed(self, bound: BoundModel, own: list[int], nodes: Array) -> tuple[Array, Array, Array]:
-        """ln of the ratio of the densities p(y | φ), shape (n,), and of ``own`` parameters mean and covariance under the other
+        """ln of the ratio of the densities p(y | φ), shape (n,), and of ``own`` coefficients mean and covariance under the other
         prior, at these nodes."""
-        sds, log_ratio = dict(zip(bound.names, bound.prior_sd.tolist(), strict=True)), np.zeros(len(nodes))
-        changed = {j: p for j, p in enumerate(self._bound.parameters) if abs(sds.get(p.name, 0.0) / p.prior_sd - 1.0) > _SAME}
+        log_ratio, other = np.zeros(len(nodes)), bound.coefficients
+        priors = [(*before, other.get(name, (0.0, 0.0))[1]) for name, before in self._bound.coefficients.items()]
+        changed = {j: own for j, own in enumerate(priors) if abs(own[2] - own[1]) > _SAME * own[1]}
         places = np.array([*own, *(j for j in changed if j not in own)], dtype=np.intp)
         mean, covariance = (part[np.ix_(*[places] * (part.ndim - 1), nodes)] for part in self._given)
-        for j, parameter in changed.items():
-            k, sd, variance = int(np.argmax(places == j)), sds.get(parameter.name, 0.0), parameter.prior_sd**2
-            at, noise = (parameter.prior_mean, 1.0 / (1.0 / sd**2 - 1.0 / variance)) if sd else (0.0, 0.0)
+        for j, (middle, sd_before, sd) in changed.items():
+            k, variance = int(np.argmax(places == j)), sd_before**2
+            at, noise = (middle, 1.0 / (1.0 / sd**2 - 1.0 / variance)) if sd else (0.0, 0.0)
             here, before, apart = covariance[k, k] + noise, variance + noise, mean[k] - at
-            log_ratio = log_ratio + 0.5 * (np.log(before / here) + (parameter.prior_mean - at) ** 2 / before - apart**2 / here)
+            log_ratio = log_ratio + 0.5 * (np.log(before / here) + (middle - at) ** 2 / before - apart**2 / here)
             gain = covariance[k] / here
             mean, covariance = mean - gain * apart, covariance - gain[:, None] * covariance[k]
         return log_ratio, mean[: len(own)], covariance[: len(own), : len(own)]
@@ -244,8 +247,8 @@ def leave_one_out(nodes: Nodes, *, tolerance: float = 1e-2, progress: Callable[[
     others, names = {}, nodes.bound.test_names
     for name in names:
         rest = nodes.bound.keeping([other for other in names if other != name])
-        posterior = HyperPosterior(rest, truncated=nodes.posterior.truncated, near=nodes.posterior.plain.mode)
-        others[name] = posterior.reweighted(nodes.integral, tolerance)
+        near = nodes.posterior.plain.mode
+        others[name] = HyperPosterior(rest, truncated=nodes.posterior.truncated, near=near).nodes(tolerance)
         progress()
     return others
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -91,12 +91,6 @@ class HyperPosterior:
             return found
         smooth = integrate(self._smooth, self.modes, tolerance=tolerance, seed=self._seed)
         return min(found, self.inside(smooth, tolerance, bounded=True), key=lambda own: own.error)
-
-    def reweighted(self, nodes: Integral, tolerance: float) -> Nodes:
-        """The nodes of a density much like this one, with this one's weights; its own where their error exceeds the tolerance."""
-        plain = replace(nodes, log_density=in_chunks(self.plain.log_density, nodes.free))
-        found = self.inside(plain, tolerance) if self.truncated else Nodes(self, plain)
-        return found if found.suit(tolerance) else self.nodes(tolerance)
 
     def inside(
         self, integral: Integral, tolerance: float, orthant: Callable[[Index], Orthant] | None = None, *, bounded: bool = False

@@ -11,8 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import require
-from ldbb_bayes.machine.chain import LINEAR, ROTARY, Circle, ComplianceName, Machine, geometric_names, joint_names, wrench_names
-from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian, wrench_jacobian
+from ldbb_bayes.machine.chain import (
+    LINEAR,
+    ROTARY,
+    Circle,
+    ComplianceName,
+    Machine,
+    compliance_jacobian,
+    geometric_jacobian,
+    geometric_names,
+    joint_names,
+    wrench_jacobian,
+    wrench_names,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, Instrument
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.chain import ComplianceName, GeometricName, geometric_names
-from ldbb_bayes.machine.forward import compliance_jacobian, geometric_jacobian
+from ldbb_bayes.machine.chain import ComplianceName, GeometricName, compliance_jacobian, geometric_jacobian, geometric_names
 
 __all__ = [
     "MAX_ORDER",

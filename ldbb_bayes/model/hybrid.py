@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName
-from ldbb_bayes.machine.forward import geometric_reading_mm
+from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName, geometric_reading_mm
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
 from ldbb_bayes.model.gaussian import components, least_squares
@@ -32,6 +31,7 @@ from ldbb_bayes.model.terms import (
     Discrepancy,
     ForceError,
     Hysteresis,
+    JointLoad,
     Mount,
     Scale,
     SetupShift,
@@ -49,6 +49,13 @@ _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 _ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # Circles scatter each by a scale of its own where there are so many.
 _FEWEST_SCALED = 4
+# What explains a change with force as slopes do: the term, and which setting of it, or all.
+_RIVALS: dict[str, tuple[type[Term], str]] = {
+    "joint load": (JointLoad, ""),
+    "curved mount": (Mount, "curvature_um"),
+    "curved force law": (ForceError, "curvature_sd"),
+}
+_STEMS = ("joint_load", "mount_curvature", "force_curvature")
 
 
 @dataclass(frozen=True)
@@ -161,6 +168,20 @@ class HybridModel(Result):
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
         return replace(self, nuisances=tuple(term for term in self.nuisances if term.key() not in names), prior=prior)
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """What it has that explains a change with force as slopes do: joint load, curved mount, curved force law."""
+        own = {type(term): term for term in self.nuisances}
+        return tuple(name for name, (kind, setting) in _RIVALS.items() if kind in own and getattr(own[kind], setting, True))
+
+    def with_rivals(self, *names: str) -> HybridModel:
+        """The same model with these alone of its `rivals`."""
+        model = self
+        for kind, setting in (_RIVALS[name] for name in self.rivals if name not in names):
+            own: Any = next(term for term in self.nuisances if type(term) is kind)
+            model = model.including(replace(own, **{setting: 0.0})) if setting else model.without(kind.key())
+        return model
 
     @property
     def scales(self) -> tuple[Scale, ...]:
@@ -387,8 +408,16 @@ class BoundModel:
 
     @property
     def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
-        """The same without their terms."""
-        return tuple(column for columns in self.columns_of.values() for column in columns)
+        """The same without their terms, rivals of slopes last."""
+        every = (part for columns in self.columns_of.values() for part in columns)
+        return tuple(sorted(every, key=lambda part: "".join(getattr(part, "names", ())).startswith(_STEMS)))
+
+    @cached_property
+    def coefficients(self) -> dict[str, tuple[float, float]]:
+        """Prior mean and sd of the last shared coefficients of `collapsed`: of rivals of slopes, and the parameters."""
+        rivals = [part for part in self.nuisance_columns if isinstance(part, Columns) and part.names[0].startswith(_STEMS)]
+        found = {name: (0.0, sd) for part in rivals for name, sd in zip(part.names, part.sd.tolist(), strict=True)}
+        return found | {own.name: (own.prior_mean, own.prior_sd) for own in self.parameters}
 
     @cached_property
     def given_interest(self) -> StructuredGaussian:

@@ -541,28 +541,41 @@ def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
 @with_words.register
 def _(result: Comparison) -> dict[str, Any]:
     sentences = comparison_sentences(result)
-    return {**result.as_dict(), "verdict": " ".join(sentences), "sentences": list(sentences)}
+    found = {name: value for name, value in result.as_dict().items() if value is not None}
+    return {**found, "verdict": " ".join(sentences), "sentences": list(sentences)}
 
 
 def _evidence(comparison: Comparison) -> str:
     """What the evidence says, in whose favour."""
     first, second = comparison.pair
     ratio = comparison.sensitivity_of
-    value = comparison.log_bayes_factor[ratio]
+    value, _ = comparison.headline
     favour = " either way" if abs(value) < _STRENGTHS[0][0] else f", in favour of {second if value > 0 else first}"
     shares = joined([f"{name} {probability_words(model.posterior_probability)}" for name, model in comparison.models.items()])
-    says = f"{strength_words(value)}{favour}"
-    shown = typeset(f"{value:+.2f} ± {max(comparison.log_bayes_factor_error[ratio], 1e-3):.1g}")
-    return f"ln B({ratio}) = {shown}: {says}. Probabilities at equal prior odds: {shares}."
+    over = ""
+    if (explained := comparison.explanations) is not None:
+        none = _factor(explained.alone.log_bayes_factor, explained.alone.log_bayes_factor_error)
+        others = joined([name for name in explained.inclusion_probability if name != "slopes"])
+        over = f" averaged over {others}, each there or not, {none} with none"
+        shares = joined([f"{name} {probability_words(own)}" for name, own in explained.inclusion_probability.items()])
+    says = f"{_factor(*comparison.headline)}{over}: {strength_words(value)}{favour}"
+    return f"ln B({ratio}) = {says}. Probabilities at equal prior odds: {shares}."
+
+
+def _factor(value: float, error: float) -> str:
+    return typeset(f"{value:+.2f} ± {max(error, 1e-3):.1g}")
 
 
 def _robustness(comparison: Comparison) -> Iterator[str]:
+    if (explained := comparison.explanations) is not None and explained.instead:
+        yield f"Slopes are not needed: {joined(explained.instead)} explains the readings as well."
     yield _SIGNS[comparison.sign]
     if scales := comparison.prior_sensitivity:
         values = [scaled.log_bayes_factor for scaled in scales]
         zeros = joined([f"{crossing:.2g}" for crossing in comparison.prior_sensitivity_crossings])
+        there = "With all of these there and" if explained else "With"
         yield typeset(
-            f"With slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) it "
+            f"{there} slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) it "
             f"lies between {min(values):+.1f} and {max(values):+.1f}, {f'changing sign at {zeros}' if zeros else 'of one sign'}."
         )
     if (better := comparison.preferred_assumption()) is not None:
@@ -968,7 +981,7 @@ def comparison_summary(result: Mapping[str, Any], compared: Comparison | str) ->
     yield f"Constant or linear compliance: {_evidence(compared)} {_SIGNS[compared.sign]}"
     best = ranked(compared.models, lambda name: compared.models[name].posterior_probability)[0]
     model, degree = compared.models[best], result["model"]["degree"]
-    if model.degree != degree and model.posterior_probability > 0.5:
+    if model.degree != degree and model.posterior_probability > 0.5 and (compared.headline[0] > 0.0) == (model.degree > 0):
         values = [
             f"{name} = {plus_minus(own.mean, own.sd, (own.mean - 2.0 * own.sd, own.mean + 2.0 * own.sd), own.unit)}"
             for name, own in model.parameters.items()

@@ -13,8 +13,7 @@ from scipy import stats
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import Degeneracy, StandingKind, cures, degeneracies, standing_degeneracies
 from ldbb_bayes.inference.predictive import runs_with_force, shared_terms
-from ldbb_bayes.machine.chain import wrench_names
-from ldbb_bayes.machine.forward import geometric_reading_mm, wrench_jacobian
+from ldbb_bayes.machine.chain import geometric_reading_mm, wrench_jacobian, wrench_names
 from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
 
 

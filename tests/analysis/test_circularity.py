@@ -20,7 +20,7 @@ from ldbb_bayes.analysis.circularity import (
     measured_circularity,
     minimum_zone_width,
 )
-from ldbb_bayes.machine.forward import exact_reading_mm
+from ldbb_bayes.machine.chain import exact_reading_mm
 
 ANGLE = np.arange(360) * np.pi / 180.0
 QUIET = HYPER_UM | {"tau": 0.05, "delta": 0.05, "kappa": 0.05}

@@ -17,8 +17,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.population import digest_of
 from ldbb_bayes.fleet.statistics import same_meaning, stands_for
-from ldbb_bayes.machine.chain import ComplianceName
-from ldbb_bayes.machine.forward import compliance_jacobian
+from ldbb_bayes.machine.chain import ComplianceName, compliance_jacobian
 
 RESULT: dict[str, Any] = {
     "schema": 1,

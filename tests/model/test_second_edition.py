@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,6 +13,9 @@ from oracle import Oracle, Stated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Ball, Campaign, CircularTest, Instrument, MountCompensation
+from ldbb_bayes.inference.evidence import _Relatives
+from ldbb_bayes.inference.integrals import Integral
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.inference.predictive import compliance_curves
 from ldbb_bayes.model.hybrid import BoundModel
 
@@ -155,6 +159,24 @@ def test_force_curves_with_joint_load() -> None:
         assert abs(slopes[:, 0, k].std() / u[0] - 1.0) > 0.1
     np.testing.assert_array_equal(found[:, 2], beta[:, :6])  # at F0
     np.testing.assert_array_equal(found[:, :, [1, 3, 4, 5]], slopes[:, :, [1, 3, 4, 5]])
+
+
+@pytest.mark.parametrize("name", ["circles", "both directions", "all at once"])
+def test_without_rivals_of_slopes(name: str) -> None:
+    """ln p(y | φ) of the fullest model, conditioned on some coefficients being zero, against the oracle without their columns."""
+    bound, oracle, phi, own = both(CAMPAIGNS[name], 1, list(TERMS))
+    zero = np.zeros(1)
+    integral = Integral(bound.hyper_prior.free(own)[None], zero, zero, zero.astype(int), zero > 1.0, None)
+    relatives = _Relatives(Nodes(HyperPosterior(bound, truncated=False), integral), 1.0)
+    for kept, degree in itertools.product([(), ("joint load",), ("curved mount",), ("curved force law",)], [0, 1]):
+        without = bound.model.with_rivals(*kept).with_degree(degree).bind(bound.campaign)
+        stated = oracle.stated if "curved force law" in kept else replace(oracle.stated, linearity_percent=0.0)
+        terms = tuple(term for term in TERMS.values() if term != "joint" or "joint load" in kept)
+        dense = oracle_of(bound.campaign, degree, terms=terms, edition="second", stated=stated)
+        if "curved mount" not in kept:
+            dense.grams[(), 0] = dense.grams[(), 0] - np.outer(dense.bow, dense.bow) * 0.5e-3**2
+        found = bound.log_evidence(own[None]) + relatives._changed(without, [], np.arange(1))[0]
+        assert found[0] == pytest.approx(dense.given(phi)[0], rel=1e-8)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from campaigns import HYPER_UM, TRUTH, oracle_of, plan
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.machine.forward import exact_reading_mm
+from ldbb_bayes.machine.chain import exact_reading_mm
 
 SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
 

@@ -18,8 +18,7 @@ import study
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.machine.forward import exact_reading_mm
+from ldbb_bayes.machine.chain import Circle, Machine, exact_reading_mm
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "studies"
