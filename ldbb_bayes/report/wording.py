@@ -84,7 +84,7 @@ _CURES = {
 _STANDING = {
     "friction": "Friction in the bar or lost motion in proportion to force looks exactly like {names} in these directions. Run "
     "both directions at the same forces.",
-    "drift": "Tests in the order of force: drift of bar or centre looks exactly like {names}. Shuffle them.",
+    "drift": "Tests in order of force: drift of bar or centre looks exactly like {names}. Shuffle them.",
     "curvature": "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {names}.",
     "lobes": "{names} and the 4-lobe form of the balls are told apart by force alone.",
 }
