@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 from pydantic_core import to_json
 
@@ -24,10 +25,12 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 __all__ = [
-    "ByClass", "ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Table", "json_text", "read_result", "table_html",
+    "Array", "ByClass", "ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Table", "json_text", "read_result",
+    "table_html",
 ]  # fmt: skip
 
 T = TypeVar("T")
+Array: TypeAlias = NDArray[Any]
 _LARGEST_BYTES = 200_000_000
 
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import model_serializer
 from scipy.special import bdtr, bdtrc, gammaln, xlog1py, xlogy
 
@@ -25,11 +24,10 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import check_sampler, draw
 from ldbb_bayes.jobs import Lost, done
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.result import Numbers, Result
+from ldbb_bayes.result import Array, Numbers, Result
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "ecdf", "simultaneous_band", "validate"]
 
-Array = NDArray[Any]
 _BISECTIONS = 40
 
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
 from ldbb_bayes.errors import require
@@ -24,6 +23,7 @@ from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import SIZE, basis, geometric_errors_of, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.result import Array
 
 __all__ = [
     "BIDIRECTIONAL",
@@ -44,7 +44,6 @@ __all__ = [
     "squareness_name",
 ]
 
-Array = NDArray[Any]
 _FEWEST = 3
 _SIDES = ((-1.0, 0.0, 1.0), (1.0, 1.0, 0.0))
 

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import comb
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import offsets
@@ -24,11 +23,11 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, information_of
 from ldbb_bayes.model.likelihood import Information
 from ldbb_bayes.model.terms import Columns, Term
+from ldbb_bayes.result import Array
 from ldbb_bayes.units import ranked
 
 __all__ = ["differences"]
 
-Array = NDArray[Any]
 _LEARNT = 0.05
 
 

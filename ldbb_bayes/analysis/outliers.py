@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
@@ -26,10 +24,10 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
 from ldbb_bayes.model.gaussian import holm
 from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.result import Array
 
 __all__ = ["FALSE_ALARMS", "Outlier", "belonging", "outliers"]
 
-Array = NDArray[Any]
 FALSE_ALARMS = 0.02
 _REPLICATES = 20_000
 _EACH = 400

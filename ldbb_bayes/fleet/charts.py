@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import matplotlib.dates as mdates
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from ldbb_bayes.fleet.trend import LIMITS, Trend
 from ldbb_bayes.report.figures.style import ACCENT, PALETTE, axis_label, panels, styled
 from ldbb_bayes.report.wording import probability_words
+from ldbb_bayes.result import Array
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["control_chart"]
 
-Array = NDArray[Any]
 _VISIBLE = 0.05
 
 

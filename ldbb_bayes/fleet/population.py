@@ -17,7 +17,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.special import ndtr, ndtri
 
@@ -47,12 +46,11 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, eliminate, holm, mixture_moments, mixture_quantiles, weighted_quantiles
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, nuisance_words, population_doubts, population_sentences, with_words
-from ldbb_bayes.result import Result, Table, json_text
+from ldbb_bayes.result import Array, Result, Table, json_text
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "digest_of", "pool", "population"]
 
-Array = NDArray[Any]
 FEWEST, FALSE_ALARMS = 6, 0.05
 
 # ---- which machines do not belong

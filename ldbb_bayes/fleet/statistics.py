@@ -17,7 +17,6 @@ from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import gammaincinv, ndtri
 
 from ldbb_bayes.campaign.campaign import Campaign
@@ -32,7 +31,7 @@ from ldbb_bayes.model.gaussian import Gaussian, Sobol, eliminate, newton
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Columns, Term
-from ldbb_bayes.result import Result
+from ldbb_bayes.result import Array, Result
 
 __all__ = [
     "FleetStatistics", "Meaning", "SpreadDensity", "Spreads", "SufficientStatistics", "Summary", "alone", "chunks", "common_of",
@@ -40,7 +39,6 @@ __all__ = [
     "mixture_covariance", "reference_sd", "same_meaning", "stands_for", "sufficient_statistics", "whitened",
 ]  # fmt: skip
 
-Array = NDArray[Any]
 _CHUNK = 256
 _SPARE = 1e-4
 

@@ -23,7 +23,6 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field, PlainSerializer
 from scipy.special import erf, logsumexp, ndtri
 
@@ -44,12 +43,11 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantiles
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
-from ldbb_bayes.result import Result, Table
+from ldbb_bayes.result import Array, Result, Table
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty
 
 __all__ = ["LIMITS", "ParameterChange", "Trend", "Visit", "trend"]
 
-Array = NDArray[Any]
 LIMITS = 0.997
 _LEAST, _MOST, _STEP = 0.03, 8.0, 0.12
 _NEGLIGIBLE = 1e-7

@@ -15,12 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.errors import check_known, require
+from ldbb_bayes.result import Array
 
 __all__ = [
     "LARGEST_MM", "LINEAR", "PLANES", "ROTARY", "Axes", "Circle", "ComplianceKind", "ComplianceName", "GeometricKind",
@@ -28,7 +28,6 @@ __all__ = [
     "geometric_reading_mm", "joint_names", "wrench_jacobian", "wrench_names",
 ]  # fmt: skip
 
-Array = NDArray[Any]
 Branch = Literal["tool", "workpiece"]
 LINEAR, ROTARY = "XYZ", "ABC"
 _COMPONENTS = LINEAR + ROTARY

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import (
@@ -24,13 +23,13 @@ from ldbb_bayes.machine.chain import (
     wrench_jacobian,
     wrench_names,
 )
+from ldbb_bayes.result import Array
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["Kept", "hybrid_jacobian", "kept_compliances", "patterns"]
 
-Array = NDArray[Any]
 
 _ANGLES, _PARALLEL, _TINY, _TINY_WEIGHT, _NEW = 64, 1e-10, 1e-10, 1e-7, 1e-8
 

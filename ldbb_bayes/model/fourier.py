@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Campaign, Instrument
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import ComplianceName, GeometricName, compliance_jacobian, geometric_jacobian, geometric_names
+from ldbb_bayes.result import Array
 
 __all__ = [
     "MAX_ORDER",
@@ -35,7 +36,6 @@ __all__ = [
     "setting_of",
 ]
 
-Array = NDArray[Any]
 MAX_ORDER = 12
 SIZE = 2 * MAX_ORDER + 1
 ORDERS = np.array([0, *(n for n in range(1, MAX_ORDER + 1) for _ in range(2))])

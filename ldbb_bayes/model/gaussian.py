@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import scipy
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.result import Array
 
 __all__ = [
     "Gaussian",
@@ -47,7 +48,6 @@ __all__ = [
     "weighted_quantiles",
 ]
 
-Array = NDArray[Any]
 _LOG_2PI = float(np.log(2 * np.pi))
 # A pivot this much smaller than the largest has at most three digits above rounding.
 _DEPENDENT = 1e-13

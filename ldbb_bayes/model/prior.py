@@ -15,10 +15,10 @@ from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit
 from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import ComplianceKind, ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import Hyper, Law, Scale
+from ldbb_bayes.result import Array
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
-Array = NDArray[Any]
 
 # By kind: the unit, and the field of `Prior` that holds one sd.
 _COMPLIANCES: dict[ComplianceKind, tuple[str, str]] = {

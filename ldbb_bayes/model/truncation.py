@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,10 @@ from scipy.special import erfcx, log_ndtr, ndtr, ndtri_exp, owens_t
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import solve_lower
+from ldbb_bayes.result import Array
 
 __all__ = ["Orthant", "Truncation"]
 
-Array = NDArray[Any]
 _DEPENDENT = 1e-7
 _CERTAIN, _PUSHED, _NEAR = 12.0, -3.0, 6.0
 _ITERATIONS, _HALVINGS, _ROUNDING, _NOWHERE = 60, 20, 1e-10, 1e7

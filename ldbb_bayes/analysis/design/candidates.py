@@ -36,10 +36,10 @@ from ldbb_bayes.model.gaussian import Gaussian, components
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, informations_of
 from ldbb_bayes.model.likelihood import OWN
 from ldbb_bayes.model.prior import Prior
+from ldbb_bayes.result import Array
 
 __all__ = ["Clocking", "Costs", "CriterionName", "Space", "bind_tests", "frame_of", "place_columns", "running_order"]
 
-Array = NDArray[Any]
 Clocking = tuple[float, float]
 _ALWAYS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _WHERE_DIFFERENT = ("plane", "direction", "setup")

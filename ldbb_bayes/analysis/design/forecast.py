@@ -7,22 +7,19 @@ takes the general route through `ldbb_bayes.model.likelihood.Information` and no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given
 from ldbb_bayes.model.gaussian import Gaussian, Sobol, singular_root
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of, informations_of
-from ldbb_bayes.result import Finite, Result
+from ldbb_bayes.result import Array, Finite, Result
 
 __all__ = ["DECISIVE", "Discrimination", "Expected", "Forecast", "States", "carried", "hyper_nodes", "states_before"]
 
-Array = NDArray[Any]
 DECISIVE = 5.0
 _REPEATS, _EACH, _LEAST = 4, 256, 1e-12
 _VERY_OFTEN, _RANK = 1e6, 1e-6

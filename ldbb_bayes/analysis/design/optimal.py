@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.result import Array
 
 __all__ = ["MOST_TESTS", "Criterion", "Determinant", "Found", "LogBayesFactor", "Objective", "Search", "Variance"]
 
-Array = NDArray[Any]
 _NEGLIGIBLE, _NOTHING = 1e-14, 1e-6
 _CHUNK = 1 << 22
 

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.budget import Budget
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
@@ -19,14 +18,13 @@ from ldbb_bayes.analysis.identifiability import Identifiability
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
 from ldbb_bayes.report.wording import source_words
+from ldbb_bayes.result import Array
 from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = [
     "budget_bars", "compliance_with_local_fits", "evidence", "expected_widths", "geometry_with_local_fits",
     "prior_and_posterior", "rank_ecdf",
 ]  # fmt: skip
-
-Array = NDArray[Any]
 
 
 # ---- what can be told apart, and what it costs

@@ -13,7 +13,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.circularity import COMPLIANCE, GEOMETRY, TOGETHER, contribution_paths, first_circle, measured_circularity
 from ldbb_bayes.analysis.circularity import circularity as quantities
@@ -27,6 +26,7 @@ from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
+from ldbb_bayes.result import Array
 from ldbb_bayes.units import display_name, display_unit, value_and_uncertainty
 
 __all__ = [
@@ -34,7 +34,6 @@ __all__ = [
     "geometric_atlas", "parameter_contributions", "residuals", "save_figures", "traces",
 ]  # fmt: skip
 
-Array = NDArray[Any]
 # Direct compliances, rotations for moments, scale gains, squareness.
 _CORNER = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8

@@ -13,14 +13,13 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import distinct_forces
+from ldbb_bayes.result import Array
 from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
-Array = NDArray[Any]
 P = ParamSpec("P")
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
