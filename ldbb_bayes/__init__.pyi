@@ -10,7 +10,6 @@ from .analysis.comparison import Comparison as Comparison
 from .analysis.comparison import compare as compare
 from .analysis.comparison import local_fits as local_fits
 from .analysis.comparison import read_comparison as read_comparison
-from .analysis.design.candidates import Costs as Costs
 from .analysis.design.design import Design as Design
 from .analysis.design.design import design as design
 from .analysis.design.design import read_design as read_design

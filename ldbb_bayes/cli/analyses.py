@@ -153,9 +153,6 @@ _DESIGN = group(
     criterion=option(str, "eig (default), d (default for flat priors), a, c, i or discriminate."),
     parameters=option(options.NAMES, "Parameters of interest, comma-separated. Default: all.", metavar=None),
     augment=option(bool, "The pilot's tests count as run; the new ones are added.", False),
-    cost_circle=option(float, "Cost of a circle.", 1.0),
-    cost_work_ball=option(float, "Cost of each change of the work ball's clocking.", 0.0),
-    cost_tool_ball=option(float, "Cost of each change of the tool ball's clocking.", 0.0),
     against=option(
         Kind(list[str], _designs, "NAME=PATH"), "Another design to judge: a plan or campaign, as NAME=PATH; can be repeated."
     ),
@@ -180,8 +177,7 @@ def design(
     from ldbb_bayes.model.specification import model_to_toml
 
     output.check("campaign.toml", "model.toml", "design.json", "expected.csv", "sensitivity.csv", figures=["expected_widths"])
-    costs = lb.Costs(*(asked.pop(f"cost_{what}") for what in ("circle", "work_ball", "tool_ball")))
-    result = lb.design(model, campaign, **asked, costs=costs)
+    result = lb.design(model, campaign, **asked)
     record = {"schema": 1, "seed": asked["seed"], **lb.with_words(result)}
     plan = result.plan(seed=asked["seed"])
     contents = {

@@ -691,8 +691,6 @@ def _quality(design: Design) -> Iterator[str]:
     best = "the best shares; whole tests reach it at most" if design.certificate.is_global else "the best found nearby"
     others = joined([f"{own.name} {own.efficiency:.3f} ({len(own.tests)} circles)" for own in design.compared])
     yield f"Efficiency {design.efficiency:.3f} by criterion {design.criterion} (1: {best}). For comparison: {others}."
-    if design.cost != design.table["count"].sum():
-        yield f"It costs {design.cost:g}, {joined([f'{own.name} {own.cost:g}' for own in design.compared])}."
     if not design.certificate.holds:
         excess = design.certificate.max_sensitivity / design.certificate.bound - 1.0
         yield f"The certificate does NOT hold: a sensitivity exceeds its bound by {excess:.1e}. Better shares may exist."

@@ -1,4 +1,4 @@
-"""The tests one could run, what they cost, in which order to run them; and the space of designs made of them.
+"""The tests one could run, in which order to run them; and the space of designs made of them.
 
 Model properties, F0, force range and Ĉ, are the pilot's. Ball forms count as two terms as soon as any clocking differs; where
 none does, two terms and one are the same model.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import product
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -38,7 +38,7 @@ from ldbb_bayes.model.likelihood import OWN
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.result import Array
 
-__all__ = ["Clocking", "Costs", "CriterionName", "Space", "bind_tests", "frame_of", "place_columns", "running_order"]
+__all__ = ["Clocking", "CriterionName", "Space", "bind_tests", "frame_of", "place_columns", "running_order"]
 
 Clocking = tuple[float, float]
 _ALWAYS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
@@ -107,26 +107,6 @@ def bind_tests(model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     known = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
     return BoundModel(model, replace(pilot, tests=(*(run if keep else ()), *planned), foreseen=known), pilot=pilot)
-
-
-@dataclass(frozen=True)
-class Costs:
-    """Costs in one unit, for example minutes: of each circle, of each change of the work ball's clocking (a set-up anew), and of
-    each change of the tool ball's (which the spindle turns)."""
-
-    circle: float = 1.0
-    work_ball: float = 0.0
-    tool_ball: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            require(np.isfinite(value) and value >= 0.0, f"cost of {name} must be a finite number ≥ 0, got {value}. Correct it.")
-
-    def of(self, tests: Sequence[CircularTest]) -> float:
-        """Cost of tests run in the order in which they stand."""
-        work = sum(one.work_ball_deg != other.work_ball_deg for one, other in pairwise(tests))
-        tool = sum(one.tool_ball_deg != other.tool_ball_deg for one, other in pairwise(tests))
-        return self.circle * len(tests) + self.work_ball * work + self.tool_ball * tool
 
 
 def running_order(tests: Sequence[CircularTest], rng: np.random.Generator) -> tuple[CircularTest, ...]:

@@ -15,7 +15,6 @@ from pydantic import Field
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
 from ldbb_bayes.analysis.design.candidates import (
     Clocking,
-    Costs,
     CriterionName,
     Space,
     bind_tests,
@@ -53,12 +52,11 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """A design compared with the recommended one: name, one row per test (force_N and `Design.columns`), cost, efficiency beside
+    """A design compared with the recommended one: name, one row per test (force_N and `Design.columns`), efficiency beside
     the best shares of as many tests, and what to expect of it."""
 
     name: str
     tests: Records
-    cost: float
     efficiency: float
 
 
@@ -127,7 +125,6 @@ class Design(Forecast):
     augment: bool
     degree: int
     reference_force_N: float
-    cost: float
     efficiency: float
     certificate: Certificate
     shares: Records
@@ -219,7 +216,6 @@ def design(
     criterion: CriterionName | None = None,
     parameters: Sequence[str] = (),
     augment: bool = False,
-    costs: Costs | None = None,
     against: Mapping[str, Campaign] = MappingProxyType({}),
     slope_size: float = 1.0,
     seed: int = 1,
@@ -247,8 +243,6 @@ def design(
         Parameters of interest, all others nuisances; default: all that the criterion is about.
     augment : bool
         The pilot's tests count as run: ``tests`` is how many are added.
-    costs : Costs, optional
-        Default: 1 per circle.
     against : mapping of name to campaign or plan
         Designs to be judged beside.
     slope_size : float
@@ -284,7 +278,7 @@ def design(
     compared = {_STEPS: space.equal_steps(number)}
     for name, campaign in against.items():
         compared[name] = tuple(replace(test.with_reading_um(None), name="") for test in campaign.tests)
-    return _designed(space, space.search.of_number(number), Pilot(pilot.name, pilot.sha256), compared, costs or Costs())
+    return _designed(space, space.search.of_number(number), Pilot(pilot.name, pilot.sha256), compared)
 
 
 def _check_against(name: str, campaign: Campaign, pilot: Campaign) -> None:
@@ -294,17 +288,14 @@ def _check_against(name: str, campaign: Campaign, pilot: Campaign) -> None:
     require(own == machine, f"{name} must be of the pilot's machine {machine[0]}, its frames too, got {own[0]}. Leave it out.")
 
 
-def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]], costs: Costs) -> Design:
+def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]]) -> Design:
     tests, optimum = space.tests_of(found), found.optimum
     columns = place_columns((*space.tests, *space.judged))
-
-    def cost(tests: Sequence[CircularTest]) -> float:
-        return costs.of(running_order(tests, np.random.default_rng(space.seed)))
 
     def judged(name: str, tests: tuple[CircularTest, ...]) -> Judged:
         own = space.forecast(tests)
         efficiency = space.efficiency(tests) if own.determined else 0.0
-        return Judged(**vars(own), name=name, tests=frame_of(tests, columns), cost=cost(tests), efficiency=efficiency)
+        return Judged(**vars(own), name=name, tests=frame_of(tests, columns), efficiency=efficiency)
 
     others = tuple(judged(name, own) for name, own in compared.items())
     highest = float(optimum.sensitivity.max())
@@ -321,7 +312,6 @@ def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, t
         augment=space.augment,
         degree=space.model.degree,
         reference_force_N=space.bound.setting.reference_force_N,
-        cost=cost(tests),
         efficiency=min(found.efficiency, 1.0),
         certificate=Certificate(highest, optimum.bound, concave, highest <= optimum.bound * (1.0 + _HOLDS)),
         shares=candidates[shown].assign(share=optimum.share[shown]).reset_index(drop=True),
