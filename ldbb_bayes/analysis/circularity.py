@@ -26,23 +26,10 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "BIDIRECTIONAL",
-    "COMPLIANCE",
-    "GEOMETRY",
-    "MINIMUM_ZONES",
-    "QUANTITIES",
-    "TOGETHER",
-    "Zone",
-    "circularity",
-    "contribution_paths",
-    "contributions",
-    "first_circle",
-    "least_squares_zone",
-    "measured_circularity",
-    "minimum_zone_width",
-    "offsets",
-    "squareness_name",
-]
+    "BIDIRECTIONAL", "COMPLIANCE", "GEOMETRY", "MINIMUM_ZONES", "QUANTITIES", "TOGETHER", "Zone", "circularity",
+    "contribution_paths", "contributions", "first_circle", "least_squares_zone", "measured_circularity",
+    "minimum_zone_width", "offsets", "squareness_name",
+]  # fmt: skip
 
 _FEWEST = 3
 _SIDES = ((-1.0, 0.0, 1.0), (1.0, 1.0, 0.0))

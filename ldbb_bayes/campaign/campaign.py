@@ -23,20 +23,9 @@ from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.result import table_html
 
 __all__ = [
-    "PER_TEST",
-    "Ball",
-    "Campaign",
-    "CampaignFields",
-    "CircularTest",
-    "Direction",
-    "ForceLaw",
-    "Instrument",
-    "MountCompensation",
-    "Plan",
-    "TestFields",
-    "check_campaign",
-    "distinct_forces",
-]
+    "PER_TEST", "Ball", "Campaign", "CampaignFields", "CircularTest", "Direction", "ForceLaw", "Instrument",
+    "MountCompensation", "Plan", "TestFields", "check_campaign", "distinct_forces",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Direction = Literal["CW", "CCW"]

@@ -37,17 +37,9 @@ from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated
 
 __all__ = [
-    "IMPORT_NAME",
-    "LARGEST_PLAN",
-    "TOML_NAME",
-    "TRUTH_NAME",
-    "embedded_campaign",
-    "files_of",
-    "labels_of",
-    "read_campaign",
-    "write_campaign",
-    "write_campaign_into",
-]
+    "IMPORT_NAME", "LARGEST_PLAN", "TOML_NAME", "TRUTH_NAME", "embedded_campaign", "files_of", "labels_of",
+    "read_campaign", "write_campaign", "write_campaign_into",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 SCHEMA = 1

@@ -20,21 +20,9 @@ from ldbb_bayes.machine.chain import ComplianceName, GeometricName, compliance_j
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "MAX_ORDER",
-    "ORDERS",
-    "SIZE",
-    "TRAVEL",
-    "WAYS",
-    "Reduced",
-    "Setting",
-    "basis",
-    "coefficients",
-    "derivative",
-    "geometric_errors_of",
-    "harmonic_index",
-    "reduce_readings",
-    "setting_of",
-]
+    "MAX_ORDER", "ORDERS", "SIZE", "TRAVEL", "WAYS", "Reduced", "Setting", "basis", "coefficients", "derivative",
+    "geometric_errors_of", "harmonic_index", "reduce_readings", "setting_of",
+]  # fmt: skip
 
 MAX_ORDER = 12
 SIZE = 2 * MAX_ORDER + 1

@@ -31,22 +31,10 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "Gaussian",
-    "Sobol",
-    "central_differences",
-    "components",
-    "eliminate",
-    "holm",
-    "least_squares",
-    "log_diagonal",
-    "mixture_moments",
-    "mixture_quantiles",
-    "newton",
-    "singular_root",
-    "solve_lower",
-    "solve_upper",
+    "Gaussian", "Sobol", "central_differences", "components", "eliminate", "holm", "least_squares", "log_diagonal",
+    "mixture_moments", "mixture_quantiles", "newton", "singular_root", "solve_lower", "solve_upper",
     "weighted_quantiles",
-]
+]  # fmt: skip
 
 _LOG_2PI = float(np.log(2 * np.pi))
 # A pivot this much smaller than the largest has at most three digits above rounding.
