@@ -23,6 +23,10 @@ DECISIONS = {
     "C_XYX_1: there": 200,
     "C_XYX_1: equal slopes": 200,
 }
+# Of the second edition, fewer: a campaign takes several times as long.
+SECOND_WIDTHS = {"recommended six": 20, "nine, both balls clocked": 12}
+SECOND_DECISIONS = {"settling: constant": 20, "settling: slopes": 20}
+SHORT = lb.StoppingRule(ess=400.0, rhat=1.05, max_steps=1000)
 DECISIVE = 5.0
 HYPERS = ("sigma", "delta", "kappa", "tau")
 EQUAL = ("C_XXX_1", "C_YYY_1")
@@ -38,17 +42,19 @@ class Truth:
 
 
 @cache
-def posterior(degree: int) -> dict[str, Any]:
+def posterior(degree: int, edition: designs.Edition = "first") -> dict[str, Any]:
     """Independent draws from the posterior of the recovered experiment, by name, shape (draws,)."""
-    tree = lb.sample(lb.HybridModel.first(degree), designs.pilot(), sampler="independent", seed=1)
+    model = designs.EDITIONS[edition].with_degree(degree)
+    tree = lb.sample(model, designs.pilot(), sampler="independent", seed=1)
     return {str(name): values.to_numpy().ravel() for name, values in tree["posterior"].data_vars.items()}
 
 
-def truth(degree: int, seed: int) -> Truth:
-    """One draw of it."""
-    drawn = {name: float(values[seed]) for name, values in posterior(degree).items()}
-    parameters = {name: value for name, value in drawn.items() if name not in HYPERS}
-    return Truth(parameters, {name: 1e3 * drawn[name] for name in HYPERS})
+def truth(degree: int, seed: int, edition: designs.Edition = "first") -> Truth:
+    """One draw of it; a circle's scale is drawn anew."""
+    drawn = {name: float(values[seed]) for name, values in posterior(degree, edition).items()}
+    parameters = {name: value for name, value in drawn.items() if name.startswith(("C_", "E_"))}
+    decay = {name: value for name, value in drawn.items() if name == "decay"}
+    return Truth(parameters, {name: 1e3 * drawn[name] for name in HYPERS} | decay)
 
 
 def equal_slope() -> float:
@@ -57,8 +63,15 @@ def equal_slope() -> float:
 
 
 @cache
-def plan_of(kind: str) -> lb.Plan:
+def plan_of(kind: str, edition: designs.Edition = "first") -> lb.Plan:
     """The plan of a kind of simulated campaign."""
+    if edition == "second":
+        found: dict[str, Callable[[], lb.Design]] = {
+            "recommended six": lambda: designs.six(edition),
+            "nine, both balls clocked": lambda: designs.nine("both balls clocked", edition),
+            "settling": lambda: designs.deciding(len(designs.settling().tests), edition),
+        }
+        return found[kind]().plan()
     plans: dict[str, Callable[[], lb.Plan]] = {
         "recommended six": lambda: designs.recommended().plan(),
         "the paper's six": lambda: designs.pilot().plan(),
@@ -70,11 +83,12 @@ def plan_of(kind: str) -> lb.Plan:
     return plans[kind]()
 
 
-def width_row(kind: str, seed: int) -> dict[str, float]:
+def width_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[str, float]:
     """Error of the mean and sd [inside units], and whether the 95 % interval held the truth, of every parameter."""
-    true = truth(1, seed)
-    made = designs.LINEAR.simulate(plan_of(kind), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um)
-    found = lb.summarize(lb.sample(designs.LINEAR, made.campaign, sampler="independent", seed=seed))
+    true, model = truth(1, seed, edition), designs.EDITIONS[edition]
+    made = model.simulate(plan_of(kind, edition), seed=1000 + seed, parameters=true.parameters, hyper_um=true.hyper_um)
+    rule = None if edition == "first" else SHORT
+    found = lb.summarize(lb.sample(model, made.campaign, sampler="independent", seed=seed, rule=rule))
     row = {}
     for name, value in true.parameters.items():
         own = found.loc[name]
@@ -83,25 +97,35 @@ def width_row(kind: str, seed: int) -> dict[str, float]:
     return row
 
 
-def decision_row(kind: str, seed: int) -> dict[str, float]:
+def second_width_row(kind: str, seed: int) -> dict[str, float]:
+    """The same by the second edition."""
+    return width_row(kind, seed, "second")
+
+
+def decision_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[str, float]:
     """ln B [nat]: linear over constant, or linear over linear without the slope sought."""
     design, _, slopes = kind.partition(": ")
     single = slopes in ("absent", "there")
-    true = truth(1 if single else 0, seed)
+    true, model = truth(1 if single else 0, seed, edition), designs.EDITIONS[edition]
     rng = np.random.default_rng(7000 + seed)
-    linear = zero_kept(designs.LINEAR) if slopes.endswith("zero kept") else designs.LINEAR
-    parameters = dict.fromkeys(posterior(1).keys() - set(HYPERS), 0.0) | true.parameters
+    linear = zero_kept(model) if slopes.endswith("zero kept") else model
+    parameters = {name: 0.0 for name in posterior(1, edition) if name.startswith(("C_", "E_"))} | true.parameters
     if slopes == "slopes":
-        parameters |= physical_slopes(parameters, rng)
+        parameters |= physical_slopes(parameters, rng, edition)
     elif slopes.startswith("equal slopes"):
         parameters |= dict.fromkeys(EQUAL, equal_slope())
     elif single:
         size = slope_sd()[SOUGHT] * designs.SOUGHT[SOUGHT] * rng.choice([-1.0, 1.0])
         parameters[SOUGHT] = size if slopes == "there" else 0.0
-    made = linear.simulate(plan_of(design), seed=2000 + seed, parameters=parameters, hyper_um=true.hyper_um)
+    made = linear.simulate(plan_of(design, edition), seed=2000 + seed, parameters=parameters, hyper_um=true.hyper_um)
     lesser = linear.fixing(SOUGHT) if single else linear.with_degree(0)
     with_, without = (lb.log_evidence(model, made.campaign, tolerance=1e-2) for model in (linear, lesser))
     return {"ln B": lb.log_bayes_factor(with_, without)[0]}
+
+
+def second_decision_row(kind: str, seed: int) -> dict[str, float]:
+    """The same by the second edition."""
+    return decision_row(kind, seed, "second")
 
 
 def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
@@ -111,17 +135,19 @@ def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
 
 
 @cache
-def slope_sd() -> dict[str, float]:
+def slope_sd(edition: designs.Edition = "first") -> dict[str, float]:
     """Prior sd of the slopes at the pilot's range of force [inside units]."""
-    found = lb.identify(designs.LINEAR, designs.pilot()).parameters
+    found = lb.identify(designs.EDITIONS[edition], designs.pilot()).parameters
     return {name: float(entry.prior_sd) for name, entry in found.items() if name.startswith("C_") and name.endswith("_1")}
 
 
-def physical_slopes(parameters: dict[str, float], rng: np.random.Generator) -> dict[str, float]:
+def physical_slopes(
+    parameters: dict[str, float], rng: np.random.Generator, edition: designs.Edition = "first"
+) -> dict[str, float]:
     """Slopes from their prior, such that C_XXX, C_YYY and C_CCY are nowhere negative over the tested forces."""
     half_range = 0.5 * float(np.ptp(designs.pilot().forces_N))
     while True:
-        slopes = {name: sd * rng.standard_normal() for name, sd in slope_sd().items()}
+        slopes = {name: sd * rng.standard_normal() for name, sd in slope_sd(edition).items()}
         if all(parameters[name] >= half_range * abs(slopes[f"{name}_1"]) for name in ("C_XXX", "C_YYY", "C_CCY")):
             return slopes
 
@@ -149,7 +175,7 @@ def widths(rows: pd.DataFrame, kind: str, predicted: dict[str, float]) -> dict[s
 def decisions(rows: pd.DataFrame) -> dict[str, Any]:
     """Of every kind: ln B [nat], shares of either sign and of decisive evidence either way."""
     found = {}
-    for kind in DECISIONS:
+    for kind in dict.fromkeys(rows["kind"]):
         value = rows.loc[rows["kind"] == kind, "ln B"].to_numpy()
         low, median, high = np.quantile(value, [0.05, 0.5, 0.95])
         found[kind] = {"count": len(value), "q5": low, "median": median, "q95": high}

@@ -6,14 +6,16 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import product
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from study import DATA
 
 import ldbb_bayes as lb
 
-LINEAR = lb.HybridModel.first(degree=1)
+Edition = Literal["first", "second"]
+EDITIONS: dict[Edition, lb.HybridModel] = {"first": lb.HybridModel.first(degree=1), "second": lb.HybridModel.default(degree=1)}
+LINEAR = EDITIONS["first"]
 LEVELS_N = tuple(np.linspace(36.0, 742.0, 15))
 FINE_N = tuple(np.linspace(36.0, 742.0, 101))
 FIVE_N = tuple(np.linspace(36.0, 742.0, 5))
@@ -45,9 +47,9 @@ def paper_levels() -> lb.Plan:
 
 
 @cache
-def six() -> lb.Design:
+def six(edition: Edition = "first") -> lb.Design:
     """Six circles for all parameters, beside the paper's."""
-    return lb.design(LINEAR, pilot(), tests=6, forces_N=FINE_N, against={"the paper's six": pilot()})
+    return lb.design(EDITIONS[edition], pilot(), tests=6, forces_N=FINE_N, against={"the paper's six": pilot()})
 
 
 @cache
@@ -57,15 +59,15 @@ def recommended() -> lb.Design:
 
 
 @cache
-def nine(choice: str) -> lb.Design:
+def nine(choice: str, edition: Edition = "first") -> lb.Design:
     """Nine circles for all parameters, with radii or clockings to choose from."""
-    return lb.design(LINEAR, pilot(), tests=9, forces_N=FIVE_N, **NINE[choice])
+    return lb.design(EDITIONS[edition], pilot(), tests=9, forces_N=FIVE_N, **NINE[choice])
 
 
 @cache
-def deciding(tests: int) -> lb.Design:
+def deciding(tests: int, edition: Edition = "first") -> lb.Design:
     """So many circles for constant or linear."""
-    return lb.design(LINEAR, pilot(), tests=tests, criterion="discriminate", forces_N=LEVELS_N)
+    return lb.design(EDITIONS[edition], pilot(), tests=tests, criterion="discriminate", forces_N=LEVELS_N)
 
 
 def fewest(made: Callable[[int], lb.Design], good: Callable[[lb.Design], bool], most: int) -> lb.Design:
@@ -102,14 +104,15 @@ def finding(slope: str) -> lb.Design:
     )
 
 
-def squareness() -> dict[str, lb.Design]:
+def squareness(edition: Edition = "first") -> dict[str, lb.Design]:
     """Squareness: the best six circles by forces alone, the fewest to a target with two radii, and with both balls clocked."""
     coarse, fine = WITHIN["E_C0YX"]
 
     def six_or_fewest(sd: float | None, **choice: Any) -> lb.Design:
         @cache
         def made(tests: int) -> lb.Design:
-            return lb.design(LINEAR, pilot(), tests=tests, criterion="c", parameters=["E_C0YX"], forces_N=FIVE_N, **choice)
+            wanted = {"criterion": "c", "parameters": ["E_C0YX"], "forces_N": FIVE_N}
+            return lb.design(EDITIONS[edition], pilot(), tests=tests, **wanted, **choice)
 
         return made(6) if sd is None else fewest(made, lambda found: found.expected["E_C0YX"].sd <= sd, MOST_TO_FIND)
 

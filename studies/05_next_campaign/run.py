@@ -25,6 +25,7 @@ import designs  # noqa: E402
 from study import Effort, Study, replicated, run  # noqa: E402
 
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 6}
+SECOND_AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
 SEPARATED = {"E_C0YX": (1e6, "E_C(0Y)X (µrad)"), "E_YX2": (1e9, "E_YX2 (µm/m²)"), "C_CCY": (1e12, "C_CCY (nrad/(N m))")}
 COLOURS = {"forces alone": "#8C8C8C", "two radii": "#E69F00", "both balls clocked": "#0072B2"}
 LABELS = {
@@ -44,6 +45,9 @@ def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
     widths = replicated(HERE / "widths.csv", campaigns.width_row, campaigns.WIDTHS, effort, again=AGAIN)
     decisions = replicated(HERE / "decisions.csv", campaigns.decision_row, campaigns.DECISIONS, effort, again=AGAIN)
+    kept = (("second_widths.csv", campaigns.second_width_row, campaigns.SECOND_WIDTHS),)
+    kept += (("second_decisions.csv", campaigns.second_decision_row, campaigns.SECOND_DECISIONS),)
+    again = [replicated(HERE / name, job, kinds, effort, again=SECOND_AGAIN) for name, job, kinds in kept]
     return {
         "six": six(),
         "flat": {name: flat(degree) for degree, name in enumerate(("constant", "linear"))},
@@ -58,12 +62,31 @@ def measure(effort: Effort) -> dict[str, Any]:
         "papers_step_N": designs.PAPER_N[-1] - designs.PAPER_N[-2],
         "equal_slope": 1e9 * campaigns.equal_slope(),
         "simulated": simulated(widths, decisions),
+        "second": second(*again),
     }
 
 
-def simulated(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
-    """Widths and coverage of four designs, the worst of both, and ln B of two."""
-    found = {kind: campaigns.widths(widths, kind, predicted(kind)) for kind in campaigns.WIDTHS}
+def second(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
+    """What the second edition makes of it: six circles, nine, squareness, and constant or linear of so many and of very many."""
+    few = len(designs.settling().tests)
+    return {
+        "six": six("second"),
+        "nine": {choice: nine(choice, "second") for choice in designs.NINE},
+        "squareness": {name: square(found) for name, found in designs.squareness("second").items()},
+        "settling": {
+            how: {**circles(own), **decided(own)}
+            for how, own in {
+                "few": designs.deciding(few, "second"),
+                "many": designs.deciding(designs.MOST_TO_FIND, "second"),
+            }.items()
+        },
+        "simulated": simulated(widths, decisions, "second"),
+    }
+
+
+def simulated(widths: pd.DataFrame, decisions: pd.DataFrame, edition: designs.Edition = "first") -> dict[str, Any]:
+    """Widths and coverage of the simulated designs, the worst of both, and ln B of those that are to decide."""
+    found = {kind: campaigns.widths(widths, kind, predicted(kind, edition)) for kind in dict.fromkeys(widths["kind"])}
     every = {f"{name}, {kind}": own for kind, table in found.items() for name, own in table["parameters"].items()}
     lowest = min(every, key=lambda name: every[name]["coverage_95"])
     return {
@@ -76,9 +99,9 @@ def simulated(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def six() -> dict[str, Any]:
+def six(edition: designs.Edition = "first") -> dict[str, Any]:
     """Six circles for all parameters, beside the paper's six and equal steps."""
-    found = designs.six()
+    found = designs.six(edition)
     paper = found.compared[1]
     ratio = {name: entry.sd / paper.expected[name].sd for name, entry in found.expected.items()}
     return {
@@ -138,9 +161,9 @@ def square(found: lb.Design) -> dict[str, Any]:
     }
 
 
-def nine(choice: str) -> dict[str, Any]:
+def nine(choice: str, edition: designs.Edition = "first") -> dict[str, Any]:
     """Expected sd of nine circles, and how many there are of each radius."""
-    found = designs.nine(choice)
+    found = designs.nine(choice, edition)
     return {
         "at_radius_mm": {f"{radius:g}": int(n) for radius, n in found.table.groupby("radius_mm")["count"].sum().items()},
         "clockings": int(found.table[["work_ball_deg", "tool_ball_deg"]].drop_duplicates().shape[0]),
@@ -148,13 +171,13 @@ def nine(choice: str) -> dict[str, Any]:
     }
 
 
-def predicted(kind: str) -> dict[str, float]:
+def predicted(kind: str, edition: designs.Edition) -> dict[str, float]:
     """Expected sd of every parameter of a simulated design."""
     forecasts = {
-        "recommended six": lambda: designs.six(),
-        "the paper's six": lambda: designs.six().compared[1],
-        "nine, two radii": lambda: designs.nine("two radii"),
-        "nine, both balls clocked": lambda: designs.nine("both balls clocked"),
+        "recommended six": lambda: designs.six(edition),
+        "the paper's six": lambda: designs.six(edition).compared[1],
+        "nine, two radii": lambda: designs.nine("two radii", edition),
+        "nine, both balls clocked": lambda: designs.nine("both balls clocked", edition),
     }
     return {name: entry.sd for name, entry in forecasts[kind]().expected.items()}
 
