@@ -48,7 +48,7 @@ class Disturbances:
     mismatch_um: float = 0.0
     friction_um: float = 0.0  # constant, by the sign of travel
     friction_um_per_kN: float = 0.0
-    warm_up_um: float = 0.0  # over the whole campaign
+    warm_up_um: float = 0.0  # over the whole campaign, about its middle
     shuffled: bool = False  # run in an order that has nothing to do with force
     compliance: tuple[float, float] = (3e-5, 8e-5)
     length_um: float = 5.0
@@ -228,7 +228,7 @@ def simulate(family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORC
         true = angle + machine.instrument["angle"] + sign * machine.instrument["lag"]
         reading = _reading(machine, nominal, true, rng)
         reading += rng.normal(0.0, 0.4e-3) + rng.normal(0.0, 0.4e-3) * np.cos(angle) + rng.normal(0.0, 0.4e-3) * np.sin(angle)
-        later = order[k] / max(len(runs) - 1, 1)
+        later = order[k] / max(len(runs) - 1, 1) - 0.5
         reading += (drift[0] + drift[1] * np.cos(angle) + drift[2] * np.sin(angle)) * later
         reading += _changes(angle, 0.25e-3, rng)
         lost = drive["lost"] + growing * nominal
