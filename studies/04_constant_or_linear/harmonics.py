@@ -1,4 +1,4 @@
-"""The default model once more, dense, for numbers that are a linear map of the harmonics of six circles.
+"""The first edition of the model once more, dense, for numbers that are a linear map of the harmonics of six circles.
 
 Under the model harmonics are Gaussian given the hyper-parameters, and so are such numbers; their density is averaged over the
 priors on a grid. Given the harmonics of the shipped readings this must return `lb.log_evidence`.
@@ -25,7 +25,7 @@ COMPLIANCES = ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY")
 NOT_NEGATIVE = ("C_XXX", "C_YYY", "C_CCY")
 PRIOR_SD = dict(zip(COMPLIANCES, (1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9), strict=True))
 PRIOR_SD |= {"E_XX1": 2e-4, "E_YX2": 1e-6, "E_XY2": 1e-6, "E_YY1": 2e-4, "E_C0YX": 5e-5, "E_Xt0": 0.02, "E_Yt0": 0.02}
-SLOPE_SCALE = 0.3
+SLOPE_SCALE, LEAST_SHARE = 0.3, 20.0
 LENGTH_MM, MOUNT_MM_PER_BAR, GAIN, RANDOM_N = 9.4e-3, 0.1 * 2.33e-3, 0.01, 4.0
 # Half-normal scales, and grids of the hyper-parameters, even in their logarithms [mm].
 SCALE_MM = {"delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}
@@ -35,6 +35,9 @@ GRID_OF_READINGS = {
     "kappa": np.geomspace(1.8e-4, 3.6e-4, 12),
     "tau": np.geomspace(1e-3, 5e-3, 12),
 }
+# What explains a change with force beside slopes: the second edition's terms and their sizes.
+RIVALS = ("joint load", "curved mount", "curved force law")
+CURVE_MM, CURVE_OF_FORCE, OWN_LOAD = 0.5e-3, 0.01, 0.2
 MIDDLE_N, RANGE_N = 0.5 * (FORCES_N.min() + FORCES_N.max()), float(np.ptp(FORCES_N))
 # Points of the grid below the best by more [nat] do not count.
 _UNLIKELY = 12.0
@@ -117,7 +120,7 @@ def estimate() -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The default model, of a linear map of harmonics, for every subset of slopes at once.
+    """The first edition of the model, of a linear map of harmonics, for every subset of slopes at once.
 
     Parameters
     ----------
@@ -131,6 +134,10 @@ class Model:
         The discrepancy of order n is κ/n to this power.
     unexplained_mm : float
         Added to what is known of every harmonic of every circle [mm].
+    rivals : tuple of str
+        Which of `RIVALS` it has.
+    of_estimate : bool
+        Whether a slope is measured against its own compliance, max(|Ĉ|, sd(C)/20), not against sd(C): the second edition's.
     """
 
     data: Data
@@ -139,7 +146,14 @@ class Model:
     slope_scale: float = SLOPE_SCALE
     decay: float = 1.0
     unexplained_mm: float = 0.0
+    rivals: tuple[str, ...] = ()
+    of_estimate: bool = False
     grid: Mapping[str, Array] = field(default_factory=lambda: GRID)
+
+    def slope_size(self, name: str) -> float:
+        """Prior sd of a slope times the range of force."""
+        own = max(abs(estimate()[name]), PRIOR_SD[name] / LEAST_SHARE) if self.of_estimate else PRIOR_SD[name]
+        return self.slope_scale * own
 
     @cached_property
     def parameters(self) -> Array:
@@ -147,7 +161,7 @@ class Model:
         column = self.data.columns
         lever = (FORCES_N - MIDDLE_N)[:, None]
         own = [sd * column[name] for name, sd in PRIOR_SD.items()]
-        own += [self.slope_scale * PRIOR_SD[name] / RANGE_N * lever * column[name] for name in COMPLIANCES]
+        own += [self.slope_size(name) / RANGE_N * lever * column[name] for name in COMPLIANCES]
         return self.data.jacobian @ np.array([c.ravel() for c in own]).T
 
     @cached_property
@@ -164,8 +178,26 @@ class Model:
         if self.common_mode:
             curve = self.slope_scale * PRIOR_SD["C_XXX"] / RANGE_N * FORCES_N * (FORCES_N - MIDDLE_N)
             columns.append(np.outer(curve, one))
+        bow = 4.0 * FORCES_N * (FORCES_N.max() - FORCES_N) / FORCES_N.max() ** 2
+        if "curved mount" in self.rivals:
+            columns.append(CURVE_MM * np.outer(bow, one))
+        if "curved force law" in self.rivals:
+            columns.append(CURVE_OF_FORCE * FORCES_N.max() * (bow / FORCES_N)[:, None] * deflection)
+        if "joint load" in self.rivals:
+            columns += self._own_load()
         own = _square(self.data.jacobian @ np.array([c.ravel() for c in columns]).T)
         return own + self.unexplained_mm**2 * _square(self.data.jacobian)
+
+    def _own_load(self) -> list[Array]:
+        """One sd of what yields to the load of its own axis: stiffening and contact of X and of Y, each (6, k) [mm]."""
+        force, found = FORCES_N[:, None], []
+        for name, u in (("C_XXX", np.cos(angles())), ("C_YYY", np.sin(angles()))):
+            stiffening = force * u**2 * (force * np.abs(u) - MIDDLE_N) / FORCES_N.max()
+            contact = np.cbrt(force**2 * MIDDLE_N) * np.abs(u) ** (5.0 / 3.0) - force * u**2
+            for trace in (stiffening, contact):
+                fitted = np.linalg.lstsq(self.data.basis, trace.T, rcond=None)[0].T
+                found.append(OWN_LOAD * estimate()[name] * fitted)
+        return found
 
     @cached_property
     def moving(self) -> dict[str, Array]:
@@ -227,7 +259,7 @@ class Model:
                 row = np.zeros(mean.shape[1])
                 row[list(PRIOR_SD).index(name)] = 1.0
                 if end:
-                    row[len(PRIOR_SD) + slopes.index(name)] = end * self.slope_scale
+                    row[len(PRIOR_SD) + slopes.index(name)] = end * self.slope_size(name) / PRIOR_SD[name]
                 rows.append(row)
         ends = np.array(rows)
         at, spread = mean @ ends.T, ends @ covariance @ ends.T

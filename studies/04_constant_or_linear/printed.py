@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from gain import ASSUMPTIONS, EQUAL
-from harmonics import COMPLIANCES, FORCES_N, GRID_OF_READINGS, Data, Model, all_harmonics, printed_numbers
+from harmonics import COMPLIANCES, FORCES_N, GRID_OF_READINGS, RIVALS, Data, Model, all_harmonics, printed_numbers
 from make_campaign import recover
 from scipy.special import logsumexp
 from undetermined import HARMONICS, MODELS, recovered
@@ -19,6 +19,7 @@ from undetermined import HARMONICS, MODELS, recovered
 import ldbb_bayes as lb
 
 ZERO_AND_CENTRE, CENTRE = "zero and centre move", "the centre alone moves"
+FIRST, SECOND = "slopes of the first edition", "slopes of the second"
 SCALES = (0.0, 0.25, 0.5, 1.0, 2.0)
 SLOPE_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
 SUBSETS = tuple(own for size in range(len(COMPLIANCES) + 1) for own in combinations(COMPLIANCES, size))
@@ -111,7 +112,8 @@ def measure(quick: bool) -> dict[str, Any]:
     }
 
 
-LONG = ("slope_scale", "laws", "laws if the zero stays", "scaled", *(f"without/{force:.0f}" for force in FORCES_N[1:]))
+LONG = ("slope_scale", "explanations", "laws", "laws if the zero stays", "scaled")
+LONG += tuple(f"without/{force:.0f}" for force in FORCES_N[1:])
 
 
 def measure_long(data: Data, found: Answer) -> dict[str, Any]:
@@ -124,6 +126,32 @@ def measure_long(data: Data, found: Answer) -> dict[str, Any]:
             law: Model(data, zero_moves=False, **options).log_bayes_factor() for law, options in LAWS.items()
         },
         "scaled": {f"{factor:g}": with_scaled(factor) for factor in SCALES},
+        "explanations": {
+            size: {
+                label: explanations(Model(data, zero_moves=label == ZERO_AND_CENTRE, of_estimate=size == SECOND))
+                for label in (ZERO_AND_CENTRE, CENTRE)
+            }
+            for size in (FIRST, SECOND)
+        },
+    }
+
+
+def explanations(model: Model) -> dict[str, Any]:
+    """ln B of all six slopes over none [nat], with no rival and averaged over all combinations of these; how likely each."""
+    combined = [own for size in range(len(RIVALS) + 1) for own in combinations(RIVALS, size)]
+    own = np.array(
+        [
+            [found.evidence(slopes)["log_evidence"] for slopes in ((), COMPLIANCES)]
+            for found in (replace(model, rivals=rivals) for rivals in combined)
+        ]
+    )
+    probability = np.exp(own - logsumexp(own))
+    constant, linear = logsumexp(own, axis=0)
+    included = {name: float(probability[[name in rivals for rivals in combined]].sum()) for name in RIVALS}
+    return {
+        "alone": float(own[0, 1] - own[0, 0]),
+        "averaged": float(linear - constant),
+        "inclusion": {"slopes": float(probability[:, 1].sum()), **included},
     }
 
 

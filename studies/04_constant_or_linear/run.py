@@ -29,6 +29,7 @@ import undetermined  # noqa: E402
 from study import Effort, Study, replicated, run  # noqa: E402
 
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 6}
+MOVES = (printed.ZERO_AND_CENTRE, printed.CENTRE)
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#8C8C8C"
 SHOWN = {"common mode": BLUE, "the other four": ORANGE, "all six": GREY}
 
@@ -66,6 +67,22 @@ def compared() -> dict[str, Any]:
     }
 
 
+def explained(label: str) -> dict[str, Any]:
+    """The second edition's answer from the readings: ln B with no rival of slopes and averaged over all combinations of rivals,
+    and how probable each explanation is."""
+    linear = gain.ASSUMPTIONS[label](lb.HybridModel.default(degree=1))
+    models = {"constant": linear.with_degree(0), "linear": linear}
+    found = lb.compare(models, undetermined.recovered(), evidence_only=True).explanations
+    if found is None:
+        raise RuntimeError("the default model must have rivals of slopes")
+    return {
+        "alone": found.alone.log_bayes_factor,
+        "averaged": found.averaged.log_bayes_factor,
+        "inclusion": found.inclusion_probability,
+        "likeliest": list(found.models[0].by),
+    }
+
+
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
     campaign = undetermined.recovered()
@@ -76,7 +93,9 @@ def measure(effort: Effort) -> dict[str, Any]:
     return {
         "circles": len(campaign.tests),
         "readings": campaign.readings,
+        "slope_scale": lb.Prior.first().slope_scale,
         "compared": compared(),
+        "explained": {label: explained(label) for label in MOVES[: 1 if effort == "quick" else None]},
         "printed": printed.measure(effort == "quick"),
         "undetermined": undetermined.measure(drawn),
         "gain": {
@@ -92,6 +111,7 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
     """The comparison's own figures, the gain and the open directions, and the reliability of probabilities."""
     return {
         "answer": answer_figure(results),
+        "explanations": explanations_figure(results),
         "evidence": lb.figures.evidence(comparison()),
         "compliance": lb.figures.compliance_with_local_fits(comparison()),
         "gain": gain_figure(results),
@@ -130,6 +150,39 @@ def answer_figure(results: dict[str, Any]) -> Figure:
     right.invert_yaxis()
     right.set(xlabel="probability that it changes with force (1)", xlim=(0.0, 1.0))
     right.set_title("Slopes one by one, each as likely as not beforehand", fontsize=9.5)
+    right.legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def explanations_figure(results: dict[str, Any]) -> Figure:
+    """Left: ln B with slopes alone, by both editions, and averaged over rivals; right: how probable every explanation is."""
+    first, second = (results["printed"]["explanations"][size] for size in (printed.FIRST, printed.SECOND))
+    shipped = results["compared"]["log_bayes_factor"], results["compared"]["assumptions"]["set-up shift of order 1 (centre) only"]
+    old = [*(first[label]["alone"] for label in MOVES), shipped[0], shipped[1]["log_bayes_factor"]]
+    new = [*(second[label] for label in MOVES), *(results["explained"][label] for label in MOVES)]
+    labels = [f"{of};\n{label}" for of in ("printed numbers", "readings") for label in ("zero moves", "zero stays")]
+    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
+    bars = {
+        "slopes alone, first edition": (old, GREY),
+        "slopes alone, second": ([own["alone"] for own in new], BLUE),
+        "averaged over rivals, second": ([own["averaged"] for own in new], ORANGE),
+    }
+    place = np.arange(len(labels))
+    for k, (label, (values, colour)) in enumerate(bars.items()):
+        left.bar_label(left.bar(place + 0.27 * (k - 1), values, width=0.25, color=colour, label=label), fmt="%+.1f", fontsize=7)
+    left.axhline(0.0, color="black", linewidth=0.8)
+    left.set_xticks(place, labels, fontsize=8)
+    left.set_ylabel("ln B(linear/constant) (nat)")
+    left.legend(fontsize=8)
+    names = list(new[0]["inclusion"])
+    for k, (label, own, colour) in enumerate(zip(labels, new, (GREEN, ORANGE, BLUE, GREY), strict=True)):
+        values = [own["inclusion"][name] for name in names]
+        right.barh(np.arange(len(names)) + 0.2 * (k - 1.5), values, height=0.18, color=colour, label=label.replace("\n", " "))
+    right.axvline(0.5, color="black", linewidth=0.8, linestyle="--")
+    right.set_yticks(range(len(names)), names)
+    right.invert_yaxis()
+    right.set(xlabel="probability that it explains a change with force (1)", xlim=(0.0, 1.0))
     right.legend(fontsize=8, loc="lower right")
     return figure
 
@@ -196,8 +249,10 @@ def reliability_figure(found: dict[str, Any]) -> Figure:
 
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
-    nats = {f"{part}/*": 0.03 for part in ("compared", "undetermined", "gain/evidence", "printed")} | {"gain/slopes/*": 0.1}
-    run(Study(HERE, measure, draw, absolute=nats, long=tuple(f"printed/{path}" for path in printed.LONG)))
+    nats = {f"{part}/*": 0.03 for part in ("compared", "explained", "undetermined", "gain/evidence", "printed")} | {
+        "gain/slopes/*": 0.1
+    }
+    run(Study(HERE, measure, draw, absolute=nats, long=(*(f"printed/{path}" for path in printed.LONG), f"explained/{MOVES[1]}")))
 
 
 if __name__ == "__main__":
