@@ -160,7 +160,7 @@ def explanations_figure(results: dict[str, Any]) -> Figure:
     shipped = results["compared"]["log_bayes_factor"], results["compared"]["assumptions"]["set-up shift of order 1 (centre) only"]
     old = [*(first[label]["alone"] for label in MOVES), shipped[0], shipped[1]["log_bayes_factor"]]
     new = [*(second[label] for label in MOVES), *(results["explained"][label] for label in MOVES)]
-    labels = [f"{of};\n{label}" for of in ("printed numbers", "readings") for label in ("zero moves", "zero stays")]
+    labels = [f"{of};\n{label}" for of in ("printed", "readings") for label in ("zero moves", "zero stays")]
     figure = Figure(figsize=(9.6, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
     bars = {
@@ -183,7 +183,7 @@ def explanations_figure(results: dict[str, Any]) -> Figure:
     right.set_yticks(range(len(names)), names)
     right.invert_yaxis()
     right.set(xlabel="probability that it explains a change with force (1)", xlim=(0.0, 1.0))
-    right.legend(fontsize=8, loc="lower right")
+    right.legend(fontsize=8, loc="upper right")
     return figure
 
 
