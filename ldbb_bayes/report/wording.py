@@ -552,14 +552,17 @@ def _evidence(comparison: Comparison) -> str:
     value, _ = comparison.headline
     favour = " either way" if abs(value) < _STRENGTHS[0][0] else f", in favour of {second if value > 0 else first}"
     shares = joined([f"{name} {probability_words(model.posterior_probability)}" for name, model in comparison.models.items()])
-    over = ""
+    over, asked = "", "Probabilities at equal prior odds"
     if (explained := comparison.explanations) is not None:
         none = _factor(explained.alone.log_bayes_factor, explained.alone.log_bayes_factor_error)
         others = joined([name for name in explained.inclusion_probability if name != "slopes"])
         over = f" averaged over {others}, each there or not, {none} with none"
         shares = joined([f"{name} {probability_words(own)}" for name, own in explained.inclusion_probability.items()])
+        asked = "Probability that each is there, all combinations alike beforehand"
+        likeliest = max(explained.models, key=lambda model: model.probability)
+        shares += f"; likeliest {joined(likeliest.by) or 'none'} ({probability_words(likeliest.probability)})"
     says = f"{_factor(*comparison.headline)}{over}: {strength_words(value)}{favour}"
-    return f"ln B({ratio}) = {says}. Probabilities at equal prior odds: {shares}."
+    return f"ln B({ratio}) = {says}. {asked}: {shares}."
 
 
 def _factor(value: float, error: float) -> str:
