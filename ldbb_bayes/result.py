@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Array", "ByClass", "ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Table", "json_text", "read_result",
-    "table_html",
 ]  # fmt: skip
 
 T = TypeVar("T")
@@ -210,13 +209,6 @@ def _cell(value: Any) -> str:
     if value is None:
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def table_html(caption: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return rows of the same keys as HTML; everything is escaped."""
-    heads = list(rows[0]) if rows else []
-    words = [head for head in heads if any(isinstance(row[head], str) for row in rows)]
-    return Table.of(caption, heads, [list(row.values()) for row in rows], text=words).html()
 
 
 def json_text(result: Mapping[str, Any]) -> str:

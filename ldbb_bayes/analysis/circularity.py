@@ -192,7 +192,10 @@ def circularity(
             found = _of_paths(path, _per_second_order(bound, r))
             if plane in travel:
                 constant, proportional = travel[plane]
-                found |= _of_both_ways(path, (constant + force * proportional) * 1e3)
+                # The least-squares centre common to both paths, path ± half of their difference, is that of their mean.
+                half, centred = (constant + force * proportional) * 1e3, np.where(_CENTRED, path, 0.0)
+                traces = np.concatenate([(centred + way * half) @ basis(_ANGLE).T for way in (1.0, -1.0)], axis=1)
+                found |= {"G_b": np.ptp(traces, axis=1), "D": path[:, 0]}
             where = {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}
             rows += [
                 {**where, "quantity": quantity, "unit": units[quantity], "mean": float(values.mean()), **_spread(values, ci_prob)}
@@ -217,13 +220,6 @@ def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
         "squareness": path[:, _SIN2] * per_second_order[1],
         "scale_mismatch": path[:, _COS2] * per_second_order[0],
     }
-
-
-def _of_both_ways(path: Array, half: Array) -> dict[str, Array]:
-    """Of two paths, path ± half of their difference; the least-squares centre common to both is that of their mean."""
-    centred, turn = np.where(_CENTRED, path, 0.0), basis(_ANGLE).T
-    traces = np.concatenate([(centred + half) @ turn, (centred - half) @ turn], axis=1)
-    return {"G_b": np.ptp(traces, axis=1), "D": path[:, 0]}
 
 
 def _travel_draws(bound: BoundModel, beta: Array, phi: Array) -> dict[str, tuple[Array, Array]]:

@@ -53,7 +53,9 @@ def _of_one_instrument(bounds: Sequence[BoundModel], phi: Sequence[Array], read:
     information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
     if any(own.flat for own in information):
         raise InputError("same_instrument must go with proper priors, got flat ones. Fit with the default preset.")
-    names = [[_physical(name, bound) for name in own.names] for bound, own in zip(bounds, information, strict=True)]
+    # Bar lengths are the same only of the same radius.
+    lengths = [{"bar_length": f"bar_length_{bound.setting.radii_mm[0]:g}"} for bound in bounds]
+    names = [[own.get(name, name) for name in found.names] for own, found in zip(lengths, information, strict=True)]
     of_instrument = [owner in Term.kinds and Term.kinds[owner].instrument for owner in information[0].owners]
     alike = [name for name, shared in zip(names[0], of_instrument, strict=True) if shared and name in names[1]]
     apart = [name for name in names[1] if name not in alike]
@@ -94,11 +96,6 @@ def _conflict(
     apart = {alike[j]: float(abs(stated[0, j] - stated[1, j]) / np.sqrt((1.0 / precision[:, j]).sum())) for j in seen}
     worst = ranked(apart, apart.__getitem__)[0]
     return worst, min(1.0, float(2.0 * ndtr(-apart[worst])) * len(seen))
-
-
-def _physical(name: str, bound: BoundModel) -> str:
-    """The coefficient's name, with the radius that a bar length is of."""
-    return f"bar_length_{bound.setting.radii_mm[0]:g}" if name == "bar_length" else name
 
 
 def _mean(bound: BoundModel, phi: Array) -> Array:

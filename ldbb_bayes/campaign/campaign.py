@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import refusing
 from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.result import table_html
+from ldbb_bayes.result import Table
 
 __all__ = [
     "PER_TEST", "Ball", "Campaign", "CampaignFields", "CircularTest", "Direction", "ForceLaw", "Instrument",
@@ -230,9 +230,9 @@ class CircularTest(TestFields):
             yield f"have one reading per angle, got {len(angle)} angles and {len(reading)} readings. Check the two columns."
         if self.force_N is None and self.pressure_bar is None:
             yield "have a force or a pressure, got neither. Give force_N or pressure_bar."
-        if _arc_deg(angle) < MINIMUM_ARC_DEG:
+        if (arc_deg := _arc_of(angle.tobytes())) < MINIMUM_ARC_DEG:
             cure = "Check the unit of the angle (degrees or radians) or leave the test out"
-            yield f"cover an arc of at least {MINIMUM_ARC_DEG:g}°, got {_arc_deg(angle):.3g}°. {cure}."
+            yield f"cover an arc of at least {MINIMUM_ARC_DEG:g}°, got {arc_deg:.3g}°. {cure}."
         if reading is not None and (largest := np.abs(reading).max() * 1e-3) > LARGEST_READING_MM:
             yield f"have readings below {LARGEST_READING_MM:g} mm, got {largest:.4g} mm. Check the unit of the readings."
 
@@ -269,11 +269,7 @@ class CircularTest(TestFields):
     @property
     def arc_deg(self) -> float:
         """Covered arc [deg]: 360° minus the largest gap between neighbouring angles, or 360° where it is an ordinary step."""
-        return _arc_deg(self.angle_deg)
-
-
-def _arc_deg(angle_deg: Array) -> float:
-    return _arc_of(angle_deg.tobytes())
+        return _arc_of(self.angle_deg.tobytes())
 
 
 @lru_cache(maxsize=64)
@@ -407,9 +403,11 @@ class Campaign(CampaignFields):
         shown = {"test": "name", "force (N)": "force_N", "pressure (bar)": "pressure_bar", "arc (°)": "arc_deg"}
         shown |= {"direction": "direction", "plane": "plane", "radius (mm)": "radius_mm"}
         shown |= {"work ball (°)": "work_ball_deg", "tool ball (°)": "tool_ball_deg"}
-        rows = [{head: getattr(own, key) for head, key in shown.items()} | {"readings": len(own.angle_deg)} for own in self.tests]
+        rows = [[*(getattr(own, key) for key in shown.values()), len(own.angle_deg)] for own in self.tests]
+        text = ["plane", *(["direction"] if any(own.direction for own in self.tests) else [])]
         kind = "Plan" if self.is_plan else "Campaign"
-        return table_html(f"{kind} {self.name}: {self.topology}, plane {self.machine().plane}, R = {self.radius_mm:g} mm", rows)
+        caption = f"{kind} {self.name}: {self.topology}, plane {self.machine().plane}, R = {self.radius_mm:g} mm"
+        return Table.of(caption, [*shown, "readings"], rows, text=text).html()
 
     @cached_property
     def sha256(self) -> str:

@@ -132,7 +132,10 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
     between, step = np.diff(np.append(around, around[0] + 360.0)), float(np.median(np.abs(steps)))
     gap, usual = float(between.max()), max(float(np.median(between)), step)
     travel = "CCW" if np.all(steps > 0) else "CW" if np.all(steps < 0) else None
-    against = test.direction and travel and test.direction != travel and not (campaign.is_plan or _sorted(campaign))
+    # Angles that rise in all tests, although some are stated to run the other way, are those of a sorted table.
+    both = {"CW", "CCW"} <= {own.direction for own in campaign.tests}
+    in_order = both and all(np.all(np.diff(own.angle_deg) > 0) for own in campaign.tests)
+    against = test.direction and travel and test.direction != travel and not (campaign.is_plan or in_order)
     remarks.add(kinds.TRAVEL, against, stated=test.direction, travel=travel)
     remarks.add(kinds.ARC, test.arc_deg < _FULL_DEG, arc_deg=test.arc_deg)
     remarks.add(kinds.GAP, test.arc_deg >= _FULL_DEG and gap > 10.0 * usual, gap_deg=gap)
@@ -160,12 +163,6 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
         **seen,
         remarks=tuple(remarks),
     )
-
-
-def _sorted(campaign: Campaign) -> bool:
-    """Whether angles rise in all tests although some are stated to run the other way: a sorted table."""
-    rising = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
-    return rising and {"CW", "CCW"} <= {test.direction for test in campaign.tests}
 
 
 def _path(test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks) -> tuple[float, int]:

@@ -131,31 +131,6 @@ CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
 _PREDICTED_FORCES = 33
 
 
-def chosen_parameters(bound: BoundModel, criterion: CriterionName, names: Sequence[str]) -> tuple[str, ...]:
-    """The parameters of interest: those named, else all that the criterion is about."""
-    check_known("criterion", [criterion], get_args(CriterionName))
-    check_known("parameter", names, bound.names)
-    wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(criterion, {"compliance", "slope", "geometric"})
-    chosen = tuple(p.name for p in bound.parameters if (p.name in names if names else p.group in wanted))
-    groups = {p.group for p in bound.parameters if p.name in chosen}
-    slopes = "criterion discriminate must be about slopes, got others or none. Name some (C_XYX_1), or use a degree above 0."
-    require(criterion != "c" or len(chosen) == 1, f"criterion c must be given one parameter, got {len(chosen)}. Name it.")
-    require(criterion != "discriminate" or groups == wanted, slopes)
-    require(groups <= wanted, "criterion i must be about compliances and their slopes, got a geometric error. Leave it out.")
-    proper = criterion != "discriminate" or not bound.model.prior.flat
-    require(proper, "criterion discriminate must have proper priors, got flat ones. Use the default preset.")
-    return chosen
-
-
-def criterion_of(bound: BoundModel, criterion: CriterionName, chosen: Sequence[str], slope_size: float) -> Criterion:
-    """The criterion, its parameters, and slopes to be found, in units of their prior sd (their default prior sd when flat)."""
-    if criterion in ("eig", "d"):
-        return Determinant(len(chosen))
-    if criterion in ("a", "c"):
-        return Variance(np.eye(len(chosen)) / len(chosen))
-    return LogBayesFactor(slope_size) if criterion == "discriminate" else Variance(_prediction_weight(bound, chosen))
-
-
 def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
     """W with tr(W S⁻¹) the variance of C_j(F) / var prior of C_j, averaged over the pilot's forces and the compliances."""
     forces = (bound.pilot or bound.campaign).forces_N
@@ -262,8 +237,21 @@ class Space:
 
     @cached_property
     def chosen(self) -> tuple[str, ...]:
-        """The parameters of interest."""
-        return chosen_parameters(self.bound, self.criterion, self.parameters)
+        """The parameters of interest: those named, else all that the criterion is about."""
+        check_known("criterion", [self.criterion], get_args(CriterionName))
+        check_known("parameter", self.parameters, self.bound.names)
+        every, given = {"compliance", "slope", "geometric"}, self.parameters
+        wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(self.criterion, every)
+        found = [p for p in self.bound.parameters if (p.name in given if given else p.group in wanted)]
+        groups, only = {p.group for p in found}, self.criterion == "discriminate"
+        slopes = "criterion discriminate must be about slopes, got others or none. Name some (C_XYX_1), or use a degree above 0."
+        one = self.criterion != "c" or len(found) == 1
+        require(one, f"criterion c must be given one parameter, got {len(found)}. Name it.")
+        require(not only or groups == wanted, slopes)
+        require(groups <= wanted, "criterion i must be about compliances and their slopes, got a geometric error. Leave it out.")
+        proper = "criterion discriminate must have proper priors, got flat ones. Use the default preset."
+        require(not (only and self.model.prior.flat), proper)
+        return tuple(p.name for p in found)
 
     @cached_property
     def templates(self) -> tuple[CircularTest, ...]:
@@ -292,8 +280,13 @@ class Space:
         """The criterion of any tests, candidates or not."""
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
         phi = hyper_nodes(self.model, self.pilot, _SEARCHED, self.seed)
-        criterion = criterion_of(bound, self.criterion, self.chosen, self.slope_size)
-        return objective_of(bound, len(self.pilot.tests) if self.augment else 0, phi, self.chosen, criterion)
+        run, size = len(self.pilot.tests) if self.augment else 0, len(self.chosen)
+        criterion: Criterion = Determinant(size)
+        if self.criterion == "discriminate":
+            criterion = LogBayesFactor(self.slope_size)
+        elif self.criterion in ("a", "c", "i"):
+            criterion = Variance(_prediction_weight(bound, self.chosen) if self.criterion == "i" else np.eye(size) / size)
+        return objective_of(bound, run, phi, self.chosen, criterion)
 
     @cached_property
     def search(self) -> Search:

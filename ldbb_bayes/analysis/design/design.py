@@ -257,7 +257,12 @@ def design(
     number = len(pilot.tests) if tests is None else tests
     require(1 <= number <= MOST_TESTS, f"tests must be between 1 and {MOST_TESTS}, got {number}. Give the number of circles.")
     for name, campaign in against.items():
-        _check_against(name, campaign, pilot)
+        require(name not in _RESERVED, f"against must not use the name {name!r}, which is the design's own. Choose another name.")
+        check_campaign(campaign)
+        machine, own = ((one.topology, dict(one.frames_mm)) for one in (pilot, campaign))
+        require(
+            own == machine, f"{name} must be of the pilot's machine {machine[0]}, its frames too, got {own[0]}. Leave it out."
+        )
     if forces_N is None:
         low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
         forces_N = np.unique([*np.arange(low, high, 1.0), high]).tolist()
@@ -279,13 +284,6 @@ def design(
     for name, campaign in against.items():
         compared[name] = tuple(replace(test.with_reading_um(None), name="") for test in campaign.tests)
     return _designed(space, space.search.of_number(number), Pilot(pilot.name, pilot.sha256), compared)
-
-
-def _check_against(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    require(name not in _RESERVED, f"against must not use the name {name!r}, which is the design's own. Choose another name.")
-    check_campaign(campaign)
-    machine, own = ((one.topology, dict(one.frames_mm)) for one in (pilot, campaign))
-    require(own == machine, f"{name} must be of the pilot's machine {machine[0]}, its frames too, got {own[0]}. Leave it out.")
 
 
 def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]]) -> Design:

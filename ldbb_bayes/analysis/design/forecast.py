@@ -164,15 +164,6 @@ def _posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
     return next(posterior for posterior in kept if posterior.bound.model == model)
 
 
-def _mean_to_come(precision: Array, after: Array) -> tuple[Array, Array]:
-    """W and a root of V with m | β ~ N(m₁ + W (β − m₁), V) for the mean m that an analysis will find, shapes (K, p, p).
-
-    From the precision P₁ before and the covariance C after the tests: W = 1 − C P₁ and V = W C.
-    """
-    weight = np.eye(after.shape[-1]) - after @ precision
-    return weight, singular_root(weight @ after)
-
-
 def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) -> tuple[Array, Array]:
     """Expected posterior variances inside the truncation and their standard errors, (p,) each, from the covariances without it
     (K, p, p).
@@ -191,11 +182,16 @@ def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) ->
 
 
 def _change_inside(bound: BoundModel, states: States, possible: Array, covariance: Array, seed: int) -> Array:
-    """What the truncation adds to the variances in possible states, shape (states, p)."""
+    """What the truncation adds to the variances in possible states, shape (states, p).
+
+    The mean m that an analysis will find is m | β ~ N(m₁ + W (β − m₁), W C), W = 1 − C P₁, with the precision P₁ before the tests
+    and the covariance C after them.
+    """
     scale, start = bound.scale, states.before.mean[possible]
     both = np.outer(scale, scale)
     after = covariance[possible] / both
-    weight, root = _mean_to_come(states.before.precision[possible] * both, after)
+    weight = np.eye(len(scale)) - after @ (states.before.precision[possible] * both)
+    root = singular_root(weight @ after)
     mean = start / scale + np.einsum("kij,kj->ki", weight, (states.beta[possible] - start) / scale)
     spread = singular_root(after) * scale[:, None]
     noise = np.random.default_rng(seed).standard_normal((_REPEATS, *mean.shape))

@@ -424,8 +424,11 @@ class Search:
                 "offer more force levels, or use --augment."
             )
         optimum, rng = self.shares(float(tests)), np.random.default_rng(self.seed)
-        best, value = np.zeros(self.objective.candidates, dtype=int), -np.inf
-        first = _designs_to_start_from(optimum.share, tests, rng)
+        n, share = self.objective.candidates, optimum.share
+        best, value = np.zeros(n, dtype=int), -np.inf
+        # The rounded optimum, and draws from it and from all candidates in turn.
+        drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, _STARTS)]
+        first = [efficient_rounding(share, tests), *drawn]
         for k in range(_STARTS + self._shakes(tests)):
             start = self._repaired(first[k] if k < _STARTS else _shaken(best, rng), rng)
             counts, own = exchange(self.objective, start, rng, feasible=self._feasible, thorough=False)
@@ -468,13 +471,6 @@ class Search:
         n = self.objective.candidates
         size = self.objective.prior.size * tests * (n if n <= _ALL else 2 * _LEADING)
         return min(_MOST_SHAKES, _WORK // size) if comb(n + tests - 1, tests) > _FEW_DESIGNS else 0
-
-
-def _designs_to_start_from(share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
-    """The rounded optimum, and draws from it and from all candidates in turn."""
-    n = len(share)
-    drawn = [np.bincount(rng.choice(n, tests, p=share if k % 3 else None), minlength=n) for k in range(1, _STARTS)]
-    return [efficient_rounding(share, tests), *drawn]
 
 
 def _shaken(counts: Array, rng: np.random.Generator) -> Array:

@@ -110,13 +110,10 @@ def evidence(comparison: Comparison) -> Figure:
     axes.set_yticks(rows, [name.replace(" with one scale", "") for name in bars])
     axes.grid(axis="y", visible=False)
     axes.set_xlabel(f"ln B({comparison.sensitivity_of}) (nat, linear within ±5)")
-    style.right_labels(axes, rows, [_gain(gain) for _, gain in bars.values()])
+    gains = ["" if nats is None else f"{nats:+.{int(abs(nats) < 100.0)}f}".replace("-", "−") for _, nats in bars.values()]
+    style.right_labels(axes, rows, gains)
     axes.set_title("Slope scale: sd(slope) (F_max − F_min) / sd(C); right: evidence of the assumption (nat), grey below −5")
     return figure
-
-
-def _gain(nats: float | None) -> str:
-    return "" if nats is None else f"{nats:+.{int(abs(nats) < 100.0)}f}".replace("-", "−")
 
 
 @styled
