@@ -5,11 +5,11 @@ from __future__ import annotations
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.result import table_html
+from ldbb_bayes.result import Table
 
 
 def test_tables_are_escaped() -> None:
-    page = table_html("<script>", [{"a<b": "<i>", "n": 0.123456, "none": None}])
+    page = Table.of("<script>", ["a<b", "n", "none"], [["<i>", 0.123456, None]], text=["a<b"]).html()
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
     assert "0.1235" in page

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import plan, simulated
+from campaigns import plan, simulated, with_priors
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.candidates import Space
@@ -20,13 +20,8 @@ PRIORS = {"C_XXX": (5.1e-5, 4e-6), "C_YYY": (4.6e-5, 8e-6), "E_YY1": (-5e-5, 4e-
 SMALL = plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0))
 
 
-def with_priors(model: lb.HybridModel) -> lb.HybridModel:
-    means, sds = {name: mean for name, (mean, _) in PRIORS.items()}, {name: sd for name, (_, sd) in PRIORS.items()}
-    return replace(model, prior=replace(model.prior, means=means, overrides=sds))
-
-
 def test_identifiability_compares_with_the_prior_about_its_mean() -> None:
-    model = with_priors(lb.HybridModel.first(1))
+    model = with_priors(lb.HybridModel.first(1), PRIORS)
     planned, measured = lb.identify(model, SMALL), lb.identify(model, simulated(SMALL))
     for found in (planned, measured):
         for name, entry in found.parameters.items():
@@ -41,7 +36,7 @@ def test_identifiability_compares_with_the_prior_about_its_mean() -> None:
 
 
 def test_plans_start_from_the_means() -> None:
-    model = with_priors(lb.HybridModel.first(1))
+    model = with_priors(lb.HybridModel.first(1), PRIORS)
     known = states_before(model, SMALL, 64, 1, augment=False)
     bound = model.bind(SMALL)
     np.testing.assert_array_equal(known.before.mean, np.tile(bound.prior_mean, (len(known.phi), 1)))
@@ -54,7 +49,7 @@ def test_plans_start_from_the_means() -> None:
 
 def test_texts_and_figures_show_mean_and_sd() -> None:
     model, rule = lb.HybridModel.first(0), lb.StoppingRule(ess=100.0)
-    for own in (with_priors(model), model):
+    for own in (with_priors(model, PRIORS), model):
         tree = lb.sample(own, simulated(SMALL), sampler="independent", seed=1, rule=rule)
         meant = own is not model
         table = parameter_table(full_result(tree, 0.95)).frame().to_dict("list")
@@ -65,7 +60,7 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
 @pytest.mark.slow
 def test_calibrated_and_a_missed_mean_is_seen() -> None:
     """Ranks of truths drawn from priors with means: uniform where the same means are believed, at an end where none are."""
-    model = with_priors(lb.HybridModel.first(0).without("mount", "force-error", "bar-length"))
+    model = with_priors(lb.HybridModel.first(0).without("mount", "force-error", "bar-length"), PRIORS)
     blind = replace(model, prior=replace(model.prior, means=dict.fromkeys(PRIORS, 0.0)))
     planned = plan((30, 30), forces_N=(100.0, 600.0))
     right = lb.validate(model, planned, replicates=20, draws=19, seed=1)

@@ -412,8 +412,6 @@ def test_one_force_for_each_sheet(tmp_path: Path) -> None:
     assert loads_of(path, forces_N=[36.0, 742.0]) == expected
     each = {"test": [{"file": f"Versuch {k}", "force_N": force} for k, force in ((1, 36.0), (2, 742.0))]}
     assert loads_of(path, **each) == expected
-    with pytest.raises(lb.InputError, match="must be of one test, got several in it"):
-        loads_of(path, test=[{"file": "two.xlsx", "force_N": 36.0}])
     with pytest.raises(lb.InputError, match=r"--forces-N must hold one number for each test, got 1 for 2 tests"):
         loads_of(path, forces_N=[36.0])
     senses = book(tmp_path / "cw and ccw.xlsx", {"36 N CW": SHEET, "36 N CCW": SHEET})

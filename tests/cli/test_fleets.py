@@ -114,24 +114,6 @@ def test_interrupted_and_resumed(rows: Path, tmp_path: Path, anew: Any, monkeypa
     assert seen == [0, 1, *range(1, 8)]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("batch SHOP --executor x", "--executor must be one of process, dask, got 'x'"),
-        ("batch SHOP --scheduler tcp://x", "--scheduler must"),
-        (f"batch SHOP --seed {2**63}", "--seed"),
-        ("population ROWS --parameters C_XX", "Did you mean 'C_XYX'?"),
-        ("population ROWS --reference-force nan", "--reference-force"),
-    ],
-)
-def test_what_is_refused(arguments: str, message: str, rows: Path, tmp_path: Path, invoke: Invoke) -> None:
-    command, *given = [{"SHOP": f"{rows.parent}/all", "ROWS": str(rows)}.get(own, own) for own in arguments.split()]
-    code, stdout, stderr = invoke(command, *given, "--out", tmp_path / "b")
-    assert (code, stdout) == (2, "")
-    assert message in " ".join(stderr.replace("│", " ").split())
-    assert not (tmp_path / "b").exists()
-
-
 def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "p"
     code, stdout, stderr = invoke("population", rows, "--out", out, "--parameters", "C_XXX,C_YYY,E_XX1", "--json")

@@ -86,6 +86,7 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
     ],
     "validate": [
         ("PLAN --data-model nowhere.toml", "nowhere.toml"),
+        ("PLAN --scheduler tcp://x", "--scheduler must go with --executor dask"),
         ("PLAN --executor dusk", "--executor must be one of process, dask, got 'dusk'. Did you mean 'dask'?"),
     ],
     "machine": [
@@ -139,20 +140,6 @@ def test_force_replaces_results_and_nothing_else(folder: Path, tmp_path: Path, i
     assert (precious / "my_readings.csv").read_text() == "mine"
     assert lb.read_campaign(campaign).sha256 == lb.read_campaign(folder).sha256
     assert invoke("simulate", folder, "--out", campaign, "--force")[0] == 0
-
-
-def test_disk_full(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "summary.json").write_text("old")
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("xarray.DataTree.to_netcdf", full)
-    fit = ("fit", folder, "--degree", "0", "--sampler", "independent", "--out", out, "--force")
-    assert "No space left on device" in refused(invoke, *fit)
-    assert {p.name for p in tmp_path.rglob("*")} == {"out", "summary.json"}
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.batch import Batch, Job, Settings, fit_row, gather
 from ldbb_bayes.fleet.statistics import fleet_statistics, sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.jobs import WorkerDied, process_executor
+from ldbb_bayes.jobs import WorkerDied
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.findings import full_result
 
@@ -94,13 +94,6 @@ def test_flat_priors_have_neither_evidence_nor_statistics(folders: list[str], tm
     assert rows["status"][0] == "done"
     assert rows["gaussian_names"][0] is None
     assert np.isnan(rows["log_bayes_factor"][0])
-
-
-@pytest.mark.slow
-def test_the_same_bytes_on_processes(folders: list[str], fitted: Batch, tmp_path: Path) -> None:
-    with process_executor(2) as executor:
-        other = lb.batch(folders, tmp_path / "out", executor=executor, **OPTIONS)
-    assert dataset_bytes(other.out) == dataset_bytes(fitted.out)
 
 
 def test_what_goes_wrong_stays_in_its_row(folders: list[str], tmp_path: Path) -> None:

@@ -95,7 +95,6 @@ def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
     prior = lb.prior_from(written(tmp_path, compliances=told))
     assert prior.compliances == told
     assert prior.doubts(plan()) == ()
-    assert pickle.loads(pickle.dumps(prior)) == prior
     higher = replace(plan(), tests=tuple(replace(test, centre_z_mm=100.0) for test in plan().tests))
     with pytest.raises(InputError, match=r"must mean by C_XXX what the population does, got circles or joints' frames"):
         prior.doubts(higher)

@@ -404,13 +404,6 @@ def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], said: s
         lb.trend(rows, **options)
 
 
-def test_geometric_errors_and_another_force(rows: pd.DataFrame) -> None:
-    chosen = lb.trend(rows, parameters=["C_XXX", "E_YX2"], reference_force_N=500.0)
-    assert tuple(chosen.parameters) == ("C_XXX", "E_YX2")
-    assert chosen.reference_force_N == 500.0
-    assert chosen.parameters["C_XXX"].probability > 0.9
-
-
 @pytest.mark.parametrize("case", ["many", "no dates", "one day"])
 def test_the_figure(case: str) -> None:
     """Units on its axes, text inside the page and clear of other text; campaigns of one day side by side."""

@@ -37,26 +37,6 @@ def test_the_papers_machine() -> None:
     np.testing.assert_array_equal(machine.lever_mm(y, Circle(), ANGLE), position * [1.0, 0.0, 0.0])
 
 
-def test_lever_arm_in_the_workpiece_branch() -> None:
-    """wXYF…: the table X rides on Y. Seen from Y's frame the work ball stands where X has carried it: −x, plus its place."""
-    machine, circle = Machine("wXYFZt"), Circle(100.0, (10.0, 20.0, 30.0))
-    x, y = machine.joints
-    position = circle.position_mm(ANGLE)
-    assert (x.branch, y.branch, machine.squared("XY")[0]) == ("workpiece", "workpiece", y)
-    expected = np.column_stack([10.0 - position[:, 0], np.full(3, 20.0), np.full(3, 30.0)])
-    np.testing.assert_allclose(machine.lever_mm(y, circle, ANGLE), expected)
-    np.testing.assert_allclose(machine.lever_mm(x, circle, ANGLE), [[10.0, 20.0, 30.0]] * 3)
-
-
-def test_an_axis_that_stands_still_sets_levers_too() -> None:
-    """wFXYZt at Z = 40: seen from X's and Y's frames the tool ball stands 40 mm up; without a Z axis the tool is as long."""
-    high = Circle(100.0, (0.0, 0.0, 40.0))
-    for topology in ("wFXYZt", "wFXYt"):
-        machine = Machine(topology)
-        for joint in machine.joints:
-            np.testing.assert_allclose(machine.lever_mm(joint, high, ANGLE)[:, 2], 40.0)
-
-
 def test_planes_are_right_handed_and_share_axes() -> None:
     assert _labels(Machine("wFXYZt", "ZX"))[:4] == ["E_ZZ1", "E_XZ2", "E_ZX2", "E_XX1"]
     for plane, axes in PLANES.items():
