@@ -20,14 +20,13 @@ from pydantic.dataclasses import dataclass
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import refusing
 from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.result import Table
+from ldbb_bayes.result import Array, Table
 
 __all__ = [
     "PER_TEST", "Ball", "Campaign", "CampaignFields", "CircularTest", "Direction", "ForceLaw", "Instrument",
     "MountCompensation", "Plan", "TestFields", "check_campaign", "distinct_forces",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 Direction = Literal["CW", "CCW"]
 MINIMUM_READINGS, MINIMUM_ARC_DEG, LARGEST_READING_MM, LARGEST_SETUP = 9, 180.0, 100.0, 1000
 # A regulator repeats a force no better than to this share of the largest.

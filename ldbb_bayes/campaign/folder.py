@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
@@ -35,13 +34,13 @@ from ldbb_bayes.campaign.campaign import (
 from ldbb_bayes.campaign.spreadsheet import columns_of, numbers_of, read_strict_table
 from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated
+from ldbb_bayes.result import Array
 
 __all__ = [
     "IMPORT_NAME", "LARGEST_PLAN", "TOML_NAME", "TRUTH_NAME", "embedded_campaign", "files_of", "labels_of",
     "read_campaign", "write_campaign", "write_campaign_into",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 SCHEMA = 1
 TOML_NAME, TRUTH_NAME, IMPORT_NAME = "campaign.toml", "truth.json", "import.toml"
 PLANNED_READINGS, LARGEST_PLAN = 720, 2_000_000

@@ -21,11 +21,10 @@ from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes
 from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.result import Result
+from ldbb_bayes.result import Array, Result
 
 __all__ = ["Imported", "import_campaign", "mask_angles", "mask_reversals"]
 
-Array = NDArray[np.float64]
 _TURN = 360.0
 LARGEST_TESTS, _LONGEST_LIST, _LONGEST_NAME = 1000, 200, 100
 # A wider span of angles is in degrees.

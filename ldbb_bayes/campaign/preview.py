@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.result import Result
+from ldbb_bayes.result import Array, Result
 from ldbb_bayes.units import ranked
 
 __all__ = ["CampaignPreview", "Remark", "RemarkKind", "TestPreview", "preview", "resolution_of"]
 
-Array = NDArray[np.float64]
 _ORDER = 12
 _FULL_DEG, _FORCES_N, _RADII_MM = 359.0, (5.0, 10_000.0), (10.0, 2000.0)
 # Numbers of readings that a path is fitted to; scatters off it that make a spike; rounds of reweighting.

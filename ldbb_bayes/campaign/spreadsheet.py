@@ -12,17 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
+from ldbb_bayes.result import Array
 
 __all__ = [
     "Sheet", "columns_of", "constant", "could_be_thousands", "decimal_mark", "is_clock", "is_missing", "looks_like_number",
     "number", "numbers_of", "read_sheets", "read_strict_table", "seconds_of",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 Rows = list[tuple[int, list[str]]]
 # Cells of a table; signs of a line, of a cell shown.
 _LARGEST_TABLE, _LARGEST_LINE, _SHOWN = 4_000_000, 100_000, 60

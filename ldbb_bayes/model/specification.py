@@ -161,12 +161,7 @@ def _plan(file: _TruthsFile, name: str) -> Campaign:
     angle = 360.0 * np.arange(file.readings) / file.readings
     return Campaign(
         tuple(CircularTest(force, angle) for force in file.forces_N or ()),
-        topology=file.topology,
-        plane=file.plane,
-        radius_mm=file.radius_mm,
-        resolution_um=file.resolution_um,
         mount=MountCompensation(compensated=file.compensated),
         name=name,
-        machine_id=file.machine_id,
-        date=file.date,
+        **{key: getattr(file, key) for key in ("topology", "plane", "radius_mm", "resolution_um", "machine_id", "date")},
     )
