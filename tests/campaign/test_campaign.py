@@ -135,6 +135,15 @@ def recording(start: float = -30.0, stop: float = 390.0) -> lb.CircularTest:
     return lb.CircularTest(force_N=36.0, angle_deg=angle, reading_um=np.sin(np.deg2rad(angle)), name="a")
 
 
+def test_force_law_both_ways() -> None:
+    law = lb.ForceLaw()
+    for pressure, force in ((0.4, 36.0), (3.0, 364.0), (6.0, 742.0)):
+        assert law.force_N(pressure) == pytest.approx(force, abs=0.3)
+        assert law.pressure_bar(law.force_N(pressure)) == pytest.approx(pressure)
+    with pytest.raises(InputError, match="slope_N_per_bar must be"):
+        lb.ForceLaw(slope_N_per_bar=0.0)
+
+
 def test_reversal_points_are_masked() -> None:
     test = lb.mask_reversals(recording(0.0, 360.0), 5.0)
     distance = np.abs((test.angle_deg + 45.0) % 90.0 - 45.0)

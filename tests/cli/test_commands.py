@@ -253,6 +253,16 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
 
 
 @pytest.mark.usefixtures("few_states")
+def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    """A tidy table as pilot, with its options; the paper's preset; added to what was run."""
+    table = tidy(lb.read_campaign(folder), tmp_path / "tidy.csv")
+    options = ("--radius-mm", 100, "--preset", "paper", "--augment", "--tests", 2, "--forces", "36,742", "--json")
+    record = json.loads(invoke("design", table, *options)[1])
+    assert (record["criterion"], record["expected"]["C_XXX"]["prior_sd"]) == ("d", None)
+    assert record["tests"][0]["radius_mm"] == 100.0
+
+
+@pytest.mark.usefixtures("few_states")
 def test_design_without_certificate(folder: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     design = lb.design(lb.HybridModel.first(1), lb.read_campaign(folder), tests=3, forces_N=(36.0, 742.0))
     broken = replace(design, certificate=replace(design.certificate, max_sensitivity=2.0 * design.certificate.bound, holds=False))

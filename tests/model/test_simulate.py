@@ -13,6 +13,14 @@ from ldbb_bayes.machine.chain import exact_reading_mm
 SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
 
 
+def test_seeded() -> None:
+    model = lb.HybridModel.first(1)
+    first, same, other = (model.simulate(plan(), seed=s) for s in (1, 1, 2))
+    assert first.campaign.sha256 == same.campaign.sha256 != other.campaign.sha256
+    assert first.parameters == same.parameters
+    assert set(first.hyper_um) == {"sigma", "delta", "kappa", "tau"}
+
+
 def test_exact_readings_come_from_the_forward_model() -> None:
     model = lb.HybridModel.first(0).without("bar-length", "mount", "force-error")
     campaign = model.simulate(plan(), seed=1, parameters=TRUTH, hyper_um=SILENT, exact=True).campaign
