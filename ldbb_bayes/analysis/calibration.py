@@ -95,8 +95,8 @@ class Validation(Result):
         Probability of the band, simultaneous over ranks and quantities.
     failures : tuple of str
         What went wrong in replicates that gave no draws; these are not among the ranks.
-    by_emcee : int
-        Replicates in which emcee took over, the weights of independent draws not to be trusted.
+    by_emcee : tuple of int
+        Rows of the ranks for which emcee took over, the weights of independent draws not to be trusted.
     """
 
     names: tuple[str, ...]
@@ -105,7 +105,7 @@ class Validation(Result):
     sampler: str
     prob: float
     failures: tuple[str, ...]
-    by_emcee: int = 0
+    by_emcee: tuple[int, ...] = ()
 
     @property
     def replicates(self) -> int:
@@ -157,7 +157,7 @@ class Validation(Result):
             "band_probability": self.prob,
             "quantities": {n: {"inside_band": n not in self.outside, "coverage": coverage[n]} for n in self.names},
             "failures": list(self.failures),
-            "by_emcee": self.by_emcee,
+            "by_emcee": list(self.by_emcee),
             "calibrated": self.calibrated,
         }
 
@@ -212,8 +212,8 @@ def validate(
     if len(failures) == replicates:
         raise InputError(f"at least one replicate must give draws, got none. First reason: {failures[0]}")
     found = np.array([rows[i] for i in range(replicates) if not isinstance(rows[i], str)])
-    names, by_emcee = (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD), int(found[:, -1].sum())
-    return Validation(names, found[:, :-1], draws, sampler, prob, failures, by_emcee)
+    names, by_emcee = (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD), np.flatnonzero(found[:, -1]).tolist()
+    return Validation(names, found[:, :-1], draws, sampler, prob, failures, tuple(by_emcee))
 
 
 def _ranks(

@@ -337,7 +337,7 @@ def _mixture_quantile(weight: Array, mean: Array, sd: Array, level: float) -> Ar
             new = x - excess / ((weight * (np.exp(-0.5 * z**2) / sd)).sum(axis=0) / np.sqrt(2.0 * np.pi))
         # Newton's step where it is the last, or stays inside the bracket and is at most half of the one before; else halfway.
         size = np.abs(new - x)
-        good = (size <= _CLOSE * spread) | ((new > low) & (new < high) & (2.0 * size <= np.abs(step)))
+        good = (size <= _CLOSE * spread) | ((new > low) & (new < high) & (size <= 0.5 * np.abs(step)))
         new = np.where(good, new, 0.5 * (low + high))
         step, x = new - x, new
         if np.all(np.abs(step) <= _CLOSE * spread):

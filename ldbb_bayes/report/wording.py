@@ -502,7 +502,7 @@ def _certificate_sentences(result: Identifiability) -> Iterator[str]:
 def validation_verdict(validation: Validation) -> str:
     """Return in one line whether ranks are as those of a calibrated computation."""
     tested = f"{validation.replicates} replicates, {len(validation.names)} quantities, {100 * validation.prob:g} % band"
-    tested += f", emcee for {validation.by_emcee} whose weights could not be trusted" if validation.by_emcee else ""
+    tested += f", emcee for {len(validation.by_emcee)} whose weights could not be trusted" if validation.by_emcee else ""
     if validation.failures:
         count, first = len(validation.failures), validation.failures[0]
         return f"NOT CALIBRATED: {count} replicates failed, first: {first} ({tested})."

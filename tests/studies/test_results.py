@@ -87,6 +87,8 @@ CLAIMS = {
         "all(abs(cases[k]['mean_coverage'] - 0.95) < 0.01 for k in calibrated)",
         "all(own['outside'] > 5 and own['worst_coverage'] < 0.7 for k, own in cases.items() if k not in calibrated)",
         "cases['no discrepancy, more readings']['mean_coverage'] < cases['no discrepancy']['mean_coverage'] - 0.02",
+        "second['every term']['outside'] == 0 and second['every term']['replicates'] == 1000",
+        "max(scales['alike']['ratio'].values()) <= 1.05",
     ),
     "07_misspecification": (
         "all(abs(own['mean'] - 0.95) < 3 * own['se'] for own in kinds['baseline']['coverage'].values())",
