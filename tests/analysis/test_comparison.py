@@ -24,7 +24,7 @@ from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.terms import Discrepancy, ForceError, Mount, SetupShift
-from ldbb_bayes.report.wording import comparison_sentences, with_words
+from ldbb_bayes.report.wording import comparison_sentences, strength_words, with_words
 from ldbb_bayes.result import json_text
 
 LINEAR = lb.HybridModel.first(1)
@@ -439,3 +439,17 @@ def test_two_that_disagree_are_not_flagged() -> None:
     assert not two["flag"].any()
     three = lb.belonging(MODELS, replace(made, tests=(*spoilt, made.tests[2])), seed=1, tolerance=0.1, replicates=2000)
     assert list(three.index[three["flag"]]) == ["f400"]
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(0.4, "bare mention"), (-2.0, "positive"), (4.9, "strong evidence"), (-7.0, "very strong")]
+)
+def test_strength(value: float, words: str) -> None:
+    assert words in strength_words(value)
+
+
+def test_a_slope_that_is_there_is_found() -> None:
+    model, truth = LINEAR.without("truncation").fixing(*FEW.fixed), TRUTH | {"C_XYX_1": 1.5e-8}
+    campaign = LINEAR.simulate(plan(), seed=3, parameters=truth, hyper_um=HYPER_UM).campaign
+    slopes, *_ = comparison.slope_subsets(model, Evidences(campaign, tolerance=1e-2), seed=1)
+    assert slopes["C_XYX"].inclusion_probability > 0.95 > slopes["C_CCY"].inclusion_probability

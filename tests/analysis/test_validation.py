@@ -105,3 +105,7 @@ def test_the_band_holds_for_all_quantities_together(rng: np.random.Generator) ->
     ranks = rng.integers(0, 20, size=(300, 40, len(names)))
     calibrated = [Validation(names, own, 19, "independent", 0.9, ()).calibrated for own in ranks]
     assert 0.86 < np.mean(calibrated) <= 1.0
+
+
+def test_ecdf_counts_ranks() -> None:
+    np.testing.assert_allclose(ecdf(np.array([0, 0, 3, 4]), 4), [0.5, 0.5, 0.5, 0.75])

@@ -426,3 +426,26 @@ def test_the_figure(case: str) -> None:
         places = [float(line.get_xdata()[0]) for line in lines]  # type: ignore[index]
         assert places == sorted(places)
     assert "(nm/N)" in shown[0].get_ylabel()
+
+
+def test_scatter_rule_is_a_half_normal() -> None:
+    nodes, weight = scatter_rule(0.01)
+    assert weight.sum() == pytest.approx(1.0)
+    assert weight @ nodes == pytest.approx(0.01 * np.sqrt(2.0 / np.pi), rel=2e-3)
+    assert weight @ nodes**2 == pytest.approx(1e-4, rel=2e-3)
+    assert weight @ np.exp(-nodes / 0.003) == pytest.approx(halfnorm(scale=0.01).expect(lambda r: np.exp(-r / 0.003)), rel=0.01)
+
+
+def test_limits_are_of_what_the_next_campaign_would_say() -> None:
+    """r known: the estimate of the third campaign, b known, drawn from its predictive distribution."""
+    rng, r = np.random.default_rng(9), 0.05
+    series, known = visited(rng, 3), np.array([0.4])
+    carried = carried_by(series, np.array([r]), 2)
+    chart = chart_of(series, carried, np.array([r]), np.ones(1), (known, np.eye(1)), limits=0.9)
+    x = Gaussian(np.eye(3) + carried.precision[0, :2].sum(axis=0), carried.shift[0, :2].sum(axis=0)).draw(rng, (200_000,))
+    x[:, :2] += r * rng.standard_normal((len(x), 2))
+    own = (x @ series.precision[2] + rng.standard_normal(x.shape) @ np.linalg.cholesky(series.precision[2]).T)[:, :2]
+    shrink = np.linalg.inv(np.eye(2) + series.precision[2, :2, :2])
+    said = (own - series.precision[2, :2, 2] * known) @ shrink
+    sd = said.std(axis=0)
+    np.testing.assert_allclose((chart.limits[:, 2] - np.quantile(said, [0.05, 0.95], axis=0)) / sd, 0.0, atol=0.03)

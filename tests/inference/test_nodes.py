@@ -92,3 +92,9 @@ def test_a_proposal_reaches_the_corners_of_the_density(planned: lb.Campaign, lef
     log_weight = posterior.log_density(free) - posterior.proposal.log_proposal(free) - posterior.proposal.log_integral
     assert posterior.proposal.trusted
     assert np.exp(log_weight.max()) < 12.0
+
+
+def test_mode_is_a_maximum(bound: BoundModel) -> None:
+    posterior = HyperPosterior(bound, truncated=True)
+    around = posterior.mode + 0.3 * np.random.default_rng(0).normal(size=(200, 4))
+    assert posterior.log_density(around).max() <= posterior.log_density(posterior.mode[None])[0] + 1e-4

@@ -209,3 +209,12 @@ def test_nuisances_against_dense_conditionals(drifting: lb.Campaign) -> None:
     assert (found.loc["drift_time_length", "unit"], found.loc["hysteresis_sin2", "unit"]) == ("mm/h", "mm")
     flat = lb.sample(lb.HybridModel.paper(0), drifting, seed=1, sampler="independent", rule=lb.StoppingRule(ess=100.0))
     assert lb.nuisances(flat).empty
+
+
+def test_autocorrelation_of_smoothed_noise_is_seen() -> None:
+    rng = np.random.default_rng(2)
+    smooth = np.convolve(rng.normal(size=402), np.ones(3) / 3.0, mode="valid")
+    value, p = autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
+    assert value > 0.5
+    assert p < 1e-6
+    assert autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (0.0, 1.0)
