@@ -303,6 +303,11 @@ class Parameter:
         return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
 
 
+def _rivals_slopes(part: Columns | BasisNoise) -> bool:
+    """Whether columns explain a change with force as slopes do."""
+    return isinstance(part, Columns) and part.names[0].startswith(_STEMS)
+
+
 class BoundModel:
     """The model of one campaign.
 
@@ -408,31 +413,32 @@ class BoundModel:
 
     @property
     def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
-        """The same without their terms, rivals of slopes last."""
-        every = (part for columns in self.columns_of.values() for part in columns)
-        return tuple(sorted(every, key=lambda part: "".join(getattr(part, "names", ())).startswith(_STEMS)))
+        """The same without their terms."""
+        return tuple(part for columns in self.columns_of.values() for part in columns)
 
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
         """Prior mean and sd of the last shared coefficients of `collapsed`: of rivals of slopes, and the parameters."""
-        rivals = [part for part in self.nuisance_columns if isinstance(part, Columns) and part.names[0].startswith(_STEMS)]
+        rivals = [part for part in self.nuisance_columns if isinstance(part, Columns) and _rivals_slopes(part)]
         found = {name: (0.0, sd) for part in rivals for name, sd in zip(part.names, part.sd.tolist(), strict=True)}
         return found | {own.name: (own.prior_mean, own.prior_sd) for own in self.parameters}
 
     @cached_property
     def given_interest(self) -> StructuredGaussian:
         """p(y | β, φ): nuisances integrated out. Coefficients are β − centre."""
-        return self._structured(interest=self.interest)
+        return self._structured(self.nuisance_columns, self.interest)
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
-        """p(y | φ): nuisances and β integrated out, truncation left aside. The last shared coefficients are β − centre."""
-        return self._structured(Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre))
+        """p(y | φ): nuisances and β integrated out, truncation left aside. The last shared coefficients are those of rivals of
+        slopes and β − centre."""
+        last = sorted(self.nuisance_columns, key=_rivals_slopes)
+        return self._structured([*last, Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre)])
 
-    def _structured(self, *extra: Columns, interest: Array | None = None) -> StructuredGaussian:
+    def _structured(self, columns: Sequence[Columns | BasisNoise], interest: Array | None = None) -> StructuredGaussian:
         return StructuredGaussian(
             self.reduced,
-            [*self.nuisance_columns, *extra],
+            columns,
             offset=self.interest @ self.centre + self.known_offset,
             hypers=self.hyper_prior.names,
             interest=interest,

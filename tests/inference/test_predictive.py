@@ -171,12 +171,14 @@ def drifting() -> lb.Campaign:
     return DRIFTING.simulate(replace(planned, tests=tuple(tests)), seed=3, hyper_um=HYPER_UM).campaign
 
 
-def test_nuisances_against_dense_conditionals(drifting: lb.Campaign) -> None:
-    """Means and variances of all coefficients given φ and the readings, parameters integrated out, by one dense matrix per draw
-    of φ; then averaged over φ. Of parameters and nuisances alike nothing is sampled."""
-    posterior = lb.sample(DRIFTING, drifting, seed=2, sampler="independent")
-    found = lb.nuisances(posterior)
-    bound = DRIFTING.bind(drifting)
+@pytest.mark.parametrize("model", [DRIFTING, lb.HybridModel.default(0).without("truncation").including(lb.Drift("time"))])
+def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: lb.Campaign) -> None:
+    """Means and variances of all coefficients, by name, given φ and the readings, parameters integrated out, by one dense matrix
+    per draw of φ; then averaged over φ. Of parameters and nuisances alike nothing is sampled."""
+    posterior = lb.sample(model, drifting, seed=2, sampler="independent")
+    bound = model.bind(drifting)
+    shared = [term for term in bound.nuisance_columns if isinstance(term, Columns) and not term.private]
+    found = lb.nuisances(posterior).loc[[name for term in shared for name in term.names]]
     _, phi = draws_of(posterior, bound, 1000)
     reading = np.concatenate([test.readings_mm() for test in drifting.tests])
     means, variances = [], []
@@ -190,13 +192,13 @@ def test_nuisances_against_dense_conditionals(drifting: lb.Campaign) -> None:
             for r, test in enumerate(drifting.tests):
                 part, own = slice(start[r], start[r + 1]), basis(test.angles_rad())
                 if not isinstance(term, Columns):
-                    covariance[part, part] += (own * (term.sd * named[term.hyper]) ** 2) @ own.T
+                    covariance[part, part] += (own * term.sd_at(named, r) ** 2) @ own.T
                 elif term.private:
-                    covariance[part, part] += (own @ term.values[r] * term.sd**2) @ (own @ term.values[r]).T
+                    covariance[part, part] += (own @ term.values[r] * term.sd_at(named) ** 2) @ (own @ term.values[r]).T
             if isinstance(term, Columns) and not term.private:
                 values = [basis(t.angles_rad()) @ term.values[r] for r, t in enumerate(drifting.tests)]
                 columns.append(np.concatenate(values))
-                sd.append(term.sd * (named[term.hyper] if term.hyper else 1.0))
+                sd.append(term.sd_at(named))
         design, prior = np.concatenate(columns, axis=1), np.concatenate(sd)
         weight = np.linalg.solve(covariance, design)
         after = np.linalg.inv(design.T @ weight + np.diag(1.0 / prior**2))
