@@ -141,7 +141,8 @@ def _(found: Uncertainties) -> tuple[Passage, ...]:
         nominal, spread = value_and_uncertainty(own.value / one, own.sd / one)
         rows.append((words, nominal, spread, label, "certificate" if own.stated else "the model", where))
     heads = ("assumed", "nominal", "u (1 sd)", "unit", "from", "certificate (campaign.toml)")
-    return (Table.of("A fit will take for granted of the instrument", heads, rows, text=heads[3:]),)
+    table = Table.of("A fit will take for granted of the instrument", heads, rows, text=heads[3:])
+    return (table, "Lobes add to what form of higher orders foretells of them; stated harmonics or turned balls replace that.")
 
 
 @parts_of.register

@@ -956,7 +956,7 @@ def compliance_summary(
     first = ranked(share, lambda term: share[term])[0]
     yield (
         f"Compliance at {result['model']['reference_force_N']:g} N, {IN_FORCE[result['model']['degree']]} (± U, k = 2; brackets "
-        f"{percent_of(result)} intervals): {joined(values)}. Most of the uncertainty is {source_words(first)} "
+        f"{percent_of(result)} intervals): {joined(values)}. The largest source of this U is {source_words(first)} "
         f"({share[first]:.0f} % of the variance)."
     )
 
@@ -965,7 +965,8 @@ def geometry_summary(result: Mapping[str, Any], verdicts: Mapping[str, Parameter
     """Return which geometric errors differ from zero, and which are confounded with what."""
     entries = {name: own for name, own in result["parameters"].items() if name.startswith("E_") and name[3] != "t"}
     if entries:
-        clear = joined([_value(result, name) for name, own in entries.items() if abs(own["mean"]) > 2.0 * own["sd"]])
+        bounds = {name: interval_of(own) for name, own in entries.items()}
+        clear = joined([_value(result, name) for name, (low, high) in bounds.items() if not low <= 0.0 <= high])
         yield f"Geometric errors different from zero (± U, k = 2; tool offsets apart): {clear or 'none'}."
     confounded = [name for name in entries if verdicts[name].verdict == "confounded"]
     if confounded:
