@@ -8,7 +8,6 @@ from .analysis.circularity import contributions as contributions
 from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
 from .analysis.comparison import compare as compare
-from .analysis.comparison import local_fits as local_fits
 from .analysis.comparison import read_comparison as read_comparison
 from .analysis.design.design import Design as Design
 from .analysis.design.design import design as design
@@ -20,6 +19,7 @@ from .analysis.identifiability import describe as describe
 from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts
 from .analysis.outliers import belonging as belonging
+from .analysis.sensitivity import local_fits as local_fits
 from .campaign.campaign import Ball as Ball
 from .campaign.campaign import Campaign as Campaign
 from .campaign.campaign import CircularTest as CircularTest

@@ -1,21 +1,14 @@
 """compare(): what the readings say about models, how much, and what that rests on.
 
 p(M | y) ∝ p(y | M) p(M), every evidence by exact quadrature; the same again under other assumptions; every test predicted from
-the others. Models are compared on the same readings, with the same priors where they share parameters. A change with force has
-several explanations, and every compliance a slope or none: every combination is a model, as probable as another beforehand.
-
-Local fits take compliance as constant over two neighbouring force levels: what varies from pair to pair is what a slope would
-have to explain. For every pair both the paper's least squares (Tables 7 and 8) and the posterior with nuisances. Pairs overlap
-and share ball form, bar length and mount: neighbouring estimates err together, so the scatter of the points says less than their
-bars seem to. Geometry is free in every pair, which therefore estimates the tangent d(F C)/dF = C + F dC/dF, not C(F) itself:
-the two are one only where compliance is constant.
+the others. Models are compared on the same readings, with the same priors where they share parameters.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from operator import methodcaller
 from pathlib import Path
@@ -23,45 +16,39 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS, outliers
-from ldbb_bayes.campaign.campaign import Campaign, check_campaign, distinct_forces
+from ldbb_bayes.analysis.sensitivity import (
+    WHITE_NOISE,
+    Assumed,
+    Curve,
+    Explanations,
+    SlopeSubset,
+    VaryingSlope,
+    averaged_curves,
+    discrepancy_assumptions,
+    explanations,
+    local_fits,
+    slope_subsets,
+    under,
+)
+from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, check_comparable, leave_one_out, log_bayes_factor, probabilities
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import check_probability
-from ldbb_bayes.inference.predictive import compliance_curves, fit_quality, least_squares
+from ldbb_bayes.inference.predictive import fit_quality, least_squares
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.prior import compliance_unit
-from ldbb_bayes.model.terms import CircleScale, Discrepancy, SetupShift, Term
-from ldbb_bayes.result import Finite, Number, Numbers, Records, Result, read_result
+from ldbb_bayes.result import Array, Finite, Number, Records, Result, read_result
 from ldbb_bayes.units import ranked
 
-__all__ = ["SLOPE_SCALES", "ComparedModel", "ComparedTest", "Comparison", "Sign", "compare", "local_fits", "read_comparison"]
+__all__ = ["SLOPE_SCALES", "ComparedModel", "ComparedTest", "Comparison", "Sign", "compare", "read_comparison"]
 
-Array = NDArray[Any]
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 _REJECTED = 5.0
 _QUALITY_DRAWS = 1000
 _FINEST, _COARSEST = 1e-4, 1.0
-Change = Callable[[HybridModel], HybridModel]
-WHITE_NOISE = "white noise only, no truncation"
-_DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
-    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
-    ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
-    ("without discrepancy", Discrepancy, None),
-    ("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
-    ("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
-    ("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
-    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
-    ("without set-up shift", SetupShift, None),
-    ("circles of one scatter", CircleScale, None),
-)
-_DRAWS = 8000
-_POINTS = 41
-_EVERY, _SEARCHED = 729, 100
 
 
 class Sign(StrEnum):
@@ -440,267 +427,3 @@ def _tests(
         )
         for r, (name, own) in enumerate(odd.items())
     }
-
-
-@dataclass(frozen=True)
-class Assumed:
-    """The comparison under one assumption: log evidence of both models, second over first [nat]."""
-
-    assumption: str
-    log_bayes_factor: float
-    log_bayes_factor_error: Finite
-    log_evidence: dict[str, float]
-
-    @property
-    def best(self) -> float:
-        """The larger of the log evidences."""
-        return max(self.log_evidence.values())
-
-
-def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """Return how circles may differ from one another: what the models say, one idea after the other changed, and not at all."""
-    changes: dict[str, Change] = {"as in the model": replace}
-    for label, kind, term in _DISCREPANCIES:
-        if any(next((own for own in model.nuisances if isinstance(own, kind)), None) != term for model in models):
-            changes[label] = methodcaller("without", kind.key()) if term is None else methodcaller("including", term)
-    return changes | {WHITE_NOISE: methodcaller("without", "truncation", *(kind.key() for kind in Term.kinds.values()))}
-
-
-def under(pair: Mapping[str, HybridModel], changes: Mapping[str, Change], evidences: Evidences) -> tuple[Assumed, ...]:
-    """Return the two models compared under every assumption that leaves a difference between them."""
-    assumed = []
-    for label, change in changes.items():
-        first, second = (change(model) for model in pair.values())
-        if first != second:
-            one, two = (nodes.evidence for nodes in evidences.of(first, second))
-            values = dict(zip(pair, (one.log_value, two.log_value), strict=True))
-            assumed.append(Assumed(label, *log_bayes_factor(two, one), values))
-    return tuple(assumed)
-
-
-_SLOPES, _ASKED = "slopes", 1.0
-
-
-@dataclass(frozen=True)
-class Explained:
-    """One combination of explanations of a change with force, its log evidence and error, and its posterior probability."""
-
-    by: tuple[str, ...]
-    log_evidence: float
-    log_evidence_error: Finite
-    probability: float
-
-
-@dataclass(frozen=True)
-class Explanations:
-    """Every combination of what explains a change with force, each as probable as another beforehand, the likeliest first; the
-    two models ``averaged`` over the explanations other than slopes, and ``alone``, with none of these: the paper's question."""
-
-    inclusion_probability: dict[str, float]
-    models: tuple[Explained, ...]
-    averaged: Assumed
-    alone: Assumed
-
-    @property
-    def instead(self) -> tuple[str, ...]:
-        """What explains the readings as well as slopes, which they would ask for were there nothing else; else nothing."""
-        asked = self.alone.log_bayes_factor > _ASKED > self.averaged.log_bayes_factor
-        return next(own.by for own in self.models if _SLOPES not in own.by) if asked else ()
-
-
-def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
-    """Weigh every combination of slopes, the difference of two models, and of the rivals of slopes that both have."""
-    constant, linear = pair.values()
-    names = (_SLOPES, *linear.rivals)
-    combined = [tuple(itertools.compress(names, there)) for there in itertools.product((True, False), repeat=len(names))]
-    weighed = evidences.of(*((linear if _SLOPES in by else constant).with_rivals(*by) for by in combined))
-    value, error = (np.array([getattr(nodes.evidence, part) for nodes in weighed]) for part in ("log_value", "error"))
-    share = probabilities(value)
-    found = map(Explained, combined, value.tolist(), error.tolist(), share.tolist())
-
-    def assumed(label: str, log_evidence: Array, error: float) -> Assumed:
-        slopes, none = log_evidence.tolist()
-        return Assumed(label, slopes - none, error, dict(zip(pair, (none, slopes), strict=True)))
-
-    by_slopes, errors = value.reshape(2, -1), error.reshape(2, -1)
-    averaged = np.logaddexp.reduce(by_slopes, axis=1) - np.log(by_slopes.shape[1])
-    return Explanations(
-        {name: float(share[[name in by for by in combined]].sum()) for name in names},
-        tuple(ranked(found, lambda own: own.probability)),
-        assumed("averaged over other explanations", averaged, float(errors.max(axis=1).sum())),
-        assumed("no other explanation", by_slopes[:, -1], float(errors[:, -1].sum())),
-    )
-
-
-@dataclass(frozen=True)
-class SlopeSubset:
-    """One subset: the compliances that vary with force, its log evidence and posterior probability."""
-
-    varying: tuple[str, ...]
-    log_evidence: float
-    probability: float
-
-
-@dataclass(frozen=True)
-class VaryingSlope:
-    """Posterior probability that a compliance varies with force."""
-
-    inclusion_probability: float
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """C(F) of one compliance: mean, median and equal-tailed credible band at each force, in inside units."""
-
-    unit: str
-    force_N: Numbers
-    mean: Numbers
-    median: Numbers
-    low: Numbers
-    high: Numbers
-    ci_prob: float
-
-
-def slope_subsets(
-    model: HybridModel, evidences: Evidences, *, seed: int, ci_prob: float = 0.95
-) -> tuple[dict[str, VaryingSlope], tuple[SlopeSubset, ...], dict[str, Curve]]:
-    """Every compliance's probability of a slope, the subsets of the slopes of a model of degree 1, the most probable first, and
-    C(F) averaged over them."""
-    slopes = _slopes(model, evidences.campaign)
-
-    def of(there: tuple[bool, ...]) -> Nodes:
-        return evidences.of(model.fixing(*(slope for slope, own in zip(slopes.values(), there, strict=True) if not own)))[0]
-
-    few = 2 ** len(slopes) <= _EVERY
-    weighed = (
-        {there: of(there) for there in itertools.product((False, True), repeat=len(slopes))}
-        if few
-        else _best_first(len(slopes), of)
-    )
-    log_evidence = np.array([nodes.evidence.log_value for nodes in weighed.values()])
-    share = probabilities(log_evidence)
-    subsets = [
-        SlopeSubset(tuple(itertools.compress(slopes, there)), *values)
-        for there, *values in zip(weighed, log_evidence.tolist(), share.tolist(), strict=True)
-    ]
-    inclusion = (share @ np.array(list(weighed))).tolist()
-    return (
-        {name: VaryingSlope(probability) for name, probability in zip(slopes, inclusion, strict=True)},
-        tuple(ranked(subsets, lambda subset: subset.probability)),
-        averaged_curves(list(weighed.values()), share, seed, ci_prob),
-    )
-
-
-def _slopes(model: HybridModel, campaign: Campaign) -> dict[str, str]:
-    """Compliances that have a slope, and its name."""
-    return {p.compliance: p.name for p in model.bind(campaign).parameters if p.group == "slope"}
-
-
-def _best_first(slopes: int, of: Callable[[tuple[bool, ...]], Nodes]) -> dict[tuple[bool, ...], Nodes]:
-    """From no slope and from all: the neighbours (one slope changed) of the best subset not yet expanded, until there are
-    ``_SEARCHED``."""
-    seen = {there: of(there) for there in ((False,) * slopes, (True,) * slopes)}
-    expanded: set[tuple[bool, ...]] = set()
-    while len(seen) < _SEARCHED and len(expanded) < len(seen):
-        best = max((there for there in seen if there not in expanded), key=lambda there: seen[there].evidence.log_value)
-        expanded.add(best)
-        for near in ((*best[:i], not best[i], *best[i + 1 :]) for i in range(slopes)):
-            if near not in seen and len(seen) < _SEARCHED:
-                seen[near] = of(near)
-    return seen
-
-
-def averaged_curves(weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: float) -> dict[str, Curve]:
-    """C(F), see `compliance_curves`, over the tested forces, averaged over models with these probabilities."""
-    rng = np.random.default_rng(seed)
-    bound = weighed[0].bound
-    forces = bound.campaign.forces_N
-    force = np.linspace(forces.min(), forces.max(), _POINTS) if np.ptp(forces) > 0 else forces[:1]
-    counts = np.floor(share * _DRAWS + rng.random()).astype(int)
-    values = []
-    for nodes, count in zip(weighed, counts, strict=True):
-        if count:
-            beta, phi = nodes.draw(int(count), rng)
-            values.append(compliance_curves(nodes.bound, phi, beta, force, rng))
-    every = np.concatenate(values)
-    low, median, high = np.quantile(every, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob], axis=0)
-    mean = every.mean(axis=0)
-    return {
-        name.label: Curve(compliance_unit(name), force, mean[:, j], median[:, j], low[:, j], high[:, j], ci_prob)
-        for j, name in enumerate(bound.compliances)
-    }
-
-
-_TOLERANCE, _SPARE, _COMPONENTS = 1e-2, 1e-3, 2048
-
-
-@one_blas_thread
-def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95, seed: int = 0) -> pd.DataFrame:
-    """Fit constant compliance and geometry to every pair of neighbouring force levels.
-
-    Parameters
-    ----------
-    model : HybridModel
-        Nuisances and priors; its degree is set to 0. What belongs to the campaign (two balls, Ĉ) stays the campaign's.
-    ci_prob : float
-        Probability of the equal-tailed credible intervals.
-
-    Returns
-    -------
-    DataFrame
-        One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's tests), tests, parameter, unit,
-        least_squares, least_squares_u (white noise alone; not a number where the pair does not determine it), mean, sd, ci_low,
-        ci_high; in inside units.
-
-    Raises
-    ------
-    InputError
-        For one force level, a plan, or a flat prior.
-    """
-    check_campaign(campaign)
-    check_comparable(model, campaign)
-    check_probability(ci_prob)
-    # A pair of circles does not tell an odd one.
-    constant = model.with_degree(0).without("circle-scale")
-    whole = constant.bind(campaign)
-    levels = np.array([0.5 - 0.5 * ci_prob, 0.5 + 0.5 * ci_prob])
-    tables = []
-    near = None
-    for names in _pairs(campaign):
-        bound = whole.keeping(names)
-        posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=near)
-        near, nodes = posterior.plain.mode, posterior.nodes(_TOLERANCE)
-        mean, sd = nodes.moments(spare=_SPARE)
-        low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
-        window = replace(campaign.select(names), foreseen=campaign.scope)
-        squares = least_squares(window, fixed=constant.fixed).table
-        forces = bound.setting.force_N
-        columns = {
-            "force_low_N": float(forces.min()),
-            "force_high_N": float(forces.max()),
-            "force_N": float(forces.mean()),
-            "tests": len(names),
-            "parameter": bound.names,
-            "unit": [parameter.unit for parameter in bound.parameters],
-            "least_squares": squares["estimate"].to_numpy(),
-            "least_squares_u": squares["u"].to_numpy(),
-            "mean": mean,
-            "sd": sd,
-            "ci_low": low,
-            "ci_high": high,
-        }
-        tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True)
-
-
-def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:
-    """Names of the tests of every two neighbouring force levels."""
-    if campaign.force_levels < 2:
-        raise InputError("local fits must have at least two force levels, got one: compliance and geometry cannot be separated.")
-    order = np.argsort(campaign.forces_N, kind="stable")
-    forces = campaign.forces_N[order]
-    level = np.searchsorted(distinct_forces(forces), forces, side="right") - 1
-    names = [campaign.tests[i].name for i in order]
-    return [
-        tuple(name for name, own in zip(names, level, strict=True) if own in (first, first + 1)) for first in range(level[-1])
-    ]

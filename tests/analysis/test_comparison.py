@@ -16,9 +16,10 @@ from campaigns import HYPER_UM, TRUTH, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import comparison, outliers
-from ldbb_bayes.analysis.comparison import SLOPE_SCALES, WHITE_NOISE, Assumed, Comparison, Sign
+from ldbb_bayes.analysis import comparison, outliers, sensitivity
+from ldbb_bayes.analysis.comparison import SLOPE_SCALES, Comparison, Sign
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS, _compared
+from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -185,7 +186,7 @@ def test_sentences_follow_the_numbers(compared: Comparison) -> None:
 
 def test_assumptions_change_one_thing() -> None:
     changed = {
-        label: change(LINEAR) for label, change in comparison.discrepancy_assumptions([LINEAR.with_degree(0), LINEAR]).items()
+        label: change(LINEAR) for label, change in sensitivity.discrepancy_assumptions([LINEAR.with_degree(0), LINEAR]).items()
     }
     assert "discrepancy κ/n" not in changed
     assert next(t for t in changed["discrepancy κ/n²"].nuisances if isinstance(t, Discrepancy)).decay == 2.0
@@ -233,7 +234,7 @@ def test_every_combination_of_explanations_is_a_model(whole: bool, recovered: lb
     model, campaign = lb.HybridModel.default(1), recovered if whole else CAMPAIGN
     model = model if whole else model.without("circle-scale", "ball-form", "setup-shift")
     pair = {"constant": model.with_degree(0), "linear": model}
-    found = comparison.explanations(pair, Evidences(campaign, tolerance=1e-2))
+    found = sensitivity.explanations(pair, Evidences(campaign, tolerance=1e-2))
     own = {of.by: model.with_rivals(*of.by).with_degree("slopes" in of.by) for of in found.models}
     value = {by: lb.log_evidence(alone, campaign, tolerance=1e-2).log_value for by, alone in own.items()}
     assert len({(alone.degree, alone.rivals) for alone in own.values()}) == 16
@@ -308,7 +309,7 @@ def test_too_many_subsets_are_searched_from_the_best(slopes: int) -> None:
     def of(there: tuple[bool, ...]) -> SimpleNamespace:
         return SimpleNamespace(evidence=SimpleNamespace(log_value=float(gain @ np.array(there))))
 
-    found = comparison._best_first(slopes, of)  # type: ignore[arg-type]
+    found = sensitivity._best_first(slopes, of)  # type: ignore[arg-type]
     assert len(found) == min(2**slopes, 100)
     assert max(found, key=lambda there: found[there].evidence.log_value) == tuple(gain > 0)
     log_value = np.array([one.evidence.log_value for one in found.values()])
@@ -361,7 +362,7 @@ def test_a_window_is_a_campaign_of_its_own(recovered: lb.Campaign) -> None:
 
 def test_pairs_of_force_levels() -> None:
     planned = plan((30,) * 5, forces_N=(400.0, 36.0, 400.0, 742.0, 200.0))
-    assert comparison._pairs(planned) == [("f036", "f200"), ("f200", "f400", "f400_2"), ("f400", "f400_2", "f742")]
+    assert sensitivity._pairs(planned) == [("f036", "f200"), ("f200", "f400", "f400_2"), ("f400", "f400_2", "f742")]
 
 
 def test_windows_that_lack_a_set_up_or_a_plane() -> None:
@@ -451,5 +452,5 @@ def test_strength(value: float, words: str) -> None:
 def test_a_slope_that_is_there_is_found() -> None:
     model, truth = LINEAR.without("truncation").fixing(*FEW.fixed), TRUTH | {"C_XYX_1": 1.5e-8}
     campaign = LINEAR.simulate(plan(), seed=3, parameters=truth, hyper_um=HYPER_UM).campaign
-    slopes, *_ = comparison.slope_subsets(model, Evidences(campaign, tolerance=1e-2), seed=1)
+    slopes, *_ = sensitivity.slope_subsets(model, Evidences(campaign, tolerance=1e-2), seed=1)
     assert slopes["C_XYX"].inclusion_probability > 0.95 > slopes["C_CCY"].inclusion_probability
