@@ -23,7 +23,7 @@ from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.result import Array, Table
 
 __all__ = [
-    "PER_TEST", "Ball", "Campaign", "CampaignFields", "CircularTest", "Direction", "ForceLaw", "Instrument",
+    "LABELS", "PER_TEST", "Ball", "Campaign", "CampaignFields", "CircularTest", "Direction", "ForceLaw", "Instrument",
     "MountCompensation", "Plan", "TestFields", "check_campaign", "distinct_forces",
 ]  # fmt: skip
 
@@ -170,6 +170,11 @@ class TestFields:
     time_s: Number | None = None  # of the start, on any common clock
 
 
+# Fields of a campaign that only name things: no number depends on them.
+LABELS = (
+    *("machine_id", "date", "machine_type", "serial_number", "operator", "place"),
+    *("ball_bar", "ball_bar_calibrated", "force_device"),
+)
 # Fields of a test that a table may hold in columns, by these very names, beside its load and direction.
 PER_TEST = tuple(own.name for own in fields(TestFields) if own.name not in ("name", "force_N", "pressure_bar", "direction"))
 _CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
@@ -300,8 +305,16 @@ class CampaignFields:
     plane: str = "XY"
     radius_mm: Length = 150.0
     name: Label | None = None
-    machine_id: Label | None = None  # a serial or inventory number: what tells the machines of a fleet apart
+    machine_id: Label | None = None  # what tells the machines of a fleet apart; default: the serial number
     date: Date | None = None  # ISO 8601 (2026-11-20, 2026-11-20T14:30)
+    # For the certificate; no number depends on them.
+    machine_type: Label | None = None  # maker and type
+    serial_number: Label | None = None  # of the machine
+    operator: Label | None = None
+    place: Label | None = None
+    ball_bar: Label | None = None  # type and number
+    ball_bar_calibrated: Date | None = None
+    force_device: Label | None = None  # what makes or measures the force, and its certificate
     feed_mm_per_min: Number | None = None
     resolution_um: Positive = 0.24  # of the readout; sets the floor σ ≥ resolution/√12
     mount: MountCompensation = field(default_factory=MountCompensation)
@@ -335,7 +348,7 @@ class Campaign(CampaignFields):
         planned = [test.name for test in self.tests if test.reading_um is None]
         got = f"campaign must have readings in all tests or in none, got test {next(iter(planned), '')!r} without"
         require(len(planned) in (0, len(self.tests)), f"{got}. Add its file or plan it apart.")
-        self.__dict__.update(frames_mm=dict(self.machine().frames_mm))
+        self.__dict__.update(frames_mm=dict(self.machine().frames_mm), machine_id=self.machine_id or self.serial_number)
 
     def _resolved(self, test: CircularTest) -> CircularTest:
         """The test with everything that it leaves to the campaign."""

@@ -17,6 +17,7 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.campaign import (
+    LABELS,
     PER_TEST,
     Ball,
     Campaign,
@@ -265,7 +266,7 @@ def _checked(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and the CSVs into an existing folder."""
     head: dict[str, Any] = {"schema": SCHEMA}
-    head |= {key: getattr(campaign, key) for key in ("topology", "plane", "radius_mm", "name", "machine_id", "date")}
+    head |= {key: getattr(campaign, key) for key in ("topology", "plane", "radius_mm", "name", *LABELS)}
     head |= {"feed_mm_per_min": campaign.feed_mm_per_min, "resolution_um": campaign.resolution_um}
     head |= {"mount": asdict(campaign.mount), "force": asdict(campaign.force_law)}
     known = asdict(campaign.instrument)
@@ -315,11 +316,13 @@ def files_of(folder: Path) -> set[str]:
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Name, machine_id and date [ISO 8601] of a campaign folder or campaign.toml, those that are there; of a tidy CSV none."""
+    """Name, machine_id (default: the serial number) and date [ISO 8601] of a campaign folder or campaign.toml, those that are
+    there; of a tidy CSV none."""
     file = Path(path) / TOML_NAME if os.path.isdir(path) else Path(path)
     content: dict[str, Any] = {}
     with suppress(InputError):
         content = read_toml(file) if file.suffix.lower() == ".toml" else {}
+    content = {"machine_id": content.get("serial_number")} | content
     found = {label: content[label] for label in ("name", "machine_id", "date") if label in content}
     found |= {label: own.isoformat() for label, own in found.items() if isinstance(own, date)}
     texts = {label: own for label, own in found.items() if isinstance(own, str)}

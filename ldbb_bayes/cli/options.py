@@ -263,6 +263,19 @@ _TABLE = in_panel(
     force_slope=option(float, "Force law, N per bar. Default 126.04."),
     force_offset=option(float, "Force law, force at zero pressure (N). Default -14.2."),
 )
+LABEL_OPTIONS = in_panel(
+    "What was measured, when and with what (no number depends on it)",
+    machine_type=option(str, "Maker and type of the machine."),
+    serial_number=option(str, "Of the machine."),
+    machine_id=option(str, "What tells the machines of a fleet apart. Default: the serial number."),
+    date=option(str, "Of the measurement, ISO 8601.", metavar="DATE"),
+    operator=option(str, "Who measured."),
+    place=option(str, "Where."),
+    ball_bar=option(str, "Type and number of the ball bar."),
+    ball_bar_calibrated=option(str, "Date of its calibration, ISO 8601.", metavar="DATE"),
+    force_device=option(str, "What makes or measures the force."),
+)
+_TABLE |= LABEL_OPTIONS
 _LEAST = 1e-6
 _CERTIFICATES = in_panel(
     "Certificates (U: expanded, k = 2), before what campaign.toml says",

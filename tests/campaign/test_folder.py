@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.campaign import LABELS
+from ldbb_bayes.campaign.folder import labels_of
 from ldbb_bayes.errors import InputError
 
 TOML = """schema = 1
@@ -186,9 +188,15 @@ def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
 def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
     """Kept in the folder and in a fit, not part of the digest: they change no number."""
     plain = lb.read_campaign(lb.embedded_campaign())
-    named = replace(plain, machine_id="VMC 07", date="2026-11-20T14:30")
+    labels = {key: f"{key} ÄÖ/7" for key in LABELS} | {"date": "2026-11-20T14:30", "ball_bar_calibrated": "2026-01-05"}
+    named = replace(plain, **labels)
     back = lb.read_campaign(lb.write_campaign(named, tmp_path / "c"))
-    assert (back.machine_id, back.date, back.sha256) == ("VMC 07", "2026-11-20T14:30", plain.sha256)
+    assert ({key: getattr(back, key) for key in LABELS}, back.sha256) == (labels, plain.sha256)
+    by_number = lb.write_campaign(replace(plain, serial_number="S 12"), tmp_path / "s")
+    assert (lb.read_campaign(by_number).machine_id, labels_of(by_number)["machine_id"]) == ("S 12", "S 12")
+    (tmp_path / "bare").mkdir()
+    write(tmp_path / "bare", TOML.replace("[[test]]", 'serial_number = "S 12"\n[[test]]', 1))
+    assert labels_of(tmp_path / "bare") == {"machine_id": "S 12"}
     toml = tmp_path / "c" / "campaign.toml"
     toml.write_text(toml.read_text().replace('"2026-11-20T14:30"', "2026-11-21"))
     assert lb.read_campaign(toml).date == "2026-11-21"
