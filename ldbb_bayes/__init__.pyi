@@ -56,6 +56,7 @@ from .inference.posterior import load as load
 from .inference.posterior import nuisances as nuisances
 from .inference.posterior import save as save
 from .inference.posterior import summarize as summarize
+from .inference.posterior import to_units as to_units
 from .inference.predictive import LeastSquares as LeastSquares
 from .inference.predictive import least_squares as least_squares
 from .inference.sample import sample as sample

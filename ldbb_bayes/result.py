@@ -167,8 +167,8 @@ class Table:
         return pd.DataFrame(list(self.rows), columns=list(self.heads))
 
     def shown(self) -> tuple[tuple[str, ...], ...]:
-        """Return the rows as texts."""
-        return tuple(tuple(_cell(value) for value in row) for row in self.rows)
+        """Return the rows as they are read."""
+        return tuple(tuple(typeset(_cell(value)) for value in row) for row in self.rows)
 
     def rich(self) -> RichTable:
         """Return the table for a console: only text beyond the first column is broken into lines."""
@@ -196,7 +196,7 @@ class Table:
         def row_of(tags: Iterable[str], values: Iterable[str]) -> str:
             marks = [' class="n"' if numeric else "" for numeric in self.numeric]
             cells = zip(tags, marks, values, strict=True)
-            return "".join(f"<{tag}{mark}>{html.escape(typeset(v))}</{tag.split()[0]}>" for tag, mark, v in cells)
+            return "".join(f"<{tag}{mark}>{html.escape(v)}</{tag.split()[0]}>" for tag, mark, v in cells)
 
         head = row_of(['th scope="col"'] * len(self.heads), self.heads)
         tags = ['th scope="row"', *["td"] * (len(self.heads) - 1)]

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import InputError, require
 
 __all__ = [
-    "Statement", "display_name", "display_unit", "is_direct", "is_lopsided", "plus_minus", "ranked", "round_like",
-    "round_uncertainty", "state", "stiffness", "typeset", "value_and_uncertainty",
+    "Statement", "display_name", "display_unit", "inside_name", "is_direct", "is_skewed", "plus_minus", "ranked", "round_like",
+    "round_uncertainty", "state", "stiffness", "to_inside", "typeset", "value_and_uncertainty",
 ]  # fmt: skip
 
 T = TypeVar("T")
@@ -29,6 +29,18 @@ _UNITS: Mapping[str, tuple[float, str]] = {
     "um": (1.0, "µm"),
     "": (1.0, ""),
 }
+# Units one may write: in mm and N, and their powers of length and force; angles and ratios have neither.
+_PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
+_ATOMS: Mapping[str, tuple[float, int, int]] = {
+    **{prefix + "m": (size * 1e3, 1, 0) for prefix, size in _PREFIXES.items()},
+    **{prefix + "rad": (size, 0, 0) for prefix, size in _PREFIXES.items()},
+    **{prefix + "N": (size, 0, 1) for prefix, size in _PREFIXES.items()},
+    "1": (1.0, 0, 0),
+    "%": (1e-2, 0, 0),
+    "ppm": (1e-6, 0, 0),
+    "°": (math.pi / 180.0, 0, 0),
+    "arcsec": (math.pi / 648e3, 0, 0),
+}
 _HARDLY, _ZERO = 0.2, 1e-12
 
 
@@ -36,6 +48,40 @@ def display_unit(unit: str) -> tuple[float, str]:
     """Factor and label that turn an inside unit into the one for reading, the same everywhere."""
     require(unit in _UNITS, f"unit must be one of {', '.join(_UNITS)}, got {unit!r}. Use an inside unit.")
     return _UNITS[unit]
+
+
+def to_inside(text: str, unit: str, what: str = "value") -> float:
+    """A number with its unit, "0.5 nm/N", as the number in an inside unit, here of mm/N: 5e-7.
+
+    Any unit of the same kind will do: nm/N, µm/kN or um/kN; nm/N per kN, nm/N/kN; µrad/(N m), µrad/N/m.
+
+    Raises
+    ------
+    InputError
+        For a number alone, and a unit of another kind.
+    """
+    parts = re.fullmatch(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)", text.strip().replace("−", "-"), re.IGNORECASE)
+    written, wanted = _size(parts[2]) if parts else None, _size(unit)
+    if parts is None or written is None or wanted is None or written[1:] != wanted[1:]:
+        label = _UNITS[unit][1] if unit in _UNITS else unit
+        raise InputError(f"{what} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5 {label}.")
+    return float(parts[1]) * (written[0] / wanted[0])
+
+
+def _size(unit: str) -> tuple[float, int, int] | None:
+    """What a unit is in mm and N, and its powers of length and force; None for what is no unit."""
+    text = re.sub(r"\(([^()]*)\)", lambda match: re.sub(r"[ ·*]+", "/", match[1].strip()), unit.strip())
+    text = re.sub(r"\s+per\s+", "/", text.replace("μ", "µ").replace("²", "^2"))
+    size, length, force = 1.0, 0, 0
+    for k, factor in enumerate(re.split(r"\s*/\s*", text)):
+        atom, _, power = factor.partition("^")
+        atom = re.sub(r"^u(?=[mrN])", "µ", atom)
+        if atom not in _ATOMS or power not in ("", "2"):
+            return None
+        sign = (-1 if k else 1) * int(power or 1)
+        one, of_length, of_force = _ATOMS[atom]
+        size, length, force = size * one**sign, length + sign * of_length, force + sign * of_force
+    return size, length, force
 
 
 def is_direct(name: str) -> bool:
@@ -46,6 +92,11 @@ def is_direct(name: str) -> bool:
 def display_name(name: str) -> str:
     """The name as the paper prints it: E_C0YX → E_C(0Y)X."""
     return re.sub(r"^(E_.)(0.)(.)$", r"\1(\2)\3", name)
+
+
+def inside_name(text: str) -> str:
+    """The name as files and options have it, of one as the paper prints it: E_C(0Y)X → E_C0YX."""
+    return re.sub(r"^(E_.)\((0.)\)(.)$", r"\1\2\3", text.strip())
 
 
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
@@ -90,7 +141,7 @@ class Statement:
 
     value: str  # to the place of u
     u: str  # standard uncertainty, two significant digits
-    expanded: str  # U (k = 2); of a lopsided distribution the distances to the ends of the interval, +a/−b
+    expanded: str  # U (k = 2); of a skewed distribution the distances to the ends of the interval, +a/−b
     interval: str  # credible
     unit: str
 
@@ -101,14 +152,14 @@ def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> S
     middle, low, high = (number * factor for number in (mean, *interval))
     u, decimals = round_uncertainty(sd * factor)
     expanded = round_uncertainty(2.0 * sd * factor)[0]
-    if is_lopsided(mean, interval):
+    if is_skewed(mean, interval):
         above, below = (round_like(distance, decimals) for distance in (high - middle, middle - low))
         expanded = f"+{above} / −{below}" if low <= middle <= high else "see interval"
     value, least, most = (round_like(number, decimals).replace("-", "−") for number in (middle, low, high))
     return Statement(value, u, expanded, f"[{least}, {most}]", label)
 
 
-def is_lopsided(mean: float, interval: tuple[float, float]) -> bool:
+def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
     """Whether the middle of the interval lies off the mean by more than a tenth of the interval's width."""
     low, high = interval
     return abs(low + high - 2.0 * mean) > 0.2 * (high - low)
@@ -131,9 +182,9 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
 
 
 def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:
-    """Value ± U (k = 2) to the same place and unit; value and interval where the distribution is lopsided."""
+    """Value ± U (k = 2) to the same place and unit; value and interval where the distribution is skewed."""
     factor, label = display_unit(unit)
-    if is_lopsided(mean, interval):
+    if is_skewed(mean, interval):
         whole = state(mean, sd, interval, unit)
         return f"{whole.value} {whole.interval} {label}"
     value, expanded = value_and_uncertainty(mean * factor, 2.0 * sd * factor)
@@ -146,4 +197,4 @@ def typeset(text: str) -> str:
     text = re.sub(
         r"(?<=\d)e([+-])0*(\d+)\b", lambda match: f"·10{(match[1].replace('+', '') + match[2]).translate(raised)}", text
     )
-    return re.sub(r"(?<![\w.\-])-(?=\d)", "−", text)
+    return re.sub(r"(?<![\w./\-])-(?=\.?\d)", "−", text)

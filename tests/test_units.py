@@ -9,14 +9,17 @@ from hypothesis import strategies as st
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.units import (
+    _UNITS,
     Statement,
     display_name,
     display_unit,
+    inside_name,
     is_direct,
     plus_minus,
     ranked,
     state,
     stiffness,
+    to_inside,
     typeset,
     value_and_uncertainty,
 )
@@ -33,6 +36,41 @@ def test_units_for_reading_are_the_inside_units_in_other_words() -> None:
         for power, suffix, words in ((1, "/N", " per kN"), (2, "/N^2", " per kN²")) if "N" in unit else ():
             changing = display_unit(unit + suffix)
             assert changing == (pytest.approx(factor * 1e3**power), label + words)
+
+
+@given(st.sampled_from(sorted(filter(None, _UNITS))), st.floats(-1e3, 1e3, allow_subnormal=False))
+def test_what_is_read_is_written_back(unit: str, value: float) -> None:
+    """Every unit for reading, its number as it stands in a table, and the inside unit itself."""
+    factor, label = display_unit(unit)
+    for text, expected in ((f"{value!r}{label}", value / factor), (f"{value!r} {unit}".replace("-", "−"), value)):
+        assert to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "expected"),
+    [
+        ("0.5nm/N", "mm/N", 5e-7),
+        ("+.5 um/kN", "mm/N", 5e-7),
+        ("2 nm/N/kN", "mm/N/N", 2e-9),
+        ("2 nrad/N per kN^2", "rad/N/N^2", 2e-15),
+        ("3 urad/(N*m)", "rad/(N mm)", 3e-9),
+        ("3 μrad/N/m", "rad/(N mm)", 3e-9),
+        ("18 N/µm", "N/mm", 18e3),
+        ("-4 µm/m", "rad", -4e-6),
+        ("2 arcsec", "rad", 2 * np.pi / 180 / 3600),
+        ("0.02 %", "1", 2e-4),
+    ],
+)
+def test_units_as_they_are_typed(text: str, unit: str, expected: float) -> None:
+    assert to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text", ["0.5", "18 N/µm", "0,5 nm/N", "nm/N", "5 nm", "5 nm/N per kN", "nan nm/N", "5 nm//N", "5 furlong"]
+)
+def test_a_number_of_another_kind_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"^--target must be a number with its unit, got .* Write it in nm/N, like 0.5 nm/N\.$"):
+        to_inside(text, "mm/N", "--target")
 
 
 NUMBERS = st.lists(st.integers(-1000, 1000), max_size=12)
@@ -72,8 +110,9 @@ def test_two_significant_digits(value: float, uncertainty: float, expected: tupl
 def test_units_and_names() -> None:
     with pytest.raises(InputError, match="unit must be one of"):
         display_unit("furlong")
-    names = ("E_C0YX", "E_Xt0", "C_XXX_1", "C_ZZA", "C_XYX")
-    assert [display_name(name) for name in names] == ["E_C(0Y)X", *names[1:]]
+    names = ("E_C0YX", "E_A0YZ", "E_Xt0", "C_XXX_1", "C_ZZA", "C_XYX")
+    assert [display_name(name) for name in names] == ["E_C(0Y)X", "E_A(0Y)Z", *names[2:]]
+    assert [inside_name(display_name(name)) for name in names] == list(names)
     assert [name for name in names if is_direct(name)] == ["C_ZZA"]
 
 

@@ -344,6 +344,7 @@ def show(*parts: Any) -> None:
     from rich.console import Console
 
     from ldbb_bayes.result import Table
+    from ldbb_bayes.units import typeset
 
     class Terminal(Console):
         """rich ends the program when a reader closes the pipe; that is for the command to answer."""
@@ -354,7 +355,7 @@ def show(*parts: Any) -> None:
     console = Terminal(width=None if sys.stdout.isatty() else 120, highlight=False)
     for part in parts:
         if isinstance(part, str):
-            console.print(part, markup=False, soft_wrap=len(part) < console.width)
+            console.print(typeset(part), markup=False, soft_wrap=len(part) < console.width)
         elif isinstance(part, tuple):
             show(*(f"- {item}" for item in part))
         else:

@@ -29,7 +29,7 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
 from ldbb_bayes.result import Finite, Result
-from ldbb_bayes.units import ranked
+from ldbb_bayes.units import display_unit, ranked
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,6 +57,7 @@ __all__ = [
     "result_json",
     "save",
     "summarize",
+    "to_units",
 ]
 
 Array = NDArray[Any]
@@ -363,6 +364,8 @@ def _fields(thing: Campaign | CircularTest, *without: str) -> dict[str, Any]:
 
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
     """What was fitted, how, and how well: the JSON kept in the group ``provenance``."""
+    if "provenance" not in posterior.children:
+        raise InputError("the posterior must be one of sample or load, got one in units for reading (to_units). Pass the first.")
     record: dict[str, Any] = json.loads(posterior["provenance"].attrs["json"])
     return record
 
@@ -414,6 +417,21 @@ def draws_of(posterior: xr.DataTree, bound: BoundModel, size: int | None = None)
     )
     pick = np.linspace(0, len(beta) - 1, min(size or len(beta), len(beta))).astype(int)
     return beta[pick], phi[pick]
+
+
+def to_units(posterior: xr.DataTree) -> xr.DataTree:
+    """The draws in units for reading, nm/N, nrad/N, µrad, µm/m, µm …, each with its attribute ``units``.
+
+    For plots and summaries of other libraries; analyses take the posterior itself. Readings, forces and angles stay as they are.
+    """
+    made = posterior.filter(lambda node: node.name != "provenance").map_over_datasets(lambda own: own.copy())
+    for node in made.subtree:
+        for key, variable in node.data_vars.items():
+            if (unit := variable.attrs.get("unit")) is not None:
+                factor, label = display_unit(unit) if node.name in ("posterior", "prior") else (1.0, unit)
+                node[str(key)] = variable.copy(data=variable.values * factor)
+                node[str(key)].attrs = {"units": label}
+    return made
 
 
 def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:

@@ -20,6 +20,7 @@ from ldbb_bayes.units import (
     round_uncertainty,
     state,
     stiffness,
+    typeset,
     value_and_uncertainty,
 )
 
@@ -63,14 +64,15 @@ def text_of(result: Result, width: int = 120) -> str:
         lines += (
             [part.text(width), ""] if isinstance(part, Table) else [part] if isinstance(part, str) else map("- {}".format, part)
         )
-    return "\n".join(lines)
+    return typeset("\n".join(lines))
 
 
 def html_of(result: Result) -> str:
     """Return a result for a notebook; everything is escaped."""
     parts = [(part,) if isinstance(part, str) else part for part in parts_of(result)]
     return "".join(
-        part.html() if isinstance(part, Table) else "".join(f"<p>{html.escape(text)}</p>" for text in part) for part in parts
+        part.html() if isinstance(part, Table) else "".join(f"<p>{html.escape(typeset(text))}</p>" for text in part)
+        for part in parts
     )
 
 

@@ -22,6 +22,7 @@ from ldbb_bayes.inference.posterior import State, bound_of, campaign_of, draws_o
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.report.findings import fit_in_words
 from ldbb_bayes.report.wording import sampler_words, validation_verdict
+from ldbb_bayes.units import to_inside
 
 QUICK = StoppingRule(ess=300.0, rhat=1.05, lengths=1.0)
 ROUGH = StoppingRule(ess=150.0, rhat=1.1, lengths=0.3)
@@ -108,6 +109,19 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
     assert result["parameters"]["C_XXX"]["ci95"] == pytest.approx(np.quantile(draws, [0.025, 0.975]))
     assert result["hyper"]["sigma_um"]["ci95"] == pytest.approx(1e3 * np.quantile(sigma, [0.025, 0.975]))
     assert result["hyper"]["tau_um"]["prior_sd"] == pytest.approx(5.0 * np.sqrt(1 - 2 / np.pi), rel=1e-3)
+
+
+def test_draws_in_units_for_reading(posterior: xr.DataTree) -> None:
+    """The same draws with the labels of the tables, also for ArviZ; an analysis refuses them, whose numbers would be wrong."""
+    made, plain = lb.to_units(posterior), posterior["posterior"].data_vars
+    assert arviz_stats.summary(made, round_to="none")["mean"].astype(float)["C_XXX"] == pytest.approx(1e6 * plain["C_XXX"].mean())
+    for name, own in made["posterior"].data_vars.items():
+        inside = [to_inside(f"{value!r} {own.attrs['units']}", plain[name].attrs["unit"]) for value in own[0, :3].values.tolist()]
+        np.testing.assert_allclose(inside, plain[name][0, :3], rtol=1e-12)
+        assert made["prior"][name].attrs == own.attrs
+    assert made["constant_data"]["force_N"].equals(posterior["constant_data"]["force_N"])
+    with pytest.raises(InputError, match="got one in units for reading"):
+        lb.summarize(made)
 
 
 def test_saved_and_read_back_identically(posterior: xr.DataTree, campaign: lb.Campaign, tmp_path: Path) -> None:
