@@ -318,9 +318,9 @@ _ROWS = {
 _TREND = group(
     machine=option(str, "Whose campaigns; needed where they are of several machines.", metavar="ID"),
     **_ROWS,
-    change_scale=option(float, "Size of a change (1 sd), in units of a parameter's default prior sd: 2e-5 mm/N of C_XXX.", 0.2),
+    change_scale=option(float, "Size of a change (1 sd), in units of a parameter's default prior sd: 20 nm/N of C_XXX.", 0.2),
     repeatability=option(
-        float, "What a machine itself changes from campaign to campaign (1 sd), same units: 1e-6 mm/N of C_XXX.", 0.01
+        float, "What a machine itself changes from campaign to campaign (1 sd), same units: 1 nm/N of C_XXX.", 0.01
     ),
     probability=option(float, "Of a change, before the readings.", 0.5),
     threshold=option(float, "Probability above which a change counts as found.", 0.95),

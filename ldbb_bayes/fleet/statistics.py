@@ -32,6 +32,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Array, Result
+from ldbb_bayes.units import inside_name
 
 __all__ = [
     "FleetStatistics", "Meaning", "SpreadDensity", "Spreads", "SufficientStatistics", "Summary", "alone", "chunks", "common_of",
@@ -208,7 +209,7 @@ def fleet_statistics(
     free = [name for name in names[0] if Term.owner(name) is Term and not _SLOPE.fullmatch(name)]
     free = [name for name in free if all(name in own for own in names)]
     parameters = (parameters,) if isinstance(parameters, str) else parameters
-    chosen = tuple(name for name in free if name.startswith("C_")) if parameters is None else tuple(parameters)
+    chosen = tuple(name for name in free if name.startswith("C_")) if parameters is None else tuple(map(inside_name, parameters))
     check_known("parameter", chosen, free)
     if len(set(chosen)) < len(chosen) or not chosen:
         raise InputError(

@@ -21,6 +21,7 @@ import numpy as np
 
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.result import Array
+from ldbb_bayes.units import inside_name
 
 __all__ = [
     "LARGEST_MM", "LINEAR", "PLANES", "ROTARY", "Axes", "Circle", "ComplianceKind", "ComplianceName", "GeometricKind",
@@ -352,7 +353,8 @@ def exact_reading_mm(
     check_known("parameter", given, tuple(every))
     columns = compliance_jacobian(machine, circle, angle_rad, [every[label] for label in given])
     elastic = force_N * columns @ np.array(list(given.values()), dtype=float)
-    return geometric_reading_mm(machine, circle, angle_rad, geometric_errors or {}) + elastic
+    errors = {inside_name(name): value for name, value in (geometric_errors or {}).items()}
+    return geometric_reading_mm(machine, circle, angle_rad, errors) + elastic
 
 
 def geometric_reading_mm(machine: Machine, circle: Circle, angle_rad: Array, geometric_errors: Mapping[str, Any]) -> Array:

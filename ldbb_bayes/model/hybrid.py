@@ -39,6 +39,7 @@ from ldbb_bayes.model.terms import (
 )
 from ldbb_bayes.model.truncation import Orthant, Truncation
 from ldbb_bayes.result import Result
+from ldbb_bayes.units import inside_name
 
 __all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation", "information_of", "informations_of"]
 
@@ -91,7 +92,7 @@ class HybridModel(Result):
     fixed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "fixed", tuple(sorted(set(self.fixed))))
+        object.__setattr__(self, "fixed", tuple(sorted(set(map(inside_name, self.fixed)))))
         constant = f"got {self.degree}. Choose constant, linear or quadratic compliance."
         require(self.degree in (0, 1, 2), f"degree must be 0, 1 or 2, {constant}")
         force = self.reference_force_N
@@ -154,8 +155,9 @@ class HybridModel(Result):
 
     def fixing(self, *names: str) -> HybridModel:
         """The same model with the named parameters fixed at zero; a prior mean they had becomes zero."""
-        means = {name: 0.0 if name in names else mean for name, mean in self.prior.means.items()}
-        return replace(self, fixed=(*self.fixed, *names), prior=replace(self.prior, means=means))
+        fixed = {*self.fixed, *map(inside_name, names)}
+        means = {name: 0.0 if name in fixed else mean for name, mean in self.prior.means.items()}
+        return replace(self, fixed=tuple(fixed), prior=replace(self.prior, means=means))
 
     def including(self, *terms: Term) -> HybridModel:
         """The same model with these nuisances, in place of its own of the same kind: ``including(Drift("temperature"))``."""
@@ -243,6 +245,7 @@ class HybridModel(Result):
         if parameters is None:
             beta = bound.draw_machine(rng)
         else:
+            parameters = {inside_name(name): value for name, value in parameters.items()}
             check_known("parameter", parameters, bound.names)
             beta = np.array([parameters.get(name, 0.0) for name in bound.names], dtype=float)
         given, names = hyper_um or {}, bound.hyper_prior.names

@@ -16,6 +16,7 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import ComplianceKind, ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import Hyper, Law, Scale
 from ldbb_bayes.result import Array
+from ldbb_bayes.units import inside_name
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
@@ -115,7 +116,7 @@ class Prior:
             if isinstance(value, int | float) and not isinstance(value, bool):
                 object.__setattr__(self, name, float(value))
         for name in ("overrides", "means"):
-            own = {parameter: float(value) for parameter, value in getattr(self, name).items()}
+            own = {inside_name(parameter): float(value) for parameter, value in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(own))
         scales = {name: value for name, value in vars(self).items() if isinstance(value, float)} | dict(self.overrides)
         for name, value in scales.items():

@@ -290,7 +290,7 @@ def test_augmenting(pilot: lb.Campaign) -> None:
 
 def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
     """E_C(0Y)X looks like the 2-lobe form: the alias is named, and what cures it; and it does."""
-    options = {"tests": 6, "criterion": "c", "parameters": ("E_C0YX",), "forces_N": THREE}
+    options = {"tests": 6, "criterion": "c", "parameters": ("E_C(0Y)X",), "forces_N": THREE}
     found = lb.design(LINEAR, pilot, **options)
     assert "2-lobe form (sin 2θ) looks exactly like +13.3 µrad of E_C(0Y)X. Cure: Clocking both balls" in " ".join(
         design_notes(found)

@@ -195,3 +195,16 @@ def test_a_slope_alone_about_the_middle_is_refused() -> None:
     for reference in (0.0, 742.0):
         replace(model, reference_force_N=reference).bind(planned)
     model.fixing("C_CCY_1").bind(planned)
+
+
+def test_names_as_they_are_printed() -> None:
+    """E_C(0Y)X wherever a parameter is named."""
+    for name in ("E_C0YX", "E_C(0Y)X"):
+        prior = replace(lb.Prior.default(), overrides={name: 1e-6})
+        assert lb.HybridModel(0, prior=prior).bind(plan()).prior_sd[10] == 1e-6
+        assert "E_C0YX" not in lb.HybridModel.default(0).fixing(name).bind(plan()).names
+        made = lb.HybridModel.default(0).simulate(plan(), seed=1, parameters={name: 1e-4})
+        assert made.parameters["E_C0YX"] == 1e-4
+        machine, angle = plan().machine(), np.array([0.7])
+        reading = lb.exact_reading_mm(machine, lb.Circle(), angle, geometric_errors={name: 1e-4})
+        assert reading == pytest.approx(150.0 * 1e-4 * np.cos(0.7) * np.sin(0.7), rel=1e-3)

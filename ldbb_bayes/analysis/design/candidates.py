@@ -37,6 +37,7 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel, informations_of
 from ldbb_bayes.model.likelihood import OWN
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.result import Array
+from ldbb_bayes.units import inside_name
 
 __all__ = ["Clocking", "CriterionName", "Space", "bind_tests", "frame_of", "place_columns", "running_order"]
 
@@ -239,8 +240,8 @@ class Space:
     def chosen(self) -> tuple[str, ...]:
         """The parameters of interest: those named, else all that the criterion is about."""
         check_known("criterion", [self.criterion], get_args(CriterionName))
-        check_known("parameter", self.parameters, self.bound.names)
-        every, given = {"compliance", "slope", "geometric"}, self.parameters
+        every, given = {"compliance", "slope", "geometric"}, [inside_name(name) for name in self.parameters]
+        check_known("parameter", given, self.bound.names)
         wanted = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}.get(self.criterion, every)
         found = [p for p in self.bound.parameters if (p.name in given if given else p.group in wanted)]
         groups, only = {p.group for p in found}, self.criterion == "discriminate"

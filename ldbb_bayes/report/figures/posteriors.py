@@ -27,7 +27,7 @@ from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
 from ldbb_bayes.result import Array
-from ldbb_bayes.units import display_name, display_unit, value_and_uncertainty
+from ldbb_bayes.units import display_name, display_unit, inside_name, value_and_uncertainty
 
 __all__ = [
     "FIGURES", "circularity", "compliance_against_force", "compliance_atlas", "contributions", "corner", "forest",
@@ -122,6 +122,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     if names is None:
         every = list(record_of(posterior)["model"]["groups"])
         names = [name for kind in _CORNER for name in every if re.fullmatch(kind, name)][:_MOST_IN_CORNER] or every[:6]
+    names = [inside_name(name) for name in names]
     check_known("parameter", names, [str(name) for name in group.data_vars])
     columns = {}
     for name in names:
