@@ -66,10 +66,8 @@ def write_whole(target: Path, content: bytes) -> None:
 
 
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
-    """Refuse a target that must not be replaced or cannot be written, before any work is done.
-
-    An existing folder may be replaced with ``force``, where it holds only names that are ``ours``.
-    """
+    """Refuse a target that must not be replaced or cannot be written, before any work is done. An existing folder may be replaced
+    with ``force``, where it holds only names that are ``ours``."""
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.stat()
@@ -97,11 +95,9 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
 
 @contextmanager
 def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> Iterator[Path]:
-    """A scratch folder beside ``target`` that takes its place when the block ends well.
-
-    The old folder is there until the new one is whole; then the old one is renamed, and the new one. Of two runs into one folder
-    the later wins whole. A link stays; what it points to is replaced. Where writing fails the old target stands untouched.
-    """
+    """A scratch folder beside ``target`` that takes its place when the block ends well. The old folder is there until the new one
+    is whole; then the old one is renamed, and the new one. Of two runs into one folder the later wins whole. A link stays; what
+    it points to is replaced. Where writing fails the old target stands untouched."""
     check_target(target, force=force, ours=ours)
     target = target.resolve() if target.is_symlink() else target
     with _writing(target):

@@ -153,11 +153,9 @@ def _usable_cores() -> int:
 
 
 class _Processes(ThreadPoolExecutor):
-    """Every thread has a process of its own behind a pipe of its own.
-
-    So one that dies, even in the middle of sending, takes no other job with it and leaves nobody waiting: the pools of the
-    standard library and of loky share one pipe for all results, and wait for ever for the rest of what a killed worker sent.
-    """
+    """Every thread has a process of its own behind a pipe of its own. So one that dies, even in the middle of sending, takes no
+    other job with it and leaves nobody waiting: the pools of the standard library and of loky share one pipe for all results, and
+    wait for ever for the rest of what a killed worker sent."""
 
     def __init__(self, workers: int) -> None:
         super().__init__(workers)

@@ -36,12 +36,9 @@ class NullSpace:
         self.largest = np.abs(scaled).max(axis=0)
 
     def sparse(self) -> list[tuple[int, Array]]:
-        """A basis of the null space: pivots and vectors, each with a one at its pivot.
-
-        Nuisances that no reading sees by themselves are left aside. First what parameters do among themselves, then every
-        nuisance that the other parameters imitate by themselves, then what is left of the null space. Each vector has a pivot
-        that the others lack.
-        """
+        """A basis of the null space: pivots and vectors, each with a one at its pivot. Nuisances that no reading sees by
+        themselves are left aside. First what parameters do among themselves, then every nuisance that the other parameters
+        imitate by themselves, then what is left of the null space. Each vector has a pivot that the others lack."""
         own = np.arange(self.p)
         seen = self.largest > self.limit
         every = np.flatnonzero(seen | (np.arange(len(seen)) < self.p))

@@ -85,10 +85,8 @@ def lost_by_knowing(information: Information, known: Sequence[str]) -> Array:
 
 def unseen_share(information: Information, least: float = 1.0) -> Array:
     """Share of the variance along directions in which the readings add less than ``least`` times the prior, shape (p,).
-
     Directions of all coefficients, parameters and nuisances, in units of the prior sd: right singular vectors of the whitened
-    design, along which the readings add the squared singular value to a prior precision of one.
-    """
+    design, along which the readings add the squared singular value to a prior precision of one."""
     rows = information.rows()
     missing = max(rows.shape[1] - len(rows), 0)
     _, singular, right = np.linalg.svd(np.concatenate([rows, np.zeros((missing, rows.shape[1]))]), full_matrices=False)
@@ -268,10 +266,8 @@ def parameters_of(
     mean: Array,
     drawn: tuple[Array, Array] | None = None,
 ) -> dict[str, ParameterIdentifiability]:
-    """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null space there.
-
-    ``drawn``: prior and posterior sd that replace the Gaussian's, truncation included.
-    """
+    """Every parameter of a model at φ and a mean of β (p,), given the information at φ and the null space there. ``drawn``: prior
+    and posterior sd that replace the Gaussian's, truncation included."""
     own, proper = information.own, not information.flat
     unseen = [unseen_share(information, least) if proper else np.zeros(len(own)) for least in (1.0, _TENTH)]
     correlation = _correlation(information)
@@ -321,12 +317,9 @@ def _verdict(
     contraction: float,
     mine: tuple[Degeneracy, ...],
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """See `Verdict` for the rule; with the partners.
-
-    ``i``: its number among the parameters; ``share``: what knowing each term would take from its variance, and its squared
-    correlations with the other parameters; ``unseen``: shares of the variance where the priors outweigh the readings, once and
-    tenfold; ``mine``: its degeneracies.
-    """
+    """See `Verdict` for the rule; with the partners. ``i``: its number among the parameters; ``share``: what knowing each term
+    would take from its variance, and its squared correlations with the other parameters; ``unseen``: shares of the variance where
+    the priors outweigh the readings, once and tenfold; ``mine``: its degeneracies."""
     terms = information.shared_terms
     rivals = ranked((name for name in share if name not in information.terms), share.__getitem__)
     heavy = tuple(ranked((term for term in terms if share[term] > _NAMED), share.__getitem__))

@@ -142,10 +142,8 @@ def outliers(
 def _against_the_others(
     models: Mapping[str, Nodes], left: Mapping[str, Mapping[str, Nodes]], name: str, size: int, rng: np.random.Generator
 ) -> Outlier:
-    """One test against circles that the others expect in its place; a closer look where few lie as far out.
-
-    Circles of one posterior draw lie out together, so that small p-values need many draws.
-    """
+    """One test against circles that the others expect in its place; a closer look where few lie as far out. Circles of one
+    posterior draw lie out together, so that small p-values need many draws."""
     bound = next(iter(models.values())).bound
     r = bound.test_names.index(name)
     observed = harmonics_of(bound, r) @ np.asarray(bound.reduced[r].projection)

@@ -114,10 +114,8 @@ _LONGEST_REASON = 1200
 
 @dataclass(frozen=True)
 class Settings:
-    """How every campaign of a batch is fitted.
-
-    ``table`` are fields of `Campaign` that tidy CSVs do not say, ``certificates`` of `Instrument` instead of what campaigns say.
-    """
+    """How every campaign of a batch is fitted. ``table`` are fields of `Campaign` that tidy CSVs do not say, ``certificates`` of
+    `Instrument` instead of what campaigns say."""
 
     model_toml: str
     sampler: str = "independent"

@@ -77,9 +77,7 @@ def belonging_of(
     density: SpreadDensity, spreads: Spreads, common: Gaussian, *, seed: int, progress: Callable[[int, int], None] | None = None
 ) -> Belonging:
     """Every machine left out in turn: by weights of these draws, or where they cannot be trusted by drawing s anew without it.
-
-    ``common`` is that of the draws.
-    """
+    ``common`` is that of the draws."""
     likelihood, (n, c) = density.likelihood, (len(density.likelihood.shift), spreads.spread.shape[1])
     by_itself = alone(likelihood, c)
     log_density, z = _left_out(likelihood, by_itself, spreads.spread, common)
@@ -157,11 +155,8 @@ class PooledParameter(Result):
 
 @dataclass(frozen=True)
 class PooledMachine(Result):
-    """One machine.
-
-    ``p_value`` is, at most, that of so many machines of one population a parameter of one stands out so much from the others
-    (Bonferroni over parameters, Holm over machines); none with too few machines.
-    """
+    """One machine. ``p_value`` is, at most, that of so many machines of one population a parameter of one stands out so much from
+    the others (Bonferroni over parameters, Holm over machines); none with too few machines."""
 
     name: Annotated[str, Field(exclude=True)]
     campaigns: int

@@ -48,11 +48,9 @@ _SPARE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class SufficientStatistics:
-    """Moments of a campaign's parameters and of the errors of its instrument.
-
-    ``names`` are the p parameters of interest, then the coefficients of terms that are ``common`` to campaigns; q in all. Means
-    and ``prior_sd`` have shape (q,), ``covariance`` (q, q).
-    """
+    """Moments of a campaign's parameters and of the errors of its instrument. ``names`` are the p parameters of interest, then
+    the coefficients of terms that are ``common`` to campaigns; q in all. Means and ``prior_sd`` have shape (q,), ``covariance``
+    (q, q)."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -158,12 +156,9 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 
 @dataclass(frozen=True, eq=False)
 class FleetStatistics:
-    """Likelihoods of n campaigns, with the priors they were computed with divided out.
-
-    A campaign that was fitted without an error of the instrument took it as zero: it says nothing of it, and its Λ and η have
-    zeros there. ``prior_sd`` is what is assumed of one machine before any campaign, about zero: `reference_sd`, not what the fits
-    assumed.
-    """
+    """Likelihoods of n campaigns, with the priors they were computed with divided out. A campaign that was fitted without an
+    error of the instrument took it as zero: it says nothing of it, and its Λ and η have zeros there. ``prior_sd`` is what is
+    assumed of one machine before any campaign, about zero: `reference_sd`, not what the fits assumed."""
 
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
@@ -243,10 +238,8 @@ def fleet_statistics(
 
 
 def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> tuple[Array, Array, Array, Array]:
-    """Λ and η of what is wanted, the prior divided out, and the prior: of what the row does not have zeros.
-
-    Compliances are carried along their slopes to the common force; what the readings cannot add counts as nothing.
-    """
+    """Λ and η of what is wanted, the prior divided out, and the prior: of what the row does not have zeros. Compliances are
+    carried along their slopes to the common force; what the readings cannot add counts as nothing."""
     names, q = list(row["gaussian_names"]), len(row["gaussian_names"])
     mean, prior_mean, prior_sd = (np.array(row[f"gaussian_{what}"], dtype=float) for what in ("mean", "prior_mean", "prior_sd"))
     covariance = np.zeros((q, q))
@@ -295,11 +288,8 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
 
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
     """(Lᵀ | L⁻¹ s (Λ_c, η_c)), shape (c, c + q + 1, k, n), with L Lᵀ = K = I + s Λ_cc s, for k values of s (k, c); L⁻¹ behind
-    with ``inverse``.
-
-    K is the precision of z = w / s, w ~ N(0, diag s²) being what one campaign or machine differs by: g(c + w, b). Λ may be
-    singular.
-    """
+    with ``inverse``. K is the precision of z = w / s, w ~ N(0, diag s²) being what one campaign or machine differs by: g(c + w,
+    b). Λ may be singular."""
     c, q = spread.shape[1], likelihood.shift.shape[1]
     s, rows = spread.T[:, :, None], likelihood.precision[:, :c].transpose(1, 2, 0)[:, :, None]
     whole = np.zeros((c, c + q + 1 + c * inverse, len(spread), len(likelihood.shift)))
@@ -323,10 +313,8 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 def alone(likelihood: Gaussian, parameters: int) -> tuple[Array, Array, Array]:
-    """S = (I + Λ_cc)⁻¹, H = S Λ_c and t = S η_c, shapes (n, c, c), (n, c, q) and (n, c), of campaigns each by itself.
-
-    Its estimate is t − H_b b; t ~ N(H (c, b), S Λ_cc S).
-    """
+    """S = (I + Λ_cc)⁻¹, H = S Λ_c and t = S η_c, shapes (n, c, c), (n, c, q) and (n, c), of campaigns each by itself. Its
+    estimate is t − H_b b; t ~ N(H (c, b), S Λ_cc S)."""
     c = parameters
     own = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])
     return own, own @ likelihood.precision[:, :c], (own @ likelihood.shift[:, :c, None])[..., 0]
@@ -448,11 +436,8 @@ class SpreadDensity:
 
 @dataclass(frozen=True, eq=False)
 class Spreads:
-    """Weighted draws of s (k, c), in units of the prior sd.
-
-    ``log_weight`` is ln of target over proposal, as it came, ``weight`` Pareto-smoothed, summing to one; above ``good_k`` the
-    draws cannot be trusted. ``mode`` is that of ln s.
-    """
+    """Weighted draws of s (k, c), in units of the prior sd. ``log_weight`` is ln of target over proposal, as it came, ``weight``
+    Pareto-smoothed, summing to one; above ``good_k`` the draws cannot be trusted. ``mode`` is that of ln s."""
 
     spread: Array
     log_weight: Array
@@ -478,10 +463,8 @@ class Spreads:
 
 
 def draw_spreads(density: SpreadDensity, parameters: int, *, seed: int, size: int = 2048, start: Array | None = None) -> Spreads:
-    """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better.
-
-    Points are scrambled Sobol ones, ``size`` a power of two; the search for the mode starts at ln τ, or ``start``.
-    """
+    """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better. Points are
+    scrambled Sobol ones, ``size`` a power of two; the search for the mode starts at ln τ, or ``start``."""
     mode, curvature = density.mode(np.full(parameters, np.log(density.scale)) if start is None else start)
     inverse = np.linalg.inv(curvature)
     found = _weighed(density, mode, mode, inverse, seed=seed, size=size)

@@ -68,10 +68,8 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
     """(c, b, Δ) under every hypothesis, shape (r, n, p, q + 1); ``log_integral`` is their log evidence, up to what all share.
-
     Place k, counted from 0, is a step just before campaign k + 2; the last, of whatever parameter, is no step at all. ``carried``
-    are the campaigns in order of time, (r, n, q), their w_t integrated: `deviating`.
-    """
+    are the campaigns in order of time, (r, n, q), their w_t integrated: `deviating`."""
     precision, shift = (np.cumsum(own[:, ::-1], axis=1)[:, ::-1] for own in (carried.precision, carried.shift))
     (r, n, q), p = shift.shape, parameters
     late = np.swapaxes(precision[:, 1:, :, :p], -1, -2)
@@ -102,11 +100,9 @@ def instrument_moments(found: Gaussian, weights: Array) -> tuple[Array, Array]:
 
 
 class Chart(NamedTuple):
-    """What is drawn of every campaign, in order of time, the instrument's errors at their posterior mean.
-
-    ``own`` and ``own_sd`` (n, p) are of each campaign alone, ``limits`` (2, n, p) NaN at the first; ``common_sd`` (p,) what the
-    instrument's errors add to the level of all campaigns together.
-    """
+    """What is drawn of every campaign, in order of time, the instrument's errors at their posterior mean. ``own`` and ``own_sd``
+    (n, p) are of each campaign alone, ``limits`` (2, n, p) NaN at the first; ``common_sd`` (p,) what the instrument's errors add
+    to the level of all campaigns together."""
 
     own: Array
     own_sd: Array
@@ -123,11 +119,9 @@ def chart_of(
     *,
     limits: float = LIMITS,
 ) -> Chart:
-    """Points with their uncertainty, and limits of this probability from the campaigns before each.
-
-    ``series`` (n, q) and ``carried`` (r, n, q) are the campaigns in order of time, scatter and its weights (r,) the prior of r,
-    ``instrument`` posterior mean and covariance of the instrument's errors.
-    """
+    """Points with their uncertainty, and limits of this probability from the campaigns before each. ``series`` (n, q) and
+    ``carried`` (r, n, q) are the campaigns in order of time, scatter and its weights (r,) the prior of r, ``instrument``
+    posterior mean and covariance of the instrument's errors."""
     known, spread = instrument
     q = series.shift.shape[-1]
     p = q - len(known)

@@ -178,11 +178,9 @@ def integrate(
     step: float | None = None,
     seed: int = 0,
 ) -> Integral:
-    """∫ f from the modes of f, highest first, and a root (h, h) of the inverse curvature at each.
-
-    A lattice, its first ``step`` in sd, in up to five dimensions; importance sampling in more, and emcee where its weights cannot
-    be trusted. ``log_density`` maps (n, h) to (n,).
-    """
+    """∫ f from the modes of f, highest first, and a root (h, h) of the inverse curvature at each. A lattice, its first ``step``
+    in sd, in up to five dimensions; importance sampling in more, and emcee where its weights cannot be trusted. ``log_density``
+    maps (n, h) to (n,)."""
     if len(modes[0][0]) <= _LATTICE:
         return grow_lattice(log_density, modes, tolerance=tolerance, step=step)
     # What is averaged over the nodes adds errors of its own.
@@ -207,10 +205,8 @@ def grow_lattice(
     most: int = 200_000,
 ) -> Integral:
     """A lattice whose error of ln ∫ f is below the tolerance: grown out from the modes to what no longer counts, its step
-    shortened as needed. Axes are those of the highest mode.
-
-    The first ``step`` is in sd. At ``most`` nodes growing and shortening stop, and the error says what was left out.
-    """
+    shortened as needed. Axes are those of the highest mode. The first ``step`` is in sd. At ``most`` nodes growing and shortening
+    stop, and the error says what was left out."""
     (centre, root), h = modes[0], len(modes[0][0])
     loose = tolerance >= _LOOSE
     depth, finer, coarser = 9.0 if loose else 5.5 - np.log(tolerance), 0.85, 0.0
@@ -339,11 +335,8 @@ def importance_sample(
     log_density: LogDensity, modes: Sequence[tuple[Array, Array]], *, tolerance: float = 1e-2, seed: int = 0, most: int = 65_536
 ) -> Integral:
     """Quasi-random points whose error of ln ∫ f is below the tolerance and whose weights can be trusted; or the best of five
-    rounds, of up to ``most`` points.
-
-    A round draws from the mixture fitted to all rounds before it, the first to the density along the axes of every mode. Where
-    the weights are even enough it draws on, twice as many, instead of fitting again.
-    """
+    rounds, of up to ``most`` points. A round draws from the mixture fitted to all rounds before it, the first to the density
+    along the axes of every mode. Where the weights are even enough it draws on, twice as many, instead of fitting again."""
     rng, h = np.random.default_rng(seed), len(modes[0][0])
     proposal = Mixture(tuple(_along_axes(log_density, *mode) for mode in modes), np.full(len(modes), 1.0 / len(modes)))
     each, rounds = 1 << int(np.ceil(np.log2(max(_LEAST, 1.5 * h)))), list[Integral]()
@@ -507,10 +500,8 @@ def bridge_sample(log_density: LogDensity, sample: Integral, *, seed: int = 0) -
 
 def _chain(log_density: LogDensity, sample: Integral, random: np.random.RandomState) -> Array | None:
     """Draws of f, shape (ensembles, walkers, draws, h), of ensembles that have each been everywhere; none where they have not.
-
     The walkers of an ensemble wander together, unseen by diagnostics that take them for chains: it is their mean ln f, in the
-    order of time, that must mix. Until it does a run three times as long begins where the last one ended.
-    """
+    order of time, that must mix. Until it does a run three times as long begins where the last one ended."""
     h = sample.free.shape[1]
     half = _ENSEMBLES // 2 * (walkers := max(_WALKERS, 4 * h))
     heavy = np.argsort(-sample._log_weight - random.gumbel(size=len(sample.free)))[:half]

@@ -188,10 +188,8 @@ def run_ensembles(
     redraw: Redraw | None = None,
 ) -> EnsembleRun:
     """Run one ensemble per start until the rule is met: differential evolution, mixed with independent draws from ``redraw``.
-
     ``log_density`` maps (n, d) to (n,), where −inf is allowed, NaN is not; ``starts`` are (ensembles, walkers, d). Most looks
-    assess only the coordinate that was worst at the last.
-    """
+    assess only the coordinate that was worst at the last."""
     twisters: Any = [np.random.RandomState(child.generate_state(8)).get_state() for child in seed.spawn(len(starts))]
     states = [_emcee().State(own, random_state=twister) for own, twister in zip(starts, twisters, strict=True)]
     samplers = [_sampler(log_density, starts.shape[1:], redraw) for _ in starts]

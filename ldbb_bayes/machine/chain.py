@@ -284,10 +284,8 @@ def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
 
 
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """The paper's planar wrench Jacobian: reading per unit force and unit compliance, shape (n, 18) for one plane.
-
-    Columns in the order of `wrench_names` [1, mm or mm²]; times F [N] and C they give the reading [mm].
-    """
+    """The paper's planar wrench Jacobian: reading per unit force and unit compliance, shape (n, 18) for one plane. Columns in the
+    order of `wrench_names` [1, mm or mm²]; times F [N] and C they give the reading [mm]."""
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
 
@@ -323,10 +321,8 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 
 
 def _bearer(machine: Machine, name: GeometricName) -> tuple[Joint, bool]:
-    """The joint at which an error sits, and whether it comes before the joint's own motion.
-
-    A squareness turns what the primary axis carries when both axes are in one branch; else it turns the secondary axis itself.
-    """
+    """The joint at which an error sits, and whether it comes before the joint's own motion. A squareness turns what the primary
+    axis carries when both axes are in one branch; else it turns the secondary axis itself."""
     if name.kind != "squareness":
         return machine.joint(name.axis), False
     primary, secondary = machine.joint(name.reference), machine.joint(name.axis)

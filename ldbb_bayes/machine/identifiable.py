@@ -36,10 +36,8 @@ _ANGLES, _PARALLEL, _TINY, _TINY_WEIGHT, _NEW = 64, 1e-10, 1e-10, 1e-7, 1e-8
 
 @dataclass(frozen=True)
 class Kept:
-    """What remains of the wrench Jacobian.
-
-    The weights of a set are the pattern of each member in units of the representative's [mm or mm² per rotation more].
-    """
+    """What remains of the wrench Jacobian. The weights of a set are the pattern of each member in units of the representative's
+    [mm or mm² per rotation more]."""
 
     names: tuple[ComplianceName, ...]  # one representative per proportional set, in the order of Table 1
     sets: tuple[tuple[str, ...], ...]  # proportional sets (Table 2), whose weighted sums the kept ones are, representative first

@@ -306,10 +306,8 @@ def mixture_moments(weight: Array, mean: Array, sd: Array) -> tuple[Array, Array
 
 
 def mixture_quantiles(weight: Array, mean: Array, sd: Array, levels: Sequence[float] | Array) -> Array:
-    """Quantiles, shape (levels, ...), of mixtures of Gaussians: Newton's method kept inside a bracket.
-
-    Components (k, ...); weights (k,), or an array that broadcasts with them, sum to one along the first axis.
-    """
+    """Quantiles, shape (levels, ...), of mixtures of Gaussians: Newton's method kept inside a bracket. Components (k, ...);
+    weights (k,), or an array that broadcasts with them, sum to one along the first axis."""
     flat_mean, flat_sd = (part.reshape(len(mean), -1) for part in (mean, sd))
     weight = weight.reshape(-1, *(1,) * (mean.ndim - 1)) if weight.ndim == 1 else weight
     flat_weight = np.broadcast_to(weight, mean.shape).reshape(flat_mean.shape)

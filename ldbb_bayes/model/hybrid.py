@@ -621,10 +621,8 @@ class BoundModel:
         return near + least_squares(rows, np.concatenate(values) - rows @ near, scale)
 
     def _physical_rows(self) -> Array:
-        """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind.
-
-        A compliance fixed at zero at F0 whose free slope would make it negative on one side of F0 is refused.
-        """
+        """C(F) ≥ 0 for compliances that are a deflection under the force itself, at every tested force that can bind. A
+        compliance fixed at zero at F0 whose free slope would make it negative on one side of F0 is refused."""
         forces, degree = distinct_forces(self.campaign.forces_N), self.model.degree
         forces = forces if degree == 2 else forces[[0, -1][: degree + 1]]
         bounded = np.flatnonzero(self._kept.not_negative)

@@ -154,11 +154,9 @@ class _Plan(NamedTuple):
 
 
 class StructuredGaussian:
-    """p(z | β, φ) with the shared and private columns integrated out.
-
-    Columns that tests share come in the order given in `conditional`; ``interest`` H (tests, 25, p), whose coefficients are given
-    in every call, none by default; ``offset`` (tests, 25), the known part of the readings in the basis, is subtracted beforehand.
-    """
+    """p(z | β, φ) with the shared and private columns integrated out. Columns that tests share come in the order given in
+    `conditional`; ``interest`` H (tests, 25, p), whose coefficients are given in every call, none by default; ``offset`` (tests,
+    25), the known part of the readings in the basis, is subtracted beforehand."""
 
     def __init__(
         self,

@@ -375,10 +375,8 @@ def _core_rows(mean: Array, spread: Array) -> NDArray[np.int_]:
 
 
 def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
-    """Rows active at the most probable point inside, then those that follow least from the others, tightest first.
-
-    The most probable point is a least-distance problem, solved by non-negative least squares (Lawson and Hanson, ch. 23).
-    """
+    """Rows active at the most probable point inside, then those that follow least from the others, tightest first. The most
+    probable point is a least-distance problem, solved by non-negative least squares (Lawson and Hanson, ch. 23)."""
     force = _least_distance(unit, -distance) if (distance < 0.0).any() else np.zeros(len(unit))
     keep: list[int] = []
     rest = unit.copy()

@@ -72,11 +72,9 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
 
 
 def foreseen_by(pilot: Campaign, candidates: Sequence[CircularTest], judged: Sequence[CircularTest] = ()) -> Campaign:
-    """The pilot, knowing of tests of a kind it has not run: what only they can show is in its model.
-
-    Where candidates go both ways in a plane, so do those foreseen: hysteresis then counts for every design. Tests that are only
-    judged bring their parameters, not their direction.
-    """
+    """The pilot, knowing of tests of a kind it has not run: what only they can show is in its model. Where candidates go both
+    ways in a plane, so do those foreseen: hysteresis then counts for every design. Tests that are only judged bring their
+    parameters, not their direction."""
     both = {plane for plane in PLANES if {"CW", "CCW"} <= {test.direction for test in candidates if test.plane == plane}}
     possible = [(test, test.direction if str(test.plane) in both else None) for test in candidates]
     possible += [(test, None) for test in judged]
@@ -146,10 +144,8 @@ def _prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
 
 
 def objective_of(bound: BoundModel, run: int, phi: Array, chosen: Sequence[str], criterion: Criterion) -> Objective:
-    """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch none of them are left out.
-
-    The model is bound to the tests already run, ``run`` of them, followed by the candidates.
-    """
+    """The candidates' information on the chosen parameters at every φ (K, h); nuisances that touch none of them are left out. The
+    model is bound to the tests already run, ``run`` of them, followed by the candidates."""
     rows, prior = [], []
     order = kept = proper = np.zeros(0, dtype=int)
     for k, information in enumerate(informations_of(bound, carried(bound, phi, run))):
@@ -190,10 +186,8 @@ _MOST_CANDIDATES = 5000
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """What is to be designed: the arguments of `ldbb_bayes.design` but for its goal, and what follows from them.
-
-    ``judged`` are the tests of designs that are to be compared.
-    """
+    """What is to be designed: the arguments of `ldbb_bayes.design` but for its goal, and what follows from them. ``judged`` are
+    the tests of designs that are to be compared."""
 
     model: HybridModel
     pilot: Campaign

@@ -102,11 +102,9 @@ class States:
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
-    """Values of φ, equally likely, shape (size, h) [mm]: of its posterior given the pilot, or of its prior for a plan.
-
-    For a prior their number is rounded up to a power of two. With flat priors variances are σ² times something that does not
-    depend on it: one node, the root mean square.
-    """
+    """Values of φ, equally likely, shape (size, h) [mm]: of its posterior given the pilot, or of its prior for a plan. For a
+    prior their number is rounded up to a power of two. With flat priors variances are σ² times something that does not depend on
+    it: one node, the root mean square."""
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
         points = Sobol(len(prior.names), np.random.default_rng(seed))
@@ -166,11 +164,8 @@ def _posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
 
 def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) -> tuple[Array, Array]:
     """Expected posterior variances inside the truncation and their standard errors, (p,) each, from the covariances without it
-    (K, p, p).
-
-    States that the new tests' forces rule out are left out. For every state the mean that the analysis would find is drawn, and
-    the truncated Gaussian about it is taken. The errors are those of a mean over as many states.
-    """
+    (K, p, p). States that the new tests' forces rule out are left out. For every state the mean that the analysis would find is
+    drawn, and the truncated Gaussian about it is taken. The errors are those of a mean over as many states."""
     each = np.einsum("kii->ki", covariance)
     plain, change = each.mean(axis=0), np.zeros_like(each)
     if bound.truncation.active:
@@ -182,11 +177,8 @@ def narrowed(bound: BoundModel, states: States, covariance: Array, seed: int) ->
 
 
 def _change_inside(bound: BoundModel, states: States, possible: Array, covariance: Array, seed: int) -> Array:
-    """What the truncation adds to the variances in possible states, shape (states, p).
-
-    The mean m that an analysis will find is m | β ~ N(m₁ + W (β − m₁), W C), W = 1 − C P₁, with the precision P₁ before the tests
-    and the covariance C after them.
-    """
+    """What the truncation adds to the variances in possible states, shape (states, p). The mean m that an analysis will find is
+    m | β ~ N(m₁ + W (β − m₁), W C), W = 1 − C P₁, with the precision P₁ before the tests and the covariance C after them."""
     scale, start = bound.scale, states.before.mean[possible]
     both = np.outer(scale, scale)
     after = covariance[possible] / both

@@ -243,11 +243,9 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
 
 
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
-    """The shares of N tests that make Φ largest, from equal shares on, until the relative excess is within the tolerance.
-
-    Fully corrective: shares of a few candidates are solved for, and candidates above the bound join them. N does not matter where
-    the prior is flat; `Optimum.excess` says what was reached.
-    """
+    """The shares of N tests that make Φ largest, from equal shares on, until the relative excess is within the tolerance. Fully
+    corrective: shares of a few candidates are solved for, and candidates above the bound join them. N does not matter where the
+    prior is flat; `Optimum.excess` says what was reached."""
     n = objective.candidates
     share = np.full(n, 1.0 / n)
     if not np.isfinite(objective.value(tests * share)):
