@@ -37,18 +37,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "DescribedMachine",
-    "Identifiability",
-    "ParameterIdentifiability",
-    "Seen",
-    "Verdict",
-    "describe",
-    "hyper_nodes",
-    "identify",
-    "parameters_of",
-    "uncertainty_with",
-    "verdicts",
-]
+    "DescribedMachine", "Identifiability", "ParameterIdentifiability", "Seen", "Verdict", "describe", "hyper_nodes", "identify",
+    "parameters_of", "uncertainty_with", "verdicts",
+]  # fmt: skip
 
 Array = NDArray[Any]
 _TENTH, _HALF, _CONTRACTED, _NAMED, _QUARTER = 0.1, 0.5, 0.75, 0.05, 0.25

@@ -27,17 +27,9 @@ from ldbb_bayes.inference.mcmc import StoppingRule, diagnose, run_ensembles
 from ldbb_bayes.model.gaussian import Sobol
 
 __all__ = [
-    "CHUNK",
-    "LARGEST_PARETO_K",
-    "Integral",
-    "Mixture",
-    "SplitT",
-    "bridge_sample",
-    "grow_lattice",
-    "importance_sample",
-    "in_chunks",
-    "integrate",
-]
+    "CHUNK", "LARGEST_PARETO_K", "Integral", "Mixture", "SplitT", "bridge_sample", "grow_lattice", "importance_sample",
+    "in_chunks", "integrate",
+]  # fmt: skip
 
 Array = NDArray[Any]
 LogDensity = Callable[[Array], Array]

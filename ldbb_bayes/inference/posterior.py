@@ -35,30 +35,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "Concern",
-    "ConcernKind",
-    "Fit",
-    "State",
-    "bound_of",
-    "build_tree",
-    "campaign_of",
-    "campaign_record",
-    "check_probability",
-    "draws_of",
-    "fit_of",
-    "load",
-    "model_of",
-    "nuisances",
-    "numbers_of",
-    "pareto_smooth",
-    "power_sensitivity",
-    "priors_of",
-    "record_of",
-    "result_json",
-    "save",
-    "summarize",
-    "to_units",
-]
+    "Concern", "ConcernKind", "Fit", "State", "bound_of", "build_tree", "campaign_of", "campaign_record", "check_probability",
+    "draws_of", "fit_of", "load", "model_of", "nuisances", "numbers_of", "pareto_smooth", "power_sensitivity", "priors_of",
+    "record_of", "result_json", "save", "summarize", "to_units",
+]  # fmt: skip
 
 Array = NDArray[Any]
 _POWERS, _SENSITIVE = (0.99, 1.01), 0.05

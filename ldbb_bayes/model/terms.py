@@ -23,36 +23,10 @@ from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, WAYS, Setting, der
 from ldbb_bayes.result import Result
 
 __all__ = [
-    "FORM_ORDER",
-    "NOISE",
-    "OWN",
-    "Angle",
-    "BallForm",
-    "BarLength",
-    "BasisNoise",
-    "CircleScale",
-    "Columns",
-    "Covariate",
-    "Discrepancy",
-    "Drift",
-    "ForceError",
-    "Hyper",
-    "Hysteresis",
-    "JointLoad",
-    "Law",
-    "MachinePattern",
-    "Mount",
-    "Moves",
-    "Position",
-    "Scale",
-    "SetupShift",
-    "Source",
-    "Term",
-    "Uncertainties",
-    "Uncertainty",
-    "Unit",
-    "uncertainties",
-]
+    "FORM_ORDER", "NOISE", "OWN", "Angle", "BallForm", "BarLength", "BasisNoise", "CircleScale", "Columns", "Covariate",
+    "Discrepancy", "Drift", "ForceError", "Hyper", "Hysteresis", "JointLoad", "Law", "MachinePattern", "Mount", "Moves",
+    "Position", "Scale", "SetupShift", "Source", "Term", "Uncertainties", "Uncertainty", "Unit", "uncertainties",
+]  # fmt: skip
 
 Array = NDArray[Any]
 Hyper = str
