@@ -112,35 +112,16 @@ _MICROMETRE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Degeneracy:
-    """A combination of coefficients that no reading of a campaign sees.
+    """A combination of coefficients that no reading of a campaign sees."""
 
-    Attributes
-    ----------
-    term : str
-        Class name of the nuisance it begins with; empty for parameters among themselves.
-    combination : mapping of name to change
-        Added together they change no reading; inside units (mm, N, rad), the nuisance first.
-    parameters : tuple of str
-        Parameters of interest in it that do more than a fiftieth of what the nuisance does.
-    units : mapping of name to unit
-        Of all parameters in it.
-    modelled, stated : bool
-        Whether the model has the nuisance: else nothing bounds it, and the intervals ignore it; whether a certificate, or the
-        model where its term was edited, says how large it is.
-    prior_sds : float
-        Its length in units of the prior sd.
-    change_um : float
-        Largest change of a reading by it [µm]; 0 where it is below 1e-9 of what its largest member does alone, which is rounding.
-    """
-
-    term: str
-    combination: Mapping[str, float]
-    parameters: tuple[str, ...]
-    units: Mapping[str, str]
-    modelled: bool
-    stated: bool
-    prior_sds: float
-    change_um: float
+    term: str  # class name of the nuisance it begins with; empty for parameters among themselves
+    combination: Mapping[str, float]  # changes that together change no reading; inside units (mm, N, rad), the nuisance first
+    parameters: tuple[str, ...]  # those of interest that do more than a fiftieth of what the nuisance does
+    units: Mapping[str, str]  # of all parameters in it
+    modelled: bool  # whether the model has the nuisance: else nothing bounds it, and the intervals ignore it
+    stated: bool  # whether a certificate, or the model where its term was edited, says how large it is
+    prior_sds: float  # its length in units of the prior sd
+    change_um: float  # of a reading, the largest; 0 below 1e-9 of what its largest member does alone, which is rounding
 
     @property
     def nuisances(self) -> tuple[str, ...]:

@@ -31,56 +31,29 @@ _LISTED, _HALF = 1e-3, 0.5
 
 @dataclass(frozen=True)
 class Contribution:
-    """One line of a budget.
+    """One line of a budget."""
 
-    Attributes
-    ----------
-    source, term : str
-        A nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors.
-    kind : {"A", "B"}
-        Evaluated from the readings' scatter, or by other means (GUM 2.3.2, 2.3.3).
-    u : float or None
-        Its own standard uncertainty [``unit``]; None for several coefficients together.
-    unit : str
-    sensitivity : float or None
-        Change of the parameter's estimate per unit of the source; for noise the effective one, without sign.
-    contribution : float
-        Its part of the parameter's standard uncertainty [unit of the parameter].
-    share : float
-        Of the parameter's variance.
-    """
-
-    source: str
+    source: str  # a nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors
     term: str
-    kind: Kind
-    u: float | None
+    kind: Kind  # evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
+    u: float | None  # its own standard uncertainty [``unit``]; None for several coefficients together
     unit: str
-    sensitivity: float | None
-    contribution: float
-    share: float
+    sensitivity: float | None  # of the parameter's estimate, per unit of the source; for noise the effective one, without sign
+    contribution: float  # its part of the parameter's standard uncertainty [unit of the parameter]
+    share: float  # of the parameter's variance
 
 
 @dataclass(frozen=True)
 class Budget(Result):
-    """The budget of one parameter.
-
-    Attributes
-    ----------
-    u : float
-        Posterior standard deviation.
-    contributions : tuple of Contribution
-        The largest first; shares sum to one. The term with the largest share, of those of type B where these hold more than half,
-        is the ``heaviest``.
-    u_if_known : float or None
-        Standard uncertainty that would be left if the heaviest term were known exactly; None where that is the noise of the
-        readings or the parameters' own priors, which nothing makes known.
-    """
+    """The budget of one parameter; shares of its ``contributions``, the largest first, sum to one."""
 
     parameter: str
     unit: str
-    u: float
+    u: float  # posterior standard deviation
     contributions: tuple[Contribution, ...]
-    heaviest: str
+    heaviest: str  # the term with the largest share, of those of type B where these hold more than half
+    # Standard uncertainty left if the heaviest term were known exactly; None for noise of the readings and for the parameters'
+    # own priors, which nothing makes known.
     u_if_known: float | None
 
     def share(self, term: str) -> float:

@@ -81,31 +81,15 @@ _INTERVALS = (0.5, 0.8, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class Validation(Result):
-    """Ranks of true values among their posterior draws.
+    """Ranks of true values among their posterior draws."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Parameters, hyper-parameters, and ``log_likelihood``.
-    ranks : ndarray of int, shape (replicates, quantities)
-        0 … draws; uniform when calibrated.
-    draws : int
-    sampler : str
-    prob : float
-        Probability of the band, simultaneous over ranks and quantities.
-    failures : tuple of str
-        What went wrong in replicates that gave no draws; these are not among the ranks.
-    by_emcee : tuple of int
-        Rows of the ranks for which emcee took over, the weights of independent draws not to be trusted.
-    """
-
-    names: tuple[str, ...]
-    ranks: Numbers
+    names: tuple[str, ...]  # parameters, hyper-parameters, and ``log_likelihood``
+    ranks: Numbers  # 0 … draws, shape (replicates, quantities); uniform when calibrated
     draws: int
     sampler: str
-    prob: float
-    failures: tuple[str, ...]
-    by_emcee: tuple[int, ...] = ()
+    prob: float  # of the band, simultaneous over ranks and quantities
+    failures: tuple[str, ...]  # what went wrong in replicates that gave no draws; these are not among the ranks
+    by_emcee: tuple[int, ...] = ()  # rows for which emcee took over, the weights of independent draws not to be trusted
 
     @property
     def replicates(self) -> int:

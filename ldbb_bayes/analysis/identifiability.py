@@ -88,44 +88,25 @@ def unseen_share(information: Information, least: float = 1.0) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ParameterIdentifiability(Result):
-    """What readings and priors each say about one parameter.
+    """What readings and priors each say about one parameter, in inside units.
 
-    Attributes
-    ----------
-    name, unit : str
-        Inside unit.
-    verdict : Verdict
-    partners : tuple of str
-        Terms (then parameters) that it is confounded with, the heaviest first; of a parameter that is not confounded the terms
-        that hold at least 5 % of its variance all the same.
-    partner_shares : dict of partner to float
-        Share of its variance that would vanish if the partner were known; what the model leaves out has none.
-    prior_mean, prior_sd : float
-        Not a number, and infinite, when flat.
-    mean, sd : float
-        Of the Gaussian posterior; a plan's mean is the prior's.
-    contraction, information_gain : float
-        1 − Var(β | y) / Var(β), and ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]; not a
-        number when flat.
-    confounding : dict of term to float
-        1 − Var(β | y, term) / Var(β | y).
-    shares : dict of source to float
-        What the terms, the reading noise and the parameters' own priors bring to the variance, as in `budgets`; they sum to one.
+    Partners are terms (then parameters) that it is confounded with, the heaviest first; of a parameter that is not confounded the
+    terms that hold at least 5 % of its variance all the same.
     """
 
     name: str
     verdict: Verdict
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    partner_shares: dict[str, float]
+    partner_shares: dict[str, float]  # of its variance that vanish if the partner is known; what the model leaves out has none
     unit: str
-    prior_mean: Number
-    prior_sd: Finite
-    mean: float
+    prior_mean: Number  # not a number when flat
+    prior_sd: Finite  # infinite when flat
+    mean: float  # of the Gaussian posterior; a plan's is the prior's
     sd: float
-    contraction: Number
-    information_gain: Number
-    confounding: dict[str, float]
-    shares: dict[str, float]
+    contraction: Number  # 1 − Var(β | y) / Var(β); not a number when flat, like the next
+    information_gain: Number  # ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]
+    confounding: dict[str, float]  # by term: 1 − Var(β | y, term) / Var(β | y)
+    shares: dict[str, float]  # of terms, reading noise and the parameters' own priors, as in `budgets`; they sum to one
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,50 +331,30 @@ def _correlation(information: Information) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Seen:
-    """A parameter that circles show.
-
-    Attributes
-    ----------
-    pattern : mapping of plane to str
-        Change of the reading per unit (per unit and N for a compliance); c = cos θ, s = sin θ, lengths in mm.
-    not_negative : bool
-        Whether it cannot be negative, whatever the joints are; the prior's truncation is about these.
-    members : mapping of name to float
-        What the parameter stands for: the sum of these times their weights. Empty where it stands for itself.
-    """
+    """A parameter that circles show."""
 
     name: str
     unit: str
     meaning: str
-    pattern: Mapping[str, str]
-    not_negative: bool
-    members: Mapping[str, float]
+    pattern: Mapping[str, str]  # by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths in mm
+    not_negative: bool  # whatever the joints are; the prior's truncation is about these
+    members: Mapping[str, float]  # what it is the sum of, with their weights; empty where it stands for itself
 
 
 @dataclass(frozen=True)
 class DescribedMachine(Result):
-    """A machine as its circular tests see it.
-
-    Attributes
-    ----------
-    joints : tuple of str
-        With branch, from the workpiece to the tool.
-    null, dependent : tuple of str
-        Compliances that no reading shows, and those whose pattern is a combination of several kept ones.
-    condition_number : float
-        Of the kept compliances' columns, unscaled (mm, N), uniform full circles.
-    """
+    """A machine as its circular tests see it."""
 
     topology: str
     planes: tuple[str, ...]
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # with branch, from the workpiece to the tool
     centres_mm: tuple[tuple[float, float, float], ...]
     compliances: tuple[Seen, ...]
     geometric_errors: tuple[Seen, ...]
-    null: tuple[str, ...]
-    dependent: tuple[str, ...]
+    null: tuple[str, ...]  # compliances that no reading shows
+    dependent: tuple[str, ...]  # those whose pattern is a combination of several kept ones
     rank: int
-    condition_number: float
+    condition_number: float  # of the kept compliances' columns, unscaled (mm, N), uniform full circles
 
 
 def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:

@@ -38,25 +38,15 @@ _CLOSER, _TOGETHER, _MORE = 0.05, 5, 2
 class Outlier:
     """One test against what the others, flagged ones aside, expect.
 
-    Attributes
-    ----------
-    p_value, family_wise_p_value : float
-        Probability that a circle of the same machine stands out so much in any Fourier order; allowing for all tests (Holm).
-    order_p_values, worst_order : tuple of float, int
-        Of orders 0 … 12, each by itself, and where it stands out most.
-    flag : bool
-        The family-wise p-value is below 2 %, and more than half of the tests agree without it. Two tests that disagree with one
-        another have a small p-value both, and no flag: nothing says which of them is wrong.
-    distance : float
-        In the worst order [−ln of a χ² tail]; it breaks ties of p.
+    Two tests that disagree with one another have a small p-value both, and no flag: nothing says which of them is wrong.
     """
 
-    p_value: float
-    family_wise_p_value: float
-    order_p_values: tuple[float, ...]
+    p_value: float  # probability that a circle of the same machine stands out so much in any Fourier order
+    family_wise_p_value: float  # the same, allowing for all tests (Holm)
+    order_p_values: tuple[float, ...]  # of orders 0 … 12, each by itself
     worst_order: int
-    flag: bool
-    distance: float
+    flag: bool  # the family-wise p-value is below 2 %, and more than half of the tests agree without it
+    distance: float  # in the worst order [−ln of a χ² tail]; it breaks ties of p
 
 
 @one_blas_thread

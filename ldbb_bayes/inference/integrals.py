@@ -41,35 +41,17 @@ _STUDENT, _LUCK, _HEAVY = 2.0, 0.5, (0.4, 0.1)
 
 @dataclass(frozen=True, eq=False)
 class Integral:
-    """∫ f of a density f on ℝ^h as a sum over weighted nodes.
+    """∫ f of a density f on ℝ^h as a sum over n weighted nodes."""
 
-    Attributes
-    ----------
-    free, log_density, log_volume : ndarray, shapes (n, h), (n,), (n,)
-        The nodes, ln f there, and ln of the volume that each stands for.
-    part : ndarray of int, shape (n,)
-        Which of several estimates of the same integral a node belongs to: two grids, or independent scrambles.
-    edge : ndarray of bool, shape (n,)
-        Nodes of a lattice beyond which nothing was looked for.
-    proposal : Mixture, optional
-        What a sample was drawn from, a density much like f; none of a lattice.
-    left_out : float
-        At most this share of the integral is in nodes whose density was not evaluated.
-    coarser : float
-        How far apart the two grids of a lattice were [nat] with the step before this; zero of the first.
-    bridge_error : float
-        Of ln ∫ f by bridge sampling, where the nodes are emcee's draws; zero of others.
-    """
-
-    free: Array
-    log_density: Array
-    log_volume: Array
-    part: NDArray[np.intp]
-    edge: NDArray[np.bool_]
-    proposal: Mixture | None
-    left_out: float = 0.0
-    coarser: float = 0.0
-    bridge_error: float = 0.0
+    free: Array  # the nodes (n, h)
+    log_density: Array  # ln f there
+    log_volume: Array  # ln of the volume that each stands for
+    part: NDArray[np.intp]  # which of several estimates of the integral a node belongs to: two grids, or independent scrambles
+    edge: NDArray[np.bool_]  # nodes of a lattice beyond which nothing was looked for
+    proposal: Mixture | None  # what a sample was drawn from, a density much like f; none of a lattice
+    left_out: float = 0.0  # at most this share of the integral is in nodes whose density was not evaluated
+    coarser: float = 0.0  # how far apart a lattice's two grids were with the step before this [nat]; zero of the first
+    bridge_error: float = 0.0  # of ln ∫ f by bridge sampling, where the nodes are emcee's draws; zero of others
 
     @cached_property
     def _log_weight(self) -> Array:

@@ -31,27 +31,15 @@ _ROUNDING = 1e-15
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """When to stop: every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or ``max_steps`` are spent.
-
-    Attributes
-    ----------
-    ess, rhat : float
-    max_steps : int
-        Steps of each ensemble.
-    block : int
-        Steps between the first looks; later looks are further apart, and of a long run not every step is stored.
-    discard : float
-        Share of the stored draws given up as burn-in at every look.
-    lengths : float
-        The kept part must also be this many autocorrelation times long, as implied by the smallest bulk ESS: an ensemble that
-        has hardly moved can look well mixed.
-    """
+    """When to stop: every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or ``max_steps`` are spent."""
 
     ess: float = 1000.0
     rhat: float = 1.01
-    max_steps: int = 20_000
-    block: int = 20
-    discard: float = 0.25
+    max_steps: int = 20_000  # of each ensemble
+    block: int = 20  # steps between the first looks; later ones are further apart, and of a long run not every step is stored
+    discard: float = 0.25  # share of the stored draws given up as burn-in at every look
+    # The kept part must also be this many autocorrelation times long, as implied by the smallest bulk ESS: an ensemble that has
+    # hardly moved can look well mixed.
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> tuple[int, int]:

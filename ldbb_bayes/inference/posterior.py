@@ -92,36 +92,22 @@ class Concern(Result):
 
 @dataclass(frozen=True)
 class Fit(Result):
-    """How well a model fits, and what to mind.
+    """How well a model fits, and what to mind."""
 
-    Attributes
-    ----------
-    rmse_um, fitness_percent : float, dict of test to float
-        Eq. 34 over all readings [µm], and Eq. 35; not a number where a test's readings are all the same.
-    log_prob_truncation, log_prob_truncation_error, log_prob_truncation_prior : float
-        ln P(T | y) of the untruncated posterior, its error [nat], and ln P(T) of the prior.
-    linearisation_error_um : float
-        Largest difference of the linear model from the exact geometry [µm].
-    sensitivity : dict of parameter to dict of part to float
-        Power-scaling sensitivity to prior, hyper_prior and likelihood.
-    shift : dict of test to float
-        Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is
-        left out; not of flat priors.
-    widening : float
-        By which share an interval grows at most with noise as strong as what tests do not share at the orders 13 to 16, where the
-        checks of noise and of its autocorrelation fail.
-    """
-
-    rmse_um: float
-    fitness_percent: dict[str, float]
-    log_prob_truncation: float
-    log_prob_truncation_error: Finite
-    log_prob_truncation_prior: float
-    linearisation_error_um: float
+    rmse_um: float  # Eq. 34 over all readings
+    fitness_percent: dict[str, float]  # Eq. 35, by test; not a number where its readings are all the same
+    log_prob_truncation: float  # ln P(T | y) of the untruncated posterior
+    log_prob_truncation_error: Finite  # [nat]
+    log_prob_truncation_prior: float  # ln P(T) of the prior
+    linearisation_error_um: float  # largest difference of the linear model from the exact geometry
     concerns: tuple[Concern, ...]
     predictive_checks: dict[str, TestChecks]
-    sensitivity: dict[str, dict[str, float]]
+    sensitivity: dict[str, dict[str, float]]  # by power-scaling of prior, hyper_prior and likelihood, of each parameter
+    # Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is left
+    # out; not of flat priors.
     shift: dict[str, float]
+    # By which share an interval grows at most with noise as strong as what tests do not share at the orders 13 to 16, where the
+    # checks of noise and of its autocorrelation fail.
     widening: float
 
     @property

@@ -104,36 +104,7 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A campaign as terms see it, one row per test (the whole campaign's: F0, range, and the fields after them).
-
-    Attributes
-    ----------
-    force_N, pressure_bar, radius_mm, work_ball_rad, tool_ball_rad, plane, setup : ndarray, shape (tests,)
-    travel : ndarray, shape (tests,)
-        +1 clockwise or not stated, −1 counterclockwise.
-    time_h, temperature_K : ndarray, shape (tests,)
-        From the mean of the whole campaign; NaN where not recorded.
-    direction, wrench, geometric : ndarray, shape (tests, 25, 3 or compliances or geometric errors)
-        Basis coefficients of the bar's direction (X, Y, Z), of j_C and of j_G.
-    reference_force_N, force_range_N : float
-        F0 and F_max − F_min.
-    two_balls, clocked : bool
-        Whether the balls' forms are two terms, and whether the clocking of either differs between tests, why they are.
-    radii_mm, setups, planes, both_ways : tuple
-        Different radii and set-ups, planes, and planes run in both directions of travel.
-    largest_force_N : float
-        F_max of the whole campaign.
-    circle : ndarray of str, shape (tests,)
-        Name of each test's scale λ, empty where circles have none.
-    compliance_estimate, axial_estimate : ndarray, shapes (compliances,) and (3,)
-        Ĉ, used only to linearise; the compliances Ĉ_aa along X, Y, Z, zero where there is none.
-    fitted : ndarray, shape (tests, 25)
-        The circle fitted with Ĉ: F j_C·Ĉ + j_G·Ê [mm].
-    compensated, deflection_um_per_bar : bool, float
-        Of the mount.
-    instrument : Instrument
-        What certificates state.
-    """
+    """A campaign as terms see it, one row per test (the whole campaign's: F0, range, and the fields after them)."""
 
     force_N: Array
     pressure_bar: Array
@@ -142,28 +113,28 @@ class Setting:
     tool_ball_rad: Array
     plane: Array
     setup: Array
-    travel: Array
-    time_h: Array
+    travel: Array  # +1 clockwise or not stated, −1 counterclockwise
+    time_h: Array  # from the mean of the whole campaign, like temperatures; NaN where not recorded
     temperature_K: Array
-    direction: Array
-    wrench: Array
-    geometric: Array
-    reference_force_N: float
-    force_range_N: float
-    two_balls: bool
-    clocked: bool
-    radii_mm: tuple[float, ...]
+    direction: Array  # basis coefficients (tests, 25, 3) of the bar's direction (X, Y, Z)
+    wrench: Array  # of j_C, (tests, 25, compliances)
+    geometric: Array  # of j_G, (tests, 25, geometric errors)
+    reference_force_N: float  # F0
+    force_range_N: float  # F_max − F_min
+    two_balls: bool  # whether the balls' forms are two terms
+    clocked: bool  # whether the clocking of either differs between tests, why they are
+    radii_mm: tuple[float, ...]  # the different ones, as of set-ups and planes
     setups: tuple[int, ...]
     planes: tuple[str, ...]
-    both_ways: tuple[str, ...]
-    largest_force_N: float
-    circle: Array
-    compliance_estimate: Array
-    axial_estimate: Array
-    fitted: Array
-    compensated: bool
+    both_ways: tuple[str, ...]  # planes run in both directions of travel
+    largest_force_N: float  # F_max of the whole campaign
+    circle: Array  # name of each test's scale λ, empty where circles have none
+    compliance_estimate: Array  # Ĉ (compliances,), used only to linearise
+    axial_estimate: Array  # Ĉ_aa along X, Y, Z, zero where there is none
+    fitted: Array  # the circle fitted with Ĉ, F j_C·Ĉ + j_G·Ê, (tests, 25) [mm]
+    compensated: bool  # of the mount, like the next
     deflection_um_per_bar: float
-    instrument: Instrument
+    instrument: Instrument  # what certificates state
 
     @property
     def tests(self) -> int:

@@ -61,55 +61,33 @@ class Prior:
     The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, a scale gain of 2e-4 is
     200 µm/m. Give your own by ``replace(Prior.default(), ...)``, by ``overrides`` or in TOML.
 
-    Attributes
-    ----------
-    direct_mm_per_N, cross_mm_per_N, rotation_for_force_rad_per_N, rotation_for_moment_rad_per_N_mm : float
-        One sd of C_XXX and C_YYY; of C_XYX; of C_CXY and C_CYY; of C_CCY.
-    slope_scale : float
-        sd(C_k) = slope_scale · size / (F_max − F_min)^k.
-    slopes_of_estimate : bool
-        Whether that size is of the compliance itself, max(|Ĉ|, sd(C)/20), or sd(C) (first edition).
-    gain, squareness_rad, straightness_per_mm, offset_mm : float
-        One sd of E_XX1 and E_YY1; of E_C(0Y)X; of E_YX2 and E_XY2; of E_Xt0 and E_Yt0.
-    sigma_um, delta_um, kappa_um, tau_um, omega_um, eta_um : float
-        Scales of the half-normal priors of white noise, set-up shift, discrepancy, ball form and machine pattern at order 6, and
-        hysteresis.
-    decay, decay_sd : float
-        The power by which form falls with its order, Normal within [0.5, 3.5].
-    truncated : bool
-        C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at every tested force: F C(F) is a deflection under the force itself.
-    flat : bool
-        No prior on the parameters of interest (the paper's least squares).
-    overrides : mapping of parameter name to sd
-        In inside units (mm, N, rad).
-    means : mapping of parameter to prior mean
-        In inside units; zero for all others. A force slope's mean stays zero: constant compliance is the linear model with its
-        slopes at zero. The override of a compliance named here says how well it is known, no longer how large it may be: its
-        slopes keep the sd that the kind of compliance gives them.
+    ``means`` are zero for all parameters not named; a force slope's stays zero: constant compliance is the linear model with its
+    slopes at zero. The override of a compliance named there says how well it is known, no longer how large it may be: its slopes
+    keep the sd that the kind of compliance gives them.
     """
 
-    direct_mm_per_N: float = 1e-4
-    cross_mm_per_N: float = 1e-5
-    rotation_for_force_rad_per_N: float = 1e-7
-    rotation_for_moment_rad_per_N_mm: float = 1e-9
-    slope_scale: float = 0.3
-    gain: float = 2e-4
-    squareness_rad: float = 5e-5
-    straightness_per_mm: float = 1e-6
-    offset_mm: float = 0.02
-    sigma_um: float = 1.0
-    delta_um: float = 1.0
-    kappa_um: float = 1.0
-    tau_um: float = 1.5
-    omega_um: float = 1.5
-    eta_um: float = 2.0
-    decay: float = 2.0
+    direct_mm_per_N: float = 1e-4  # one sd of C_XXX and C_YYY
+    cross_mm_per_N: float = 1e-5  # of C_XYX
+    rotation_for_force_rad_per_N: float = 1e-7  # of C_CXY and C_CYY
+    rotation_for_moment_rad_per_N_mm: float = 1e-9  # of C_CCY
+    slope_scale: float = 0.3  # sd(C_k) = slope_scale · size / (F_max − F_min)^k
+    gain: float = 2e-4  # one sd of E_XX1 and E_YY1
+    squareness_rad: float = 5e-5  # of E_C(0Y)X
+    straightness_per_mm: float = 1e-6  # of E_YX2 and E_XY2
+    offset_mm: float = 0.02  # of E_Xt0 and E_Yt0
+    sigma_um: float = 1.0  # scales of half-normal priors: of white noise,
+    delta_um: float = 1.0  # set-up shift,
+    kappa_um: float = 1.0  # discrepancy,
+    tau_um: float = 1.5  # ball form at order 6,
+    omega_um: float = 1.5  # machine pattern at order 6
+    eta_um: float = 2.0  # and hysteresis
+    decay: float = 2.0  # the power by which form falls with its order, Normal within [0.5, 3.5]
     decay_sd: float = 0.7
-    slopes_of_estimate: bool = True
-    truncated: bool = True
-    flat: bool = False
-    overrides: Mapping[str, float] = field(default_factory=dict)
-    means: Mapping[str, float] = field(default_factory=dict)
+    slopes_of_estimate: bool = True  # that size is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
+    truncated: bool = True  # C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at tested forces: F C(F) is a deflection under the force itself
+    flat: bool = False  # no prior on the parameters of interest (the paper's least squares)
+    overrides: Mapping[str, float] = field(default_factory=dict)  # sd by parameter, in inside units (mm, N, rad)
+    means: Mapping[str, float] = field(default_factory=dict)  # prior means, likewise
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -94,48 +94,26 @@ class Planned:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design(Forecast):
-    """Recommended tests, and what to expect of them.
-
-    Attributes
-    ----------
-    parameters : tuple of str
-        Parameters of interest; all others are nuisances.
-    table, shares : DataFrame
-        One row per different test: force_N, `columns`, count (in JSON ``tests``), or its share in the best shares.
-    augment : bool
-        Whether the pilot's tests count as run.
-    efficiency : float
-        Beside the best shares of as many tests.
-    baseline : dict of parameter to Expected
-        Of equal steps of force at the first clocking and radius.
-    compared : tuple of Judged
-        Equal steps of force, and the designs brought for comparison.
-    hyper_um : dict of hyper-parameter to float
-        Root mean square of the values averaged over: of their posterior given the pilot's readings where ``measured``, else of
-        their prior [µm].
-    sensitivity : DataFrame
-        Of every candidate, for the best shares: force_N, `columns`, sensitivity. Not in JSON.
-    planned : Planned, optional
-        The tests themselves; none where a design was read from a file.
-    """
+    """Recommended tests, and what to expect of them."""
 
     criterion: str
-    parameters: tuple[str, ...]
-    table: Annotated[Records, Field(alias="tests")]
-    augment: bool
+    parameters: tuple[str, ...]  # of interest; all others are nuisances
+    table: Annotated[Records, Field(alias="tests")]  # one row per different test: force_N, `columns`, count
+    augment: bool  # whether the pilot's tests count as run
     degree: int
     reference_force_N: float
-    efficiency: float
+    efficiency: float  # beside the best shares of as many tests
     certificate: Certificate
-    shares: Records
-    baseline: dict[str, Expected]
-    compared: tuple[Judged, ...]
+    shares: Records  # the best: one row per test, force_N, `columns`, share
+    baseline: dict[str, Expected]  # of equal steps of force at the first clocking and radius
+    compared: tuple[Judged, ...]  # equal steps of force, and the designs brought for comparison
     limits: Limits
-    hyper_um: dict[str, float]
-    measured: bool
+    hyper_um: dict[str, float]  # root mean square of the values averaged over [µm]
+    measured: bool  # whether these are of their posterior given the pilot's readings, else of their prior
     pilot: Pilot
+    # Of every candidate, for the best shares: force_N, `columns`, sensitivity.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    planned: Annotated[Any, Field(exclude=True)] = None
+    planned: Annotated[Any, Field(exclude=True)] = None  # the tests themselves (`Planned`); none where read from a file
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -46,33 +46,19 @@ class Expected(Result):
 
 @dataclass(frozen=True)
 class Discrimination(Result):
-    """What ln B(with the slopes / without) will be.
+    """What ln B(with the slopes / without) will be: its mean [nat] and the probabilities of decisive evidence for what is true,
+    and for what is false, if there are slopes, and if there are none."""
 
-    Attributes
-    ----------
-    size, threshold : float
-        Of the slopes, in prior sd; |ln B| from which evidence is called decisive [nat].
-    augmented : bool
-        Whether tests already run are part of it: "with" then means slopes as those leave them, else drawn from their prior times
-        ``size``.
-    expected_with, expected_without : float
-        Mean of ln B if there are slopes, and if there are none [nat].
-    decisive_with, decisive_without, misleading_with, misleading_without : float
-        Probabilities of decisive evidence for what is true, and for what is false.
-    power : dict of slope to float
-        Probability of decisive evidence for slopes if this one alone is there, of plus or minus ``size`` prior sd.
-    """
-
-    size: float
-    augmented: bool
-    threshold: float
+    size: float  # of the slopes, in prior sd
+    augmented: bool  # tests already run are part of it: slopes are as those leave them, else drawn from their prior × ``size``
+    threshold: float  # |ln B| from which evidence is called decisive [nat]
     expected_with: float
     expected_without: float
     decisive_with: float
     decisive_without: float
     misleading_with: float
     misleading_without: float
-    power: dict[str, float]
+    power: dict[str, float]  # probability of decisive evidence if this slope alone is there, of plus or minus ``size`` prior sd
 
 
 @dataclass(frozen=True, eq=False)

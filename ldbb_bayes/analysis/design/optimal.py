@@ -111,21 +111,11 @@ def _inverse_transposed(root: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """Φ of designs, averaged over K values of the hyper-parameters; a design is its numbers of tests, counts (candidates,).
+    """Φ of designs, averaged over K values of the hyper-parameters; a design is its numbers of tests, counts (candidates,)."""
 
-    Attributes
-    ----------
-    rows : ndarray, shape (K, candidates, m, p)
-        G: the information of one test of a candidate is GᵀG; the s parameters of interest are the last columns.
-    prior : ndarray, shape (K, p, p)
-        P: precision before the new tests; prior and tests already run.
-    interest : int
-        s.
-    """
-
-    rows: Array
-    prior: Array
-    interest: int
+    rows: Array  # G (K, candidates, m, p): one test of a candidate adds GᵀG; the parameters of interest are the last columns
+    prior: Array  # P (K, p, p): precision before the new tests; prior and tests already run
+    interest: int  # s, how many parameters are of interest
     criterion: Criterion
 
     @property
