@@ -111,39 +111,19 @@ class ParameterIdentifiability(Result):
 
 @dataclass(frozen=True, eq=False)
 class Identifiability(Result):
-    """What a model can learn from a campaign or plan.
-
-    Attributes
-    ----------
-    cures : tuple of tuple of Cure
-        Of each degeneracy, found by adding the tests to the plan and looking again.
-    standing : tuple of Standing
-        Degeneracies with effects that are not terms of the model.
-    alias : DataFrame
-        Change of the least-squares estimate of each parameter (rows) per prior sd of a nuisance (columns) left out; inside
-        units.
-    correlation : DataFrame
-        Posterior correlations of parameters and shared nuisances.
-    effective_parameters : float
-        How many parameters the readings determine: the sum of the contractions, all of them when the prior is flat.
-    certificates : dict of name to dict of parameter to float
-        Standard uncertainty, by what is certified of the instrument: none of these, and each that there is none of yet.
-    hyper_um : dict of name to float
-        φ it holds at [µm].
-    measured : bool
-        Whether φ and the means come from readings.
-    """
+    """What a model can learn from a campaign or plan."""
 
     parameters: dict[str, ParameterIdentifiability]
     degeneracies: tuple[Degeneracy, ...]
-    cures: tuple[tuple[Cure, ...], ...]
-    standing: tuple[Standing, ...]
-    effective_parameters: float
-    alias: ByRow
-    correlation: ByRow
+    cures: tuple[tuple[Cure, ...], ...]  # of each degeneracy, found by adding the tests to the plan and looking again
+    standing: tuple[Standing, ...]  # degeneracies with effects that are not terms of the model
+    effective_parameters: float  # that the readings determine: the sum of the contractions, all of them when the prior is flat
+    alias: ByRow  # change of each least-squares estimate (rows) per prior sd of a nuisance left out (columns); inside units
+    correlation: ByRow  # posterior correlations of parameters and shared nuisances
+    # Standard uncertainty by parameter and by what is certified of the instrument: none of these, and each there is none of yet.
     certificates: dict[str, dict[str, float]]
-    hyper_um: dict[str, float]
-    measured: bool
+    hyper_um: dict[str, float]  # φ it holds at [µm]
+    measured: bool  # whether φ and the means come from readings
 
 
 # Certificates one could have, and what they would state.
