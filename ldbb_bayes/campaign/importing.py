@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Annotated, Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.result import Array, Result
 
-__all__ = ["Imported", "import_campaign", "mask_angles", "mask_reversals"]
+__all__ = ["Imported", "import_campaign", "mask_angles", "mask_reversals", "matching"]
 
 _TURN = 360.0
 LARGEST_TESTS, _LONGEST_LIST, _LONGEST_NAME = 1000, 200, 100
@@ -390,6 +390,7 @@ class Imported(Result):
     campaign: _Summary  # in JSON its name and numbers of tests and readings
     layout: _Given  # with what was found out filled in: reading the same files with it guesses nothing of them
     assumptions: tuple[Assumption, ...]
+    unsaid: tuple[str, ...]  # fields of the campaign for which the usual value was taken, as nothing says another
 
 
 def import_campaign(
@@ -402,8 +403,7 @@ def import_campaign(
     `Campaign`. An `InputError` names the file, the line and the cure.
     """
     layout, notes = layout or Layout(), Notes()
-    paths = [Path(file) for file in ([files] if isinstance(files, str | os.PathLike) else files)]
-    require(paths, "files must be given, got none. Name the tables to read.")
+    paths = matching([files] if isinstance(files, str | os.PathLike) else files)
     tests: list[CircularTest] = []
     tables = []
     for path in paths:
@@ -433,9 +433,40 @@ def import_campaign(
     for entry in layout.test:
         if entry.file not in used:
             notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], "no file, sheet or label of that name", "--layout")
-    _note_machine(campaign, tests, notes)
+    unsaid = _note_machine(campaign, tests, notes)
     campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
-    return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told())
+    return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid)
+
+
+def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
+    """Return the files that are named: ``*`` and ``?`` stand for what they match, as not every shell sees to, in natural order.
+
+    Backslashes may separate folders; hidden files, and those that a spreadsheet has open (``~$``), match nothing.
+    """
+    found: list[Path] = []
+    for given in files:
+        text = os.fspath(given).strip('"')
+        windows, path = PureWindowsPath(text), Path(text)
+        path = Path(*windows.parts) if "\\" in text and not (windows.anchor or path.exists()) else path
+        wild = next((k for k, part in enumerate(path.parts) if set("*?") & set(part)), None)
+        if wild is None or path.exists():
+            found.append(path)
+            continue
+        above, pattern = Path(*path.parts[:wild]), "/".join(path.parts[wild:]).replace("[", "[[]")
+        matches = [own for own in above.glob(pattern) if not own.name.startswith((".", "~$"))]
+        matches = sorted([own for own in matches if own.is_file()] or matches, key=_naturally)
+        there = sorted((own.name for own in above.glob("*") if not own.name.startswith((".", "~$"))), key=_naturally)
+        holds = f"{above} holds {', '.join(map(repr, there))[:_LONGEST_LIST] or 'nothing'}"
+        cure = f"got none: {holds if above.is_dir() else f'there is no folder {above}'}. Name the files, or correct the pattern"
+        require(matches, f"{text} must match a file, {cure}.")
+        found += [own for own in matches if own not in found]
+    require(found, "files must be given, got none. Name the tables to read.")
+    return found
+
+
+def _naturally(name: object) -> list[Any]:
+    """For sorting: 2 N before 10 N."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"([0-9]+)", str(name).casefold())]
 
 
 def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
@@ -469,8 +500,9 @@ def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
             campaign[key] = MountCompensation(compensated=value == "compensated") if key == "mount" else value
 
 
-def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], notes: Notes) -> None:
-    """What the model needs to know of the machine and no table says."""
+def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], notes: Notes) -> tuple[str, ...]:
+    """What the model needs to know of the machine and no table says: its fields are told."""
+    unsaid = []
     for key, value, option in (
         ("topology", "wCAFYXZSt", "--topology"),
         ("plane", "XY", "--plane"),
@@ -480,9 +512,11 @@ def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], no
     ):
         if key not in campaign and not (key in ("radius_mm", "plane") and all(getattr(test, key) for test in tests)):
             notes.add("", key, value, "nothing says otherwise", option)
+            unsaid.append(key)
     if any(test.force_N is None for test in tests) and "force_law" not in campaign:
         law = "126.04 N/bar × pressure − 14.2 N"
         notes.add("", "force", law, "pressure alone is given", "--force-slope, --force-offset")
+    return tuple(unsaid)
 
 
 def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:

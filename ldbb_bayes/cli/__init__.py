@@ -13,9 +13,10 @@ import typer
 from typer.core import TyperGroup
 
 from ldbb_bayes import __version__
-from ldbb_bayes.cli.analyses import compare, demo, design, fit, identify, report, summarize, validate
+from ldbb_bayes.cli.analyses import compare, demo, design, fit, identify, summarize, validate
 from ldbb_bayes.cli.campaigns import batch, check, import_, machine, population, simulate, trend
 from ldbb_bayes.cli.options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+from ldbb_bayes.cli.reporting import report
 from ldbb_bayes.errors import InputError
 
 __all__ = ["app", "main"]
@@ -56,8 +57,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 _COMMANDS = (
-    *(demo, machine, check, fit, batch, trend, population),
-    *(identify, compare, design, report, simulate, summarize, validate),
+    *(report, demo, machine, check, fit, batch, trend, population),
+    *(identify, compare, design, simulate, summarize, validate),
 )
 for command in _COMMANDS:
     app.command()(command)

@@ -1,4 +1,4 @@
-"""``ldbb-bayes demo``, ``fit``, ``summarize``, ``report``, ``identify``, ``compare``, ``design``, ``validate``: one campaign."""
+"""``ldbb-bayes demo``, ``fit``, ``summarize``, ``identify``, ``compare``, ``design``, ``validate``: one campaign."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ldbb_bayes.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["compare", "demo", "design", "figure_names", "fit", "identify", "report", "summarize", "validate", "write_result"]
+__all__ = ["compare", "demo", "design", "fit", "identify", "summarize", "validate", "write_result"]
 
 _DEGREES = ("constant", "linear", "quadratic")
 
@@ -318,95 +318,6 @@ def _parts_of_fit(result: Mapping[str, Any]) -> tuple[Any, ...]:
     own = result.get("prior_from")
     said = own and f"population of {own['machines']} machines, {own['campaigns']} campaigns ({own['path']})"
     return (*parts_of_fit(result), *([f"Prior of the compliances: {said}."] if own else []))
-
-
-_FORMATS = ("svg", "png", "pdf")
-_REPORT = group(
-    comparison=option(Path, "The --out folder of an earlier compare of the same readings.", metavar="DIR"),
-    design=option(Path, "The --out folder of an earlier design after the same readings.", metavar="DIR"),
-    tests=option(int, "Circles to recommend. Default: as many as were run.", min=1, max=300),
-    same_instrument=option(bool, "Campaigns beside one another share bar, balls, mount and force device.", False),
-    figures=option(Path, "Folder for the figures of the page, as SVG, PNG and PDF.", metavar="DIR"),
-)
-
-
-@command
-def report(
-    result: Annotated[
-        list[Path], typer.Argument(help="The --out folder of a fit; more of them are set beside the first.", metavar="RESULT...")
-    ],
-    out: Annotated[Path | None, option(Path, "Folder to write to. Default: RESULT.", metavar="DIR")],
-    asked: Annotated[dict[str, Any], _REPORT],
-    force: Annotated[bool, options.FORCE],
-    as_json: Annotated[bool, options.JSON],
-    ci: Annotated[float, options.CI],
-    quiet: Annotated[bool, options.QUIET],
-) -> None:
-    """One self-contained page: results, what the data cannot tell, budgets, circular-test quantities, next tests.
-
-    Writes report.html, report.json and tables (CSV) into RESULT, working out what the fit did not keep. Exit code 1
-    when the fit had missed its target; the page then says so at its top.
-    """
-    from ldbb_bayes.files import check_target, staged_folder
-    from ldbb_bayes.inference.posterior import check_probability, record_of
-    from ldbb_bayes.report.page import REPORT_FILES, check_folder
-
-    check_probability(ci)
-    folder = out or (result[0] if result[0].is_dir() else result[0].parent)
-    there = next((name for name in REPORT_FILES if (folder / name).exists()), None)
-    if there is not None and not force:
-        raise InputError(f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force.")
-    check_folder(folder)
-    figures, comparison, design = (asked.pop(name, None) for name in ("figures", "comparison", "design"))
-    if figures is not None:
-        check_target(figures, force=force, ours=figure_names())
-    if design is not None and "tests" in asked:
-        raise InputError("--tests must not go with --design, got both. The design says how many.")
-    if asked["same_instrument"] and len(result) == 1:
-        raise InputError("--same-instrument must go with a second RESULT, got one alone. Name the campaign to set beside it.")
-    with options.counting_progress(quiet, "sections") as progress:
-        first, *others = (lb.load(path) for path in result)
-        document = lb.write_report(
-            first,
-            folder,
-            **asked,
-            beside_it=_named(first, others, result[1:]),
-            ci_prob=ci,
-            comparison=None if comparison is None else lb.read_comparison(comparison),
-            recommended=None if design is None else lb.read_design(design),
-            progress=progress,
-        )
-    if figures is not None:
-        with staged_folder(figures, force=force, ours=figure_names()) as staging:
-            for picture in document.pictures:
-                lb.figures.save_figure(picture.figure, staging, picture.key, formats=_FORMATS)
-    if as_json:
-        typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
-    else:
-        for alert in document.alerts:
-            typer.echo(f"Note: {alert}")
-        drawn = "" if figures is None else f"; figures: {figures}"
-        typer.echo(f"Written: {', '.join(f'{folder}/{name}' for name in REPORT_FILES)}{drawn}")
-    if not record_of(first)["sampler"]["converged"]:
-        raise typer.Exit(options.EXIT_MISSED)
-
-
-def figure_names() -> tuple[str, ...]:
-    """Figures that may be replaced: those of an earlier report."""
-    from ldbb_bayes.report.sections import PICTURES
-
-    return options.figure_files(PICTURES, _FORMATS)
-
-
-def _named(first: xr.DataTree, posteriors: list[xr.DataTree], paths: list[Path]) -> dict[str, xr.DataTree]:
-    """Keyed by the campaign's name; by the folder's where two have the same."""
-    from ldbb_bayes.inference.posterior import record_of
-
-    names = [str(record_of(posterior)["campaign"]["name"]) for posterior in (first, *posteriors)]
-    keys = (
-        names[1:] if len(set(names)) == len(names) else [f"{name} ({path})" for name, path in zip(names[1:], paths, strict=True)]
-    )
-    return dict(zip(keys, posteriors, strict=True))
 
 
 DEMO_FILES = ("campaign", "constant", "linear", "figures")

@@ -20,7 +20,18 @@ if TYPE_CHECKING:
     from ldbb_bayes.machine.chain import Circle, Machine
     from ldbb_bayes.result import Table
 
-__all__ = ["ATLAS_FILES", "batch", "check", "import_", "machine", "population", "simulate", "trend", "write_atlases"]
+__all__ = [
+    "ATLAS_FILES",
+    "LAYOUT_OPTIONS",
+    "batch",
+    "check",
+    "import_",
+    "machine",
+    "population",
+    "simulate",
+    "trend",
+    "write_atlases",
+]
 
 _ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 
@@ -38,7 +49,7 @@ def _layout(layout: Path | None = None, **given: Any) -> Layout:
 
 _COLUMN, _COLUMNS = Kind(str, _named), Kind(list[str], lambda own, _: list(map(_named, own)))
 _SHEETS = Kind(str, lambda text, _: [own.strip() for own in text.split(",")])
-_LAYOUT = group(
+LAYOUT_OPTIONS = group(
     _layout,
     layout=option(Path, "What is known of the tables, as TOML; import.toml of an earlier import will do.", metavar="FILE.toml"),
     forces_N=option(Kind(str, options.numbers_in, "F,F,…"), "Force of each test, in the order of files and sheets (N)."),
@@ -88,7 +99,7 @@ def import_(
         typer.Argument(help="CSV, text, XLSX, XLS or ODS; one test each, or a column that names the test.", metavar="FILE..."),
     ],
     out: Annotated[Path, option(Path, "Campaign folder to write.", options.REQUIRED, metavar="CAMPAIGN")],
-    layout: Annotated[Any, _LAYOUT],
+    layout: Annotated[Any, LAYOUT_OPTIONS],
     name: Annotated[dict[str, Any], group(options.campaign_fields, name=option(str, "Name of the campaign."))],
     table: options.TableFields,
     certificates: options.Certificates,

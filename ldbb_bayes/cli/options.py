@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, cast
 
@@ -478,3 +479,23 @@ def _sampled(state: Progress) -> tuple[float, str]:
 
 counting_progress = functools.partial(_progress, _counted)
 sampling_progress = functools.partial(_progress, _sampled)
+
+
+@contextmanager
+def step_progress(quiet: bool, **weights: float) -> Iterator[Callable[[str], Callable[..., None] | None]]:
+    """One bar over named steps, each as long as its weight: what begins a step, and returns what tells how far it is."""
+    before, total = dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False)), sum(weights.values())
+    with _progress(lambda share, text: (share, text), quiet, "report") as update:
+
+        def begin(step: str) -> Callable[..., None] | None:
+            if update is None:
+                return None
+
+            def tell(done: int, of: int, _: int = 0) -> None:
+                name = step.replace("_", " ")
+                update((before[step] + weights[step] * done / max(of, 1)) / total, f"{name} {done}/{of}" if of else name)
+
+            tell(0, 0)
+            return tell
+
+        yield begin

@@ -1,0 +1,396 @@
+"""``ldbb-bayes report``: from files as they are found, or from a fit, to the page, in one go."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
+
+import typer
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli import options
+from ldbb_bayes.cli.analyses import RESULT_FILES, write_result
+from ldbb_bayes.cli.campaigns import LAYOUT_OPTIONS
+from ldbb_bayes.cli.options import Output, command, group, option
+from ldbb_bayes.errors import InputError, require
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from ldbb_bayes.campaign.campaign import Ball
+    from ldbb_bayes.campaign.importing import Imported
+    from ldbb_bayes.report.findings import Compared, Recommended
+    from ldbb_bayes.report.page import Document
+
+__all__ = ["MACHINES", "figure_names", "report"]
+
+_FORMATS = ("svg", "png", "pdf")
+TOML_NAME = "campaign.toml"
+
+
+class MachineType(NamedTuple):
+    """A kind of machine in words, the chain of its joints from workpiece to tool, and which of them move what."""
+
+    name: str
+    topology: str
+    looks: str
+
+
+MACHINES = (
+    MachineType(
+        "gantry with a trunnion",
+        "wCAFYXZSt",
+        "the table turns (C) and tilts (A) but does not travel; the spindle moves in X, Y and Z",
+    ),
+    MachineType(
+        "C-frame", "wXYFZSt", "the table travels in X upon a saddle in Y; the spindle moves up and down (Z) on a fixed column"
+    ),
+    MachineType("C-frame with a trunnion", "wCAXYFZSt", "the same, and on its table another that turns (C) and tilts (A)"),
+    MachineType("bed type", "wXFYZSt", "the table travels in X; the spindle moves in Y and Z on a column or a fixed bridge"),
+    MachineType("gantry", "wFXYZSt", "the workpiece stands still; a bridge travels in X and carries the spindle in Y and Z"),
+    MachineType("gantry with a fork head", "wFXYZCASt", "the same, and its spindle turns (C) and tilts (A) in a fork"),
+    MachineType(
+        "horizontal",
+        "wBZFXYSt",
+        "the table turns (B) and travels in Z towards a lying spindle, which moves in X and Y on a column",
+    ),
+)
+
+
+# ---- what is asked where a terminal can answer
+
+
+def _can_ask() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
+    """The answer as ``read`` understands it; asked again where it does not."""
+    while True:
+        try:
+            return read(str(typer.prompt(question, default=default, err=True, show_default=bool(default))).strip())
+        except InputError as error:
+            typer.echo(str(error), err=True)
+
+
+def _topology(answer: str) -> str:
+    if answer.isdecimal():
+        require(1 <= int(answer) <= len(MACHINES), f"a number must be 1 to {len(MACHINES)}, got {answer}. Or type the joints.")
+        return MACHINES[int(answer) - 1].topology
+    return lb.Machine(answer).topology
+
+
+def _is_yes(answer: str) -> bool:
+    known = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": False, "nein": False}
+    require(answer.casefold() in known, f"the answer must be y or n, got {answer!r}. Type one of them.")
+    return known[answer.casefold()]
+
+
+def _grade(answer: str) -> Ball | None:
+    return options.ball_in(answer, "the grade") if answer else None
+
+
+def _answered(campaign: lb.Campaign, unsaid: set[str]) -> lb.Campaign:
+    """The campaign with what its user says of machine, mount and balls; of each only what nothing says yet."""
+    changed: dict[str, Any] = {}
+    if "topology" in unsaid:
+        typer.echo("What does the machine look like?", err=True)
+        for k, own in enumerate(MACHINES, start=1):
+            typer.echo(f"  {k}  {own.name} ({own.topology}): {own.looks}", err=True)
+        plane = campaign.machine().plane
+        chosen = _ask(f"Its number, or its joints from workpiece to tool (plane {plane})", "1", _topology)
+        changed |= {"topology": chosen, "frames_mm": {}} if chosen != campaign.topology else {}
+    if "mount" in unsaid and not _ask("Are the readings compensated for the mount of the work ball? (y/n)", "y", _is_yes):
+        changed["mount"] = replace(campaign.mount, compensated=False)
+    if "balls" in unsaid:
+        ball = _ask(
+            "Grade of the balls, G3 to G200, or deviation from sphericity, for example 0.5um (Enter: not known)", "", _grade
+        )
+        changed |= {} if ball is None else {"instrument": replace(campaign.instrument, work=ball, tool=ball)}
+    return replace(campaign, **changed) if changed else campaign
+
+
+# ---- what is reported
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is read: paths, and what options say of tables, of their campaign and of the instrument."""
+
+    paths: Sequence[Path]
+    layout: lb.Layout
+    table: dict[str, Any]
+    certificates: dict[str, Any]
+
+    @property
+    def is_result(self) -> bool:
+        """Whether the first is a fit."""
+        first = self.paths[0]
+        return first.suffix == ".nc" or (first.is_dir() and (first / "posterior.nc").exists())
+
+    @property
+    def is_campaign(self) -> bool:
+        """Whether the first is a campaign already, not tables to be imported."""
+        first = self.paths[0]
+        return first.suffix.lower() == ".toml" or (first / TOML_NAME).is_file()
+
+    def check_alone(self) -> None:
+        """Refuse what goes with an import beside a fit."""
+        plain = self.layout == lb.Layout() and not self.table and not self.certificates
+        require(
+            plain,
+            f"options of tables, machine and instrument must go with files, got a fit, {self.paths[0]}. Fit again with them.",
+        )
+
+    def folder(self) -> Path:
+        """Where the report goes by default: beside the first file."""
+        first = self.paths[0].parent if self.paths[0].name == TOML_NAME else self.paths[0]
+        first = first.resolve() if first.is_dir() else first
+        return first.parent / f"{first.name if first.is_dir() else first.stem}_report"
+
+    def campaign(self, *, ask: bool) -> tuple[lb.Campaign, Imported | None]:
+        """The campaign, and where it was imported what was assumed."""
+        from ldbb_bayes.campaign.campaign import LABELS
+
+        imported, first = None, self.paths[0]
+        if self.is_campaign:
+            got = f"got {len(self.paths)}. Report each by itself; several fits go side by side"
+            require(len(self.paths) == 1, f"report must have one campaign, {got}.")
+            require(
+                self.layout == lb.Layout(), f"options of an import must go with tables, got a campaign, {first}. Leave them out."
+            )
+            labels = {key: self.table[key] for key in LABELS if key in self.table}
+            others = {key: own for key, own in self.table.items() if key not in labels}
+            campaign = replace(lb.read_campaign(first, certificates=self.certificates, **others), **labels)
+        else:
+            neither = f"{first} must hold {TOML_NAME} or posterior.nc, got neither. Name the tables in it: {first}/*"
+            require(not first.is_dir(), neither)
+            instrument = lb.Instrument(**self.certificates)
+            imported = lb.import_campaign(self.paths, layout=self.layout, **self.table, instrument=instrument)
+            campaign = imported.campaign
+        got = "got a plan. Ask ldbb-bayes identify or design, or run it"
+        require(not campaign.is_plan, f"{first} must have readings to be reported, {got}.")
+        unsaid = {*(imported.unsaid if imported else ())}
+        unsaid |= {"balls"} if campaign.instrument.work == campaign.instrument.tool == lb.Ball() else set()
+        if ask:
+            campaign = _answered(campaign, unsaid)
+            if imported is not None:
+                left = tuple(own for own in imported.assumptions if own.what not in {"topology", "mount"} & unsaid)
+                imported = replace(imported, campaign=campaign, assumptions=left)
+        return campaign, imported
+
+
+# ---- the report of files
+
+_STEPS = {"constant": 1.0, "linear": 1.0, "compare": 12.0, "next tests": 3.0, "page": 8.0}
+Begin = Callable[[str], Callable[..., None] | None]
+Reported = tuple["Document", tuple[Any, ...], bool]
+
+
+def _of_files(source: Source, output: Output, asked: dict[str, Any], model: lb.HybridModel, *, ask: bool) -> Reported:
+    """Everything, into a folder of its own: the page, what is printed, and whether all fits reached their target."""
+    from ldbb_bayes.files import staged_folder
+    from ldbb_bayes.inference.posterior import record_of
+    from ldbb_bayes.report.findings import full_result
+
+    for name in ("comparison", "design"):
+        require(name not in asked, f"--{name} must go with a fit, got {source.paths[0]}. Leave it out: it is worked out.")
+    require(not asked["same_instrument"], "--same-instrument must go with several fits, got files. Leave it out.")
+    from ldbb_bayes.report.page import REPORT_FILES
+
+    output.out = output.out or source.folder()
+    output.check(*RESULT_FILES, *REPORT_FILES, "campaign", "comparison.json", "design.json")
+    campaign, imported = source.campaign(ask=ask)
+    with options.step_progress(output.quiet, **_STEPS) as begin:
+        fits, comparison, design = _worked(campaign, model, begin, asked)
+        linear = fits["linear"]
+        result = full_result(linear, asked["ci_prob"])
+        with staged_folder(output.out, force=output.force, ours=output.files) as staging:
+            _write_beside(staging, fits, result, imported, {"comparison.json": comparison, "design.json": design})
+            document = lb.write_report(
+                linear, staging, ci_prob=asked["ci_prob"], comparison=comparison, recommended=design, progress=begin("page")
+            )
+    parts = _said(campaign, imported, result, linear, comparison, design)
+    return document, parts, all(record_of(own)["sampler"]["converged"] for own in fits.values())
+
+
+def _worked(
+    campaign: lb.Campaign, model: lb.HybridModel, begin: Begin, asked: dict[str, Any]
+) -> tuple[dict[str, xr.DataTree], Compared, Recommended]:
+    """Fits of constant and linear compliance, how they compare, and the tests to run next; or why there are none."""
+    models, fits, seed = {"constant": model.with_degree(0), "linear": model}, {}, asked["seed"]
+    for name, own in models.items():
+        begin(name)
+        fits[name] = lb.sample(own, campaign, sampler="independent", seed=seed)
+    weigh = partial(lb.compare, models, campaign, ci_prob=asked["ci_prob"], seed=seed, progress=begin("compare"))
+    comparison = _or_reason(weigh)
+    begin("next tests")
+    return fits, comparison, _or_reason(partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed))
+
+
+def _or_reason(work: Callable[[], Any]) -> Any:
+    """What comes of it, or why it cannot be had: a page says so in its place."""
+    try:
+        return work()
+    except InputError as error:
+        return str(error)
+
+
+def _write_beside(
+    folder: Path, fits: dict[str, xr.DataTree], result: dict[str, Any], imported: Imported | None, kept: dict[str, Any]
+) -> None:
+    """What stands beside the page: the fit, the campaign as it was understood, comparison and design."""
+    from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
+    from ldbb_bayes.campaign.layout import layout_to_toml
+    from ldbb_bayes.inference.posterior import campaign_of
+
+    write_result(fits["linear"], result, folder)
+    (folder / "campaign").mkdir()
+    write_campaign_into(campaign_of(fits["linear"]), folder / "campaign")
+    if imported is not None:
+        options.write_files(folder / "campaign", {IMPORT_NAME: layout_to_toml(imported.layout)})
+    found = {name: {"schema": 1, **lb.with_words(own)} for name, own in kept.items() if not isinstance(own, str)}
+    options.write_files(folder, found)
+
+
+def _said(
+    campaign: lb.Campaign,
+    imported: Imported | None,
+    result: dict[str, Any],
+    posterior: xr.DataTree,
+    comparison: Compared,
+    design: Recommended,
+) -> tuple[Any, ...]:
+    """What is printed: what was assumed, what looks odd, the results, constant or linear, what to run next."""
+    from ldbb_bayes.report import text, wording
+
+    assumed = text.parts_of(imported) if imported else ()
+    seen = lb.preview(campaign)
+    weighed = comparison if isinstance(comparison, str) else wording.comparison_sentences(comparison)[0]
+    planned = design if isinstance(design, str) else f"Run next: {', '.join(test.name for test in design.plan().tests)}"
+    return (*assumed, *wording.preview_sentences(seen), text.results_table(result, lb.verdicts(posterior)), weighed, planned)
+
+
+# ---- the report of fits
+
+
+def _of_fits(source: Source, output: Output, asked: dict[str, Any]) -> Reported:
+    """The page, written into the folder of the fit or another."""
+    from ldbb_bayes.inference.posterior import record_of
+    from ldbb_bayes.report.page import REPORT_FILES, check_folder
+
+    source.check_alone()
+    paths, out = source.paths, output.out
+    folder = output.out = out or (paths[0] if paths[0].is_dir() else paths[0].parent)
+    there = next((name for name in REPORT_FILES if (folder / name).exists()), None)
+    if there is not None and not output.force:
+        raise InputError(f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force.")
+    check_folder(folder)
+    comparison, design = (asked.get(name) for name in ("comparison", "design"))
+    if design is not None and "tests" in asked:
+        raise InputError("--tests must not go with --design, got both. The design says how many.")
+    if asked["same_instrument"] and len(paths) == 1:
+        raise InputError("--same-instrument must go with a second fit, got one alone. Name the fit to set beside it.")
+    with options.counting_progress(output.quiet, "sections") as progress:
+        first, *others = (lb.load(path) for path in paths)
+        document = lb.write_report(
+            first,
+            folder,
+            beside_it=_named(first, others, paths[1:]),
+            **{key: asked[key] for key in ("ci_prob", "tests", "same_instrument") if key in asked},
+            comparison=None if comparison is None else lb.read_comparison(comparison),
+            recommended=None if design is None else lb.read_design(design),
+            progress=progress,
+        )
+    return document, (), record_of(first)["sampler"]["converged"]
+
+
+def figure_names() -> tuple[str, ...]:
+    """Figures that may be replaced: those of an earlier report."""
+    from ldbb_bayes.report.sections import PICTURES
+
+    return options.figure_files(PICTURES, _FORMATS)
+
+
+def _named(first: xr.DataTree, posteriors: list[xr.DataTree], paths: Sequence[Path]) -> dict[str, xr.DataTree]:
+    """Keyed by the campaign's name; by the folder's where two have the same."""
+    from ldbb_bayes.inference.posterior import record_of
+
+    names = [str(record_of(posterior)["campaign"]["name"]) for posterior in (first, *posteriors)]
+    if len(set(names)) < len(names):
+        names = ["", *(f"{name} ({path})" for name, path in zip(names[1:], paths, strict=True))]
+    return dict(zip(names[1:], posteriors, strict=True))
+
+
+# ---- the command
+
+_REPORT = group(
+    comparison=option(Path, "Of a fit: the --out folder of an earlier compare of the same readings.", metavar="DIR"),
+    design=option(Path, "Of a fit: the --out folder of an earlier design after the same readings.", metavar="DIR"),
+    tests=option(int, "Circles to recommend. Default: as many as were run.", min=1, max=300),
+    same_instrument=option(bool, "Fits beside one another share bar, balls, mount and force device.", False),
+    ci=options.CI,
+    seed=options.SEED,
+)
+_FILES = typer.Argument(
+    help="Tables as they are found (workbook, CSV, text; * and ? are expanded), a campaign, or the --out folder of a fit; "
+    "more fits are set beside the first.",
+    metavar="FILE...",
+)
+
+
+@command
+def report(
+    files: Annotated[list[Path], _FILES],
+    output: options.OutputOptions,
+    asked: Annotated[dict[str, Any], _REPORT],
+    figures: Annotated[Path | None, option(Path, "Folder for the figures of the page, as SVG, PNG and PDF.", metavar="DIR")],
+    yes: Annotated[bool, option(bool, "Ask nothing: what neither files nor options say is assumed, and said.", False)],
+    model: options.ChosenModel,
+    layout: Annotated[Any, LAYOUT_OPTIONS],
+    table: options.TableFields,
+    certificates: options.Certificates,
+) -> None:
+    """From files to a page and a PDF for signing, in one go: reads, checks, fits, compares, and designs the next tests.
+
+    Asks at most three questions where a terminal can answer them. Writes report.html, report.pdf, report.json, tables (CSV), the
+    campaign as it was understood, and the fit into FILE_report beside the first. Of a fit, the page goes into its own folder.
+    Exit code 1 when a fit missed its target; the page then says so at its top.
+    """
+    from ldbb_bayes.campaign.importing import matching
+    from ldbb_bayes.files import check_target, staged_folder
+    from ldbb_bayes.inference.posterior import check_probability
+
+    check_probability(asked["ci_prob"])
+    source, ours = Source(matching(files), layout, table, certificates), figure_names()
+    got = f"got {model.degree}. Leave --degree out; or fit it, and report the fit"
+    require(model.degree == 1, f"report must weigh constant and linear compliance, --degree 1, {got}.")
+    if figures is not None:
+        check_target(figures, force=output.force, ours=ours)
+    if source.is_result:
+        document, parts, converged = _of_fits(source, output, asked)
+    else:
+        document, parts, converged = _of_files(source, output, asked, model, ask=not yes and _can_ask())
+    if figures is not None:
+        with staged_folder(figures, force=output.force, ours=ours) as staging:
+            for picture in document.pictures:
+                lb.figures.save_figure(picture.figure, staging, picture.key, formats=_FORMATS)
+    _print(output, parts, document, "" if figures is None else f"; figures: {figures}")
+    if not converged:
+        raise typer.Exit(options.EXIT_MISSED)
+
+
+def _print(output: Output, parts: tuple[Any, ...], document: Document, more: str) -> None:
+    """The JSON of the report, or what is read of it and where it stands."""
+    from ldbb_bayes.report.page import REPORT_FILES
+
+    folder = cast("Path", output.out)
+    if output.as_json:
+        typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
+        return
+    options.show(*parts, *(f"Note: {alert}" for alert in document.alerts))
+    typer.echo(f"Written: {', '.join(f'{folder}/{name}' for name in REPORT_FILES)}{more}")
