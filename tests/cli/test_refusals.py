@@ -95,7 +95,11 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
         ("wFYXZt --frame Y=1,2,3 --frame Y=1,2,3", "--frame must give each name once, got 'Y' again"),
     ],
     "trend": [("nowhere --reference-force -5", "Invalid value for '--reference-force': ")],
-    "report": [("CAMPAIGN", "must be a folder with posterior.nc")],
+    "report": [
+        ("PLAN", "must have readings to be reported"),
+        ("CAMPAIGN --unit mm", "must go with tables"),
+        ("CAMPAIGN --degree 2", "--degree 1"),
+    ],
 }
 
 

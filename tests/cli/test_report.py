@@ -132,7 +132,7 @@ def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke,
     (foreign / "mine.txt").write_text("mine")
     out = tmp_path / "out"
     cases: list[tuple[list[object], str]] = [
-        (["report", tmp_path / "nothing"], "must be a folder with posterior.nc"),
+        (["report", tmp_path / "nothing"], "nothing must be a file, got nothing"),
         (["report", spoiled(result, tmp_path / "spoiled", cut=True)], "got a damaged file"),
         (["report", result, "--comparison", damaged], "must be a comparison written by"),
         (["report", result, "--comparison", comparison, "--design", damaged], "folder with design.json"),
@@ -142,7 +142,7 @@ def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke,
             ["report", result, "--comparison", comparison, "--figures", foreign, "--force"],
             "must hold nothing but earlier results",
         ),
-        (["report", result, "--comparison", comparison, "--same-instrument"], "must go with a second RESULT"),
+        (["report", result, "--comparison", comparison, "--same-instrument"], "must go with a second fit"),
         (["report", result, result, "--comparison", comparison], "results must be of different readings"),
         (["report", spoiled(result, tmp_path / "altered", cut=False), "--comparison", comparison], "not those of its digest"),
     ]
