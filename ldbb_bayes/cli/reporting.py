@@ -118,7 +118,7 @@ def _answered(campaign: lb.Campaign, unsaid: set[str]) -> lb.Campaign:
 
 
 @dataclass(frozen=True)
-class Source:
+class Given:
     """What is read: paths, and what options say of tables, of their campaign and of the instrument."""
 
     paths: Sequence[Path]
@@ -191,7 +191,7 @@ Begin = Callable[[str], Callable[..., None] | None]
 Reported = tuple["Document", tuple[Any, ...], bool]
 
 
-def _of_files(source: Source, output: Output, asked: dict[str, Any], model: lb.HybridModel, *, ask: bool) -> Reported:
+def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.HybridModel, *, ask: bool) -> Reported:
     """Everything, into a folder of its own: the page, what is printed, and whether all fits reached their target."""
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.inference.posterior import record_of
@@ -278,7 +278,7 @@ def _said(
 # ---- the report of fits
 
 
-def _of_fits(source: Source, output: Output, asked: dict[str, Any]) -> Reported:
+def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
     """The page, written into the folder of the fit or another."""
     from ldbb_bayes.inference.posterior import record_of
     from ldbb_bayes.report.page import REPORT_FILES, check_folder
@@ -366,7 +366,7 @@ def report(
     from ldbb_bayes.inference.posterior import check_probability
 
     check_probability(asked["ci_prob"])
-    source, ours = Source(matching(files), layout, table, certificates), figure_names()
+    source, ours = Given(matching(files), layout, table, certificates), figure_names()
     got = f"got {model.degree}. Leave --degree out; or fit it, and report the fit"
     require(model.degree == 1, f"report must weigh constant and linear compliance, --degree 1, {got}.")
     if figures is not None:
