@@ -1,5 +1,6 @@
 """Public names; `__init__.py` imports each when it is first asked for."""
 
+from .analysis.averaging import average as average
 from .analysis.budget import budgets as budgets
 from .analysis.calibration import Validation as Validation
 from .analysis.calibration import validate as validate
@@ -48,6 +49,7 @@ from .fleet.population_prior import PopulationPrior as PopulationPrior
 from .fleet.population_prior import prior_from as prior_from
 from .fleet.trend import Trend as Trend
 from .fleet.trend import trend as trend
+from .inference.evidence import Evidences as Evidences
 from .inference.evidence import log_bayes_factor as log_bayes_factor
 from .inference.evidence import log_evidence as log_evidence
 from .inference.evidence import marginals as marginals

@@ -260,6 +260,7 @@ def compare(
     ci_prob: float = 0.95,
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
+    evidences: Evidences | None = None,
 ) -> Comparison:
     """Compare models of one campaign.
 
@@ -277,6 +278,8 @@ def compare(
         Of replicates and bands.
     progress : callable, optional
         Called with the steps done and their number.
+    evidences : Evidences, optional
+        Nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance is the one asked for.
 
     Raises
     ------
@@ -284,17 +287,17 @@ def compare(
         For fewer than two models, two that are the same, an improper prior, or a plan.
     """
     check_probability(ci_prob)
-    _check(models, campaign, tolerance)
-    first, second, *_ = models
-    pair = {name: models[name] for name in (first, second)}
+    evidences = _checked(models, campaign, evidences or Evidences(campaign, tolerance=tolerance))
+    tolerance = evidences.tolerance
+    pair = {name: models[name] for name in tuple(models)[:2]}
+    first, second = pair
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
     linear = largest.with_degree(min(largest.degree, 1))
-    evidences = Evidences(campaign, tolerance=tolerance)
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
     by_scale = {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales}
     discrepancies = discrepancy_assumptions(pair.values())
-    several, subsets = (not evidence_only and wanted for wanted in (len(campaign.tests) > 1, linear.degree > 0))
-    windows = campaign.force_levels > 1 and not evidence_only
+    wishes = (len(campaign.tests) > 1, linear.degree > 0, campaign.force_levels > 1)
+    several, subsets, windows = (not evidence_only and wanted for wanted in wishes)
     rivals = pair[second].rivals != () and pair[first] == pair[second].with_degree(0) != pair[second]
     if progress is not None:
         total = len(models) * (1 + several * len(campaign.tests)) + 2 * (len(by_scale) + len(discrepancies))
@@ -345,13 +348,13 @@ def compare(
     )
 
 
-def _check(models: Mapping[str, HybridModel], campaign: Campaign, tolerance: float) -> None:
+def _checked(models: Mapping[str, HybridModel], campaign: Campaign, evidences: Evidences) -> Evidences:
     check_campaign(campaign)
     if len(models) < 2:
         raise InputError(f"models must be at least two, got {len(models)}. Give for example constant and linear compliance.")
-    if not _FINEST <= tolerance <= _COARSEST:
+    if not _FINEST <= evidences.tolerance <= _COARSEST:
         raise InputError(
-            f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, got {tolerance}: there are hundreds of evidences. "
+            f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, got {evidences.tolerance}: evidences are hundreds. "
             "For one model log_evidence goes further."
         )
     alike = next(((a, b) for a, b in itertools.combinations(models, 2) if models[a] == models[b]), None)
@@ -361,6 +364,7 @@ def _check(models: Mapping[str, HybridModel], campaign: Campaign, tolerance: flo
         )
     for model in models.values():
         check_comparable(model, campaign)
+    return evidences.of_campaign(campaign)
 
 
 def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:

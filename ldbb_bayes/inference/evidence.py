@@ -149,11 +149,17 @@ def marginals(
 class Evidences:
     """Nodes and evidences of the models of one campaign, each with this error [nat]; ``progress`` is called after each."""
 
-    def __init__(self, campaign: Campaign, *, tolerance: float, progress: Callable[[], object] = lambda: None) -> None:
+    def __init__(self, campaign: Campaign, *, tolerance: float = 1e-2, progress: Callable[[], object] = lambda: None) -> None:
         self.campaign, self.tolerance, self.progress = campaign, tolerance, progress
         self._weighed: dict[str, Nodes] = {}
         self._relatives: dict[str, _Relatives] = {}
         self._modes: dict[tuple[Hyper, ...], Array] = {}
+
+    def of_campaign(self, campaign: Campaign) -> Evidences:
+        """Themselves; nodes of other readings are refused."""
+        cure = f"got those of {self.campaign.name or 'another'}. Make them anew: Evidences(campaign)."
+        require(campaign.sha256 == self.campaign.sha256, f"evidences must be of the campaign {campaign.name or ''}, {cure}")
+        return self
 
     def of(self, *models: HybridModel) -> list[Nodes]:
         """Of each model, those that are one Gaussian given φ from the nodes of the largest."""

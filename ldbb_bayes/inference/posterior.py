@@ -24,7 +24,16 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.mcmc import diagnose
-from ldbb_bayes.inference.predictive import Check, CheckKind, TestChecks, every_check, failing, shared_terms
+from ldbb_bayes.inference.predictive import (
+    Check,
+    CheckKind,
+    Part,
+    TestChecks,
+    compliance_curves,
+    every_check,
+    failing,
+    shared_terms,
+)
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
@@ -36,8 +45,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Concern", "ConcernKind", "Fit", "State", "bound_of", "build_tree", "campaign_of", "campaign_record", "check_probability",
-    "draws_of", "fit_of", "load", "model_of", "nuisances", "numbers_of", "pareto_smooth", "power_sensitivity", "priors_of",
-    "record_of", "result_json", "save", "summarize", "to_units",
+    "curves_of", "draws_of", "fit_of", "load", "model_of", "nuisances", "numbers_of", "pareto_smooth", "parts_of",
+    "power_sensitivity", "priors_of", "record_of", "result_json", "save", "summarize", "to_units",
 ]  # fmt: skip
 
 Array = NDArray[Any]
@@ -381,8 +390,33 @@ def draws_of(posterior: xr.DataTree, bound: BoundModel, size: int | None = None)
     beta, phi = (
         np.stack([group[str(name)].values.ravel() for name in names], axis=1) for names in (bound.names, bound.hyper_prior.names)
     )
-    pick = np.linspace(0, len(beta) - 1, min(size or len(beta), len(beta))).astype(int)
-    return beta[pick], phi[pick]
+    _, phi, beta = Part(bound, phi, beta).few(size or len(beta))
+    return beta, phi
+
+
+def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[Part]:
+    """Posterior draws as `draws_of`, those of an average apart by the rivals of slopes in their model: what these add to the
+    readings follows from β and φ of that model alone. Every part has all parameters, zero where a model has none."""
+    bound = bound_of(posterior)
+    beta, phi = draws_of(posterior, bound, size)
+    averaged = record_of(posterior).get("averaged")
+    if averaged is None:
+        return [Part(bound, phi, beta)]
+    model = np.asarray(posterior["sample_stats"]["model"]).ravel()
+    model = model[np.linspace(0, len(model) - 1, len(beta)).astype(int)]
+    rivals = [tuple(own["rivals"]) for own in averaged["models"]]
+    parts = []
+    for names in dict.fromkeys(rivals[k] for k in model):
+        there = np.array([rivals[k] == names for k in model])
+        parts.append(Part(bound.model.with_rivals(*names).bind(bound.campaign), phi[there], beta[there]))
+    return parts
+
+
+def curves_of(posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0) -> Array:
+    """C(F) of every kept compliance at forces (n,), see `compliance_curves`, shape (draws, n, compliances); the draws of an
+    average in the order of `parts_of`."""
+    rng = np.random.default_rng(seed)
+    return np.concatenate([compliance_curves(*part, force_N, rng) for part in parts_of(posterior, size)])
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:
@@ -458,7 +492,7 @@ def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, A
             shown["hyper"][name_shown] = entry
         else:
             shown["parameters"][name] = entry | {"prior_mean": prior_mean.get(name)}
-    return shown | {part: record[part] for part in ("sampler", "fit", "provenance")}
+    return shown | {part: record[part] for part in ("averaged", "sampler", "fit", "provenance") if part in record}
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
@@ -490,10 +524,8 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
         One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the posterior mean of φ). The mount's
         is its deviation from the nominal deflection.
     """
-    bound = bound_of(posterior)
-    beta, phi = draws_of(posterior, bound, _DRAWS)
-    given = bound.given_interest.conditional(phi, beta - bound.centre)[1]
-    value = dict(zip(bound.hyper_prior.names, phi.mean(axis=0), strict=True))
+    bound, parts = bound_of(posterior), parts_of(posterior, _DRAWS)
+    value = dict(zip(bound.hyper_prior.names, np.concatenate([part.phi for part in parts]).mean(axis=0), strict=True))
     rows = {
         name: {
             "term": kind.__name__,
@@ -505,6 +537,13 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
         for name, sd in zip(part.names, part.sd_at(value), strict=True)
     }
     table = pd.DataFrame.from_dict(rows, orient="index", columns=["term", "unit", "prior_sd"])
-    table.insert(2, "mean", given.mean.mean(axis=0))
-    table.insert(3, "sd", np.sqrt((given.sd**2).mean(axis=0) + given.mean.var(axis=0)))
+    means, variances = (np.zeros((sum(len(part.phi) for part in parts), len(table))) for _ in range(2))
+    end = 0
+    for own, phi, beta in parts:
+        given = own.given_interest.conditional(phi, beta - own.centre)[1]
+        names = [name for part in shared_terms(own.nuisance_columns) for name in part.names]
+        at = np.ix_(np.arange(end, end := end + len(phi)), np.array(list(map(list(table.index).index, names)), dtype=int))
+        means[at], variances[at] = given.mean, given.sd**2
+    table.insert(2, "mean", means.mean(axis=0))
+    table.insert(3, "sd", np.sqrt(variances.mean(axis=0) + means.var(axis=0)))
     return table

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -36,8 +36,10 @@ __all__ = [
     "CheckKind",
     "FitQuality",
     "LeastSquares",
+    "Part",
     "TestChecks",
     "autocorrelation",
+    "averaged_checks",
     "band_um",
     "centre_shift",
     "compliance_curves",
@@ -51,6 +53,7 @@ __all__ = [
     "machine_coefficients",
     "new_circle_coefficients",
     "predictive_checks",
+    "quality_of",
     "replicate_left_out",
     "residuals_mm",
     "runs_with_force",
@@ -65,6 +68,19 @@ _RANK = 1e-6
 _STRETCH = 100_000
 SHIFTED = 0.01
 _FAILS, _SMALLEST, _FEWEST_SHIFTED, _IN_ORDER = 0.01, 1e-300, 4, 0.05
+
+
+class Part(NamedTuple):
+    """A bound model and its draws of φ, shape (n, h) [mm], and β, shape (n, p): those of one model where several are averaged."""
+
+    bound: BoundModel
+    phi: Array
+    beta: Array
+
+    def few(self, most: int) -> Part:
+        """The same with so many draws at most, evenly picked."""
+        pick = np.linspace(0, len(self.phi) - 1, min(most, len(self.phi))).astype(int)
+        return Part(self.bound, self.phi[pick], self.beta[pick])
 
 
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
@@ -205,7 +221,12 @@ class FitQuality:
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
     """RMSE and fitness of the posterior mean prediction, machine plus shared nuisances, from φ (draws, h) [mm], β (draws, p)."""
-    misfits = _misfits(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
+    return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
+
+
+def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
+    """The same of a prediction, basis coefficients (tests, 25) [mm]."""
+    misfits = _misfits(bound, predicted)
     squares = np.array([m @ m + test.residual_ss for m, test in zip(misfits, bound.reduced, strict=True)])
     n = np.array([test.readings for test in bound.reduced])
     rmse = np.sqrt(squares / n) * 1e3
@@ -342,8 +363,7 @@ def _no_slope(force: Array, values: Array) -> float:
 
 def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> dict[str, TestChecks]:
     """Compare every test with new circles under the posterior, φ (draws, h) [mm] and β (draws, p)."""
-    pick = np.linspace(0, len(phi) - 1, min(_DRAWS, len(phi))).astype(int)
-    phi, beta = phi[pick], beta[pick]
+    _, phi, beta = Part(bound, phi, beta).few(_DRAWS)
     shared = _shared_drawn(bound, phi, beta, rng)
     sigma = _hyper(bound, phi, "sigma")[:, 0]
     checks = {}
@@ -363,6 +383,17 @@ def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random
             correlation, correlation_p = autocorrelation(test)
         checks[str(test.name)] = TestChecks(orders, noise_p, correlation, correlation_p)
     return checks
+
+
+def averaged_checks(share: Array, checks: Sequence[Mapping[str, TestChecks]]) -> dict[str, TestChecks]:
+    """The checks of several models, averaged with these shares."""
+    averaged = {}
+    for name, first in checks[0].items():
+        every = [own[name] for own in checks]
+        orders = {n: float(np.dot(share, [own.orders_p[n] for own in every])) for n in first.orders_p}
+        noise_p = None if first.noise_p is None else float(np.dot(share, [own.noise_p or 0.0 for own in every]))
+        averaged[name] = TestChecks(orders, noise_p, first.autocorrelation, first.autocorrelation_p)
+    return averaged
 
 
 def autocorrelation(test: CircularTest) -> tuple[float, float]:

@@ -21,7 +21,16 @@ from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior, TooRoughError, draw_jointly
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
-from ldbb_bayes.inference.predictive import SHIFTED, centre_shift, effects, fit_quality, predictive_checks
+from ldbb_bayes.inference.predictive import (
+    SHIFTED,
+    Part,
+    averaged_checks,
+    centre_shift,
+    effects,
+    predictive_checks,
+    quality_of,
+    shared_coefficients,
+)
 from ldbb_bayes.jobs import one_blas_thread, versions
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
@@ -30,12 +39,15 @@ from ldbb_bayes.model.terms import Drift
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["JointDensity", "LinearRedraw", "check_sampler", "draw", "run_sampler", "sample", "sample_from"]
+__all__ = [
+    "JointDensity", "LinearRedraw", "check_sampler", "densities_of", "draw", "fit_of_parts", "groups_of", "prior_draws_of",
+    "record_from", "run_sampler", "sample", "sample_from",
+]  # fmt: skip
 
 Array = NDArray[Any]
 _CHAINS, _SPACING = 4, 4.0
 _WALKERS, _START_TEMPERATURE, _TRIES = 128, 1.5, 2
-_QUALITY_DRAWS = 1000
+_QUALITY_DRAWS, _CHECKED_DRAWS = 1000, 500
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
 
@@ -249,27 +261,36 @@ def sample_from(
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.plain
     run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
-    groups = _groups(bound, beta, phi, prior_draws, np.random.default_rng(checking[0]))
-    truncation = log_prob_truncation(inside)
+    flat = Part(bound, *reversed(_picked(beta, phi)))
+    arrays = {name: own.reshape(*beta.shape[:2], *own.shape[1:]) for name, own in densities_of(flat).items()}
+    prior = prior_draws_of(bound, prior_draws, np.random.default_rng(checking[0]))
+    groups = groups_of(bound, beta, phi, prior, arrays)
     missed = [] if run.converged else [Concern(ConcernKind.NOT_CONVERGED, run.steps, rule.ess)]
-    record: dict[str, Any] = {
+    route = {
+        "kind": "joint" if run.walkers > 1 else sampler,
+        "by_emcee": sampler == "independent" and run.walkers > 1,
+        **asdict(run.assessment),
+        "converged": run.converged,
+        "draws": int(beta.shape[0] * beta.shape[1]),
+        "seconds": time.perf_counter() - clock,
+        "steps": run.steps,
+        "walkers": run.walkers,
+        "acceptance": run.acceptance,
+        "target_ess": rule.ess,
+        "target_rhat": rule.rhat,
+    }
+    fit = fit_of_parts(bound, [flat], groups, log_prob_truncation(inside), missed, np.random.default_rng(checking[1]))
+    return build_tree(groups, bound, record_from(bound, route, fit, seed, started))
+
+
+def record_from(bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: int, started: datetime) -> dict[str, Any]:
+    """What the group ``provenance`` keeps of a posterior."""
+    return {
         "schema": 1,
         "campaign": campaign_record(bound.campaign),
         "model": _model_record(bound),
-        "sampler": {
-            "kind": "joint" if run.walkers > 1 else sampler,
-            "by_emcee": sampler == "independent" and run.walkers > 1,
-            **asdict(run.assessment),
-            "converged": run.converged,
-            "draws": int(beta.shape[0] * beta.shape[1]),
-            "seconds": time.perf_counter() - clock,
-            "steps": run.steps,
-            "walkers": run.walkers,
-            "acceptance": run.acceptance,
-            "target_ess": rule.ess,
-            "target_rhat": rule.rhat,
-        },
-        "fit": _fit(bound, groups, beta, phi, truncation, missed, np.random.default_rng(checking[1])).as_dict(),
+        "sampler": dict(sampler),
+        "fit": fit.as_dict(),
         "provenance": {
             "versions": versions(),
             "seed": seed,
@@ -277,26 +298,34 @@ def sample_from(
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         },
     }
-    return build_tree(groups, bound, record)
 
 
-def _fit(
+def fit_of_parts(
     bound: BoundModel,
+    parts: Sequence[Part],
     groups: Mapping[str, Mapping[str, Array]],
-    beta: Array,
-    phi: Array,
     truncation: tuple[float, float],
     missed: Sequence[Concern],
     rng: np.random.Generator,
+    prior_level: Array | float = 0.0,
 ) -> Fit:
+    """How well models fit whose draws, part by part, are those of ``groups``; ``bound`` has all their parameters, ``prior_level``
+    is the mean of ln p(β) in the prior of each draw's model: what scaling the prior must not count."""
+    share = np.array([len(part.phi) for part in parts]) / sum(len(part.phi) for part in parts)
+    few, thinned = (
+        [part.few(int(np.ceil(own * most))) for own, part in zip(share, parts, strict=True)]
+        for most in (_QUALITY_DRAWS, _CHECKED_DRAWS)
+    )
+    predicted = [shared_coefficients(*part).mean(axis=0) for part in few]
+    quality = quality_of(bound, np.tensordot(share, predicted, axes=1))
+    group = groups["posterior"]
+    beta, phi = (np.stack([group[str(name)] for name in names], axis=-1) for names in (bound.names, bound.hyper_prior.names))
     flat_beta, flat_phi = _picked(beta, phi)
-    few_beta, few_phi = _picked(beta, phi, _QUALITY_DRAWS)
-    quality = fit_quality(bound, few_phi, few_beta)
     prior, hyper_prior = groups["log_prior"]["parameters"], groups["log_prior"]["hyper"]
     jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
     likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
-    checks = predictive_checks(bound, flat_phi, flat_beta, rng)
-    parts = {"prior": prior, "hyper_prior": hyper_prior, "likelihood": likelihood}
+    checks = averaged_checks(share, [predictive_checks(*own, rng) for own in thinned])
+    scaled = {"prior": prior - prior_level, "hyper_prior": hyper_prior, "likelihood": likelihood}
     return Fit(
         quality.rmse_um,
         quality.fitness_percent,
@@ -305,7 +334,7 @@ def _fit(
         bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
         (*missed, *_concerns(bound, flat_phi, flat_beta.mean(axis=0), truncation[0])),
         checks,
-        power_sensitivity(groups["posterior"], parts),
+        power_sensitivity(group, scaled),
         *effects(bound, flat_phi.mean(axis=0), checks),
     )
 
@@ -325,23 +354,37 @@ def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: f
         yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
 
 
-def _groups(bound: BoundModel, beta: Array, phi: Array, size: int, rng: np.random.Generator) -> dict[str, dict[str, Array]]:
-    """The arrays of the posterior, by group; the prior's are draws inside the truncation, a flat one's of φ only."""
-    flat_beta, flat_phi = _picked(beta, phi)
+def densities_of(part: Part) -> dict[str, Array]:
+    """Of each draw its log density, those of its priors, and ln p of each test given the others, (n,) and (n, tests)."""
+    bound, phi, beta = part
     density = JointDensity(bound)
-    points = density.join(flat_beta, bound.hyper_prior.free(flat_phi))
+    points = density.join(beta, bound.hyper_prior.free(phi))
     chunks = [slice(i, i + CHUNK) for i in range(0, len(points), CHUNK)]
-    log_density = np.concatenate([density(points[part]) for part in chunks])
-    per_test = np.concatenate([bound.log_likelihood_per_test(flat_phi[part], flat_beta[part]) for part in chunks])
-    prior_phi = bound.hyper_prior.draw(size, rng)[None]
-    prior_beta = np.zeros((1, 0, 0)) if bound.model.prior.flat else bound.draw_parameters(size, rng)[None]
+    return {
+        "lp": np.concatenate([density(points[own]) for own in chunks]),
+        "parameters": bound.log_prior(beta),
+        "hyper": bound.hyper_prior.log_density(phi),
+        "per_test": np.concatenate([bound.log_likelihood_per_test(phi[own], beta[own]) for own in chunks]),
+    }
+
+
+def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Draws of β (size, p) from the prior inside the truncation, none where it is flat, and of φ (size, h) [mm]."""
+    phi = bound.hyper_prior.draw(size, rng)
+    return np.zeros((0, 0)) if bound.model.prior.flat else bound.draw_parameters(size, rng), phi
+
+
+def groups_of(
+    bound: BoundModel, beta: Array, phi: Array, prior: tuple[Array, Array], densities: Mapping[str, Array]
+) -> dict[str, dict[str, Array]]:
+    """The arrays of the posterior, by group, from draws (chains, draws, …), `prior_draws_of` and `densities_of`."""
     tests = [next(t for t in bound.campaign.tests if t.name == name) for name in bound.test_names]
     return {
         "posterior": _named(bound, beta, phi),
-        "prior": _named(bound, prior_beta, prior_phi),
-        "sample_stats": {"lp": log_density.reshape(beta.shape[:2])},
-        "log_prior": {"parameters": bound.log_prior(beta), "hyper": bound.hyper_prior.log_density(phi)},
-        "log_likelihood": {"per_test": per_test.reshape(*beta.shape[:2], -1)},
+        "prior": _named(bound, prior[0][None], prior[1][None]),
+        "sample_stats": {"lp": densities["lp"]},
+        "log_prior": {name: densities[name] for name in ("parameters", "hyper")},
+        "log_likelihood": {"per_test": densities["per_test"]},
         "observed_data": {"reading_mm": np.concatenate([test.readings_mm() for test in tests])},
         "constant_data": {
             "angle_rad": np.concatenate([test.angles_rad() for test in tests]),

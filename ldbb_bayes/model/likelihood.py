@@ -544,7 +544,8 @@ class Information:
         joint, own = self.covariance(), self.own
         total = joint[np.ix_(own, own)]
         weight = np.eye(len(own)) if covariance is None else np.linalg.solve(total, covariance)
-        weight = weight / np.diag(total if covariance is None else covariance)
+        variance = np.diag(total if covariance is None else covariance)
+        weight = weight / np.where(variance > 0.0, variance, 1.0)
         parts: dict[tuple[str, str], Array] = {} if self.flat else {(OWN, OWN): total @ total.T}
         for k, (name, owner) in enumerate(zip(self.names, self.owners, strict=True)):
             if owner != OWN:

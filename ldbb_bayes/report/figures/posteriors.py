@@ -18,8 +18,8 @@ from ldbb_bayes.analysis.circularity import COMPLIANCE, GEOMETRY, TOGETHER, cont
 from ldbb_bayes.analysis.circularity import circularity as quantities
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, draws_of, priors_of, record_of
-from ldbb_bayes.inference.predictive import band_um, compliance_curves, new_circle_coefficients, residuals_mm, shared_coefficients
+from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, priors_of, record_of
+from ldbb_bayes.inference.predictive import band_um, new_circle_coefficients, residuals_mm, shared_coefficients
 from ldbb_bayes.machine.chain import PLANES, Circle, Machine, geometric_jacobian, geometric_names, wrench_jacobian, wrench_names
 from ldbb_bayes.machine.identifiable import kept_compliances
 from ldbb_bayes.model.fourier import basis
@@ -81,10 +81,9 @@ def forest(posterior: xr.DataTree) -> Figure:
 def compliance_against_force(posterior: xr.DataTree) -> Figure:
     """C(F) of every kept compliance with 50 % and 95 % bands over the tested forces."""
     bound = bound_of(posterior)
-    beta, phi = draws_of(posterior, bound)
     forces = bound.setting.force_N
     force = np.linspace(forces.min(), forces.max(), 80) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
-    curves = compliance_curves(bound, phi, beta, force, np.random.default_rng(0))
+    curves = curves_of(posterior, force)
     figure, every = panels(len(bound.compliances), min(3, len(bound.compliances)), 9.0, 2.6, 0.3)
     for j, (axes, kind) in enumerate(zip(every, bound.compliances, strict=True)):
         factor, text = style.axis_label(kind.label, compliance_unit(kind))
