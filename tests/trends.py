@@ -28,6 +28,8 @@ def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
     usual = {
         "campaign": "a",
         "name": "a",
+        "sha256": None,
+        "compliances": None,
         "status": "done",
         "machine_id": "M1",
         "date": None,

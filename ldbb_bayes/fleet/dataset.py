@@ -12,10 +12,9 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
-from ldbb_bayes.errors import InputError, check_known, nearest
+from ldbb_bayes.errors import InputError, check_known, nearest, require
 from ldbb_bayes.inference.posterior import ConcernKind
 from ldbb_bayes.inference.predictive import CheckKind
 from ldbb_bayes.report.wording import caveat_words
@@ -25,8 +24,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "DATASET", "FLEET_COLUMNS", "JOURNAL", "PART", "Caveat", "CaveatKind", "check_pyarrow", "choose", "labels", "moment",
-    "read_batch", "write_dataset",
+    "DATASET", "FLEET_COLUMNS", "JOURNAL", "PART", "Caveat", "CaveatKind", "check_pyarrow", "check_rows", "choose", "labels",
+    "moment", "read_batch", "write_dataset",
 ]  # fmt: skip
 
 JOURNAL, DATASET = "batch.sqlite", "campaigns.parquet"
@@ -137,8 +136,7 @@ def read_batch(
     import pyarrow as pa
 
     given = [path] if isinstance(path, str | os.PathLike) else list(path)
-    if not given:
-        raise InputError("batches must be given, got none. Name the --out folder of a batch.")
+    require(given, "batches must be given, got none. Name the --out folder of a batch.")
     read = [_read(_dataset(Path(entry)), columns) for entry in given]
     whole = pa.concat_tables([table for table, _ in read], promote_options="default")
     if columns is not None:
@@ -222,9 +220,6 @@ class CaveatKind(StrEnum):
     UNCERTAIN_P_VALUES = "uncertain-p-values"
 
 
-_NEEDED = ("campaign", "status", "machine_id", "date", "topology", "reference_force_N", "gaussian_names", "gaussian_mean")
-
-
 @dataclass(frozen=True)
 class Caveat(Result):
     """One thing to mind: of which campaigns, machines or parameters, and numbers that go with it."""
@@ -233,6 +228,12 @@ class Caveat(Result):
     names: tuple[str, ...] = ()
     values: tuple[float, ...] = ()
     text: str = ""
+
+
+def check_rows(rows: pd.DataFrame) -> None:
+    """Refuse what is not the table of a batch."""
+    for name in FLEET_COLUMNS:
+        require(name in rows, f"rows must be the table of a batch, got one without {name}. Give what read_batch returns.")
 
 
 def choose(
@@ -249,29 +250,18 @@ def choose(
     (``among``); campaigns before ``since`` (ISO 8601) and those without a date; and, but for ``include_misfits``, those whose
     readings the model does not expect: orders of a circle that fail their check, or readings against non-negative compliance.
     Readings a thousand times too large would move the mean of a population, widen its spread, and hide a change of their machine.
-
-    Raises
-    ------
-    InputError
-        For unknown names, a date that is none, or nothing left.
     """
-    missing = [name for name in _NEEDED if name not in rows]
-    if missing:
-        raise InputError(f"rows must be the table of a batch, got one without {missing[0]}. Give what read_batch returns.")
-    nothing = pd.Series(False, index=rows.index)
-    kinds = rows.get("kinds", pd.Series(None, index=rows.index, dtype=object))
-    found = kinds.map(lambda own: set(own) if isinstance(own, list | tuple | np.ndarray) else set())
+    check_rows(rows)
+    found, digests = rows["kinds"].map(lambda own: set(own) if own is not None else set()), rows["sha256"]
     unexpected = found.map(lambda own: not own.isdisjoint((CheckKind.ORDER, ConcernKind.TRUNCATION))).astype(bool)
     not_white = found.map(lambda own: not own.isdisjoint((CheckKind.NOISE, CheckKind.AUTOCORRELATION))).astype(bool)
-    unconverged = rows.get("converged", ~nothing).map(lambda own: not pd.isna(own) and not own).astype(bool)
-    digests = rows.get("sha256", pd.Series(None, index=rows.index, dtype=object))
     left_out: dict[CaveatKind, Callable[[pd.DataFrame], pd.Series[bool]]] = {
         CaveatKind.EXCLUDED: lambda own: _named(own, exclude, rows if among is None else among),
         CaveatKind.BEFORE: lambda own: _before(own, since),
         CaveatKind.FAILED: lambda own: own["status"] != "done",
         CaveatKind.NO_STATISTICS: lambda own: own["gaussian_names"].isna(),
         CaveatKind.GIVEN_AGAIN: lambda own: digests[own.index].notna() & digests[own.index].duplicated(),
-        CaveatKind.UNEXPECTED: lambda own: (nothing if include_misfits else unexpected)[own.index],
+        CaveatKind.UNEXPECTED: lambda own: unexpected[own.index] & (not include_misfits),
     }
     relied, caveats = rows, []
     for kind, rule in left_out.items():
@@ -281,10 +271,7 @@ def choose(
     if relied.empty:
         said = " ".join(map(caveat_words, caveats))
         raise InputError(f"campaigns must be left to rely on, got none of {len(rows)}. {said} Mend these, or exclude fewer.")
-    minded = {
-        CaveatKind.NOT_CONVERGED: unconverged,
-        CaveatKind.NOT_WHITE: not_white & ~unexpected,
-    }
+    minded = {CaveatKind.NOT_CONVERGED: rows["converged"].eq(False), CaveatKind.NOT_WHITE: not_white & ~unexpected}
     for kind, which in minded.items():
         if (here := which[relied.index]).any():
             caveats.append(Caveat(kind, tuple(labels(relied[here]))))
@@ -294,8 +281,6 @@ def choose(
 def labels(rows: pd.DataFrame) -> list[str]:
     """Return what campaigns are called: by name, those whose name others have too by path."""
     paths = rows["campaign"].astype(str)
-    if "name" not in rows:
-        return list(paths)
     names = rows["name"].where(rows["name"].map(lambda own: isinstance(own, str)), paths)
     return [str(path if same else name) for name, path, same in zip(names, paths, names.duplicated(keep=False), strict=True)]
 
@@ -304,7 +289,7 @@ def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> p
     """Whether campaigns, or their machines, are among the names."""
     names, known = (
         pd.DataFrame({"path": paths, "last": paths.map(lambda own: os.path.basename(own.rstrip("/")))}).join(
-            own[[column for column in ("name", "machine_id") if column in own]]
+            own[["name", "machine_id"]]
         )
         for own in (rows, among)
         for paths in [own["campaign"].astype(str)]

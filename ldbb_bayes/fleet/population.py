@@ -377,7 +377,7 @@ def population(
     nameless = ~relied["machine_id"].map(lambda own: isinstance(own, str)).astype(bool)
     if nameless.any():
         caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(relied[nameless]))))
-    readings = tuple(str(own) for own in relied.get("sha256", ()) if isinstance(own, str))
+    readings = tuple(str(own) for own in relied["sha256"] if isinstance(own, str))
     return replace(found, caveats=(*caveats, *found.caveats), readings=readings)
 
 

@@ -188,12 +188,6 @@ def fleet_statistics(
 
     Compliances are meant at ``reference_force_N``, by default the median of the campaigns' own. With ``one_instrument`` mount and
     force gain are those of one bar, so that their errors do not average out; else each campaign has its own.
-
-    Raises
-    ------
-    InputError
-        For campaigns of machines with other joints, circles or frames elsewhere such that a compliance is another, unknown or
-        repeated parameters.
     """
     topologies = sorted(set(rows["topology"]))
     if len(topologies) > 1:
@@ -270,7 +264,7 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     """What every chosen compliance stands for; rows that do not say it are taken to mean what the others do."""
     found: dict[str, tuple[Meaning, str]] = {}
-    texts = {text: str(own) for own, text in zip(rows["campaign"], rows.get("compliances", ()), strict=False)}
+    texts = {text: str(own) for own, text in zip(rows["campaign"], rows["compliances"], strict=True)}
     for text, campaign in texts.items():
         said = json.loads(text) if isinstance(text, str) else {}
         for name in (name for name in chosen if name in said):

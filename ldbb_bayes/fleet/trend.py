@@ -27,7 +27,7 @@ from pydantic import Field, PlainSerializer
 from scipy.special import erf, logsumexp, ndtri
 
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose, labels
+from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, check_rows, choose, labels
 from ldbb_bayes.fleet.statistics import (
     FleetStatistics,
     Summary,
@@ -302,7 +302,8 @@ def _estimates(statistics: FleetStatistics, visits: Sequence[Visit], chart: Char
 
 def _of_one_machine(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFrame, str | None, list[Caveat]]:
     """A batch's rows of one machine, its name, and what is to be minded of the choice."""
-    ids = rows["machine_id"] if "machine_id" in rows else pd.Series(None, index=rows.index, dtype=object)
+    check_rows(rows)
+    ids = rows["machine_id"]
     named = ids.map(lambda own: isinstance(own, str)).astype(bool)
     known = sorted(set(ids[named]))
     if machine is not None:

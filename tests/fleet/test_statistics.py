@@ -216,7 +216,7 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
         choose(rows.assign(kinds=[SLIP] * 8))
     with pytest.raises(InputError, match=r"got none of 8. Left out, for they could not be fitted: c01"):
         choose(rows.assign(status="failed"))
-    with pytest.raises(InputError, match="rows must be the table of a batch, got one without machine_id"):
+    with pytest.raises(InputError, match="rows must be the table of a batch, got one without name"):
         lb.population(pd.DataFrame({"campaign": ["a"], "status": ["done"]}))
     with pytest.raises(InputError, match=r"two machines, got only M6. Add campaigns of others. Left out, as was asked for: c01"):
         lb.population(rows, exclude=[f"M{k}" for k in range(6)])
