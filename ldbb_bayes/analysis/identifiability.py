@@ -131,11 +131,7 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "bar ± 1 µm": {"bar_U_um": 1.0},
     "mount ± 2 %": {"mount_U_percent": 2.0},
-    "force ± 0.5 %, linearity 0.2 %, random 1 N": {
-        "force_U_percent": 0.5,
-        "force_linearity_percent": 0.2,
-        "force_random_N": 1.0,
-    },
+    "force ± 0.5 %, linearity 0.2 %, random 1 N": {"force_U_percent": 0.5, "force_linearity_percent": 0.2, "force_random_N": 1.0},
     "angle ± 0.05°": {"angle_U_deg": 0.05},
 }
 

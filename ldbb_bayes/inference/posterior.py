@@ -527,11 +527,7 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     bound, parts = bound_of(posterior), parts_of(posterior, _DRAWS)
     value = dict(zip(bound.hyper_prior.names, np.concatenate([part.phi for part in parts]).mean(axis=0), strict=True))
     rows = {
-        name: {
-            "term": kind.__name__,
-            "unit": kind.unit_of(name).inside,
-            "prior_sd": sd,
-        }
+        name: {"term": kind.__name__, "unit": kind.unit_of(name).inside, "prior_sd": sd}
         for kind, columns in bound.columns_of.items()
         for part in shared_terms(columns)
         for name, sd in zip(part.names, part.sd_at(value), strict=True)
