@@ -158,13 +158,7 @@ def _worth_of_certificates(bound: BoundModel, weight: Array, phi: Array) -> dict
 
 @one_blas_thread
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
-    """What the model can learn from a campaign, or could from a plan.
-
-    Raises
-    ------
-    InputError
-        Where the model does not go with the campaign.
-    """
+    """What the model can learn from a campaign, or could from a plan."""
     bound = model.bind(campaign)
     weight, nodes = hyper_nodes(bound)
     phi = weight @ nodes

@@ -57,11 +57,6 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
     A campaign folder, a campaign.toml or a tidy CSV stands for itself; any other folder for its direct subfolders with a
     campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a line but for comments (#). What does not exist
     stays: the batch says so in its row.
-
-    Raises
-    ------
-    InputError
-        For no campaign, none that exists, or a path that cannot stand on a line.
     """
     seen: dict[str, str] = {}
     for path in _opened([given] if isinstance(given, str | os.PathLike) else given):

@@ -8,11 +8,14 @@ it, everything but their spread integrated out.
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,9 +23,9 @@ import pandas as pd
 from pydantic import Field
 from scipy.special import ndtr, ndtri
 
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.campaign.campaign import Campaign, check_campaign
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose, labels
-from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.fleet.statistics import (
     FleetStatistics,
     Meaning,
@@ -39,17 +42,20 @@ from ldbb_bayes.fleet.statistics import (
     keyed,
     machines_of,
     mixture_covariance,
+    same_meaning,
+    stands_for,
     whitened,
 )
 from ldbb_bayes.inference.posterior import check_probability, pareto_smooth
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, eliminate, holm, mixture_moments, mixture_quantiles, weighted_quantiles
+from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, nuisance_words, population_doubts, population_sentences, with_words
-from ldbb_bayes.result import Array, Result, Table, json_text
+from ldbb_bayes.result import Array, Result, Table, json_text, read_result
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state
 
-__all__ = ["PooledMachine", "PooledParameter", "Population", "digest_of", "pool", "population"]
+__all__ = ["PooledMachine", "PooledParameter", "Population", "PopulationPrior", "digest_of", "pool", "population", "prior_from"]
 
 FEWEST, FALSE_ALARMS = 6, 0.05
 
@@ -420,3 +426,114 @@ def pool(
         ci_prob=ci_prob,
         judged=belonging is not None and not belonging.doubtful.any(),
     )
+
+
+# ---- the prior of one more machine
+
+_SAME_FORCE = 1e-9
+
+
+@dataclass(frozen=True)
+class PopulationPrior:
+    """What a population of machines says of the next one: C ~ N(mean, sd²) at the population's reference force.
+
+    Compliances alone, in inside units (mm, N, rad): their slopes and the geometric errors keep the model's own priors.
+    """
+
+    reference_force_N: float  # F0, at which the compliances are meant
+    machines: int
+    campaigns: int
+    means: Mapping[str, float]
+    sds: Mapping[str, float]
+    sha256: str
+    topology: str
+    compliances: Mapping[str, Meaning] = field(default_factory=dict)  # see `stands_for`; one that is missing is the campaign's
+    machine_ids: frozenset[str] = frozenset()
+    readings: frozenset[str] = frozenset()  # SHA-256 of the campaigns
+    own_doubts: tuple[str, ...] = ()  # what the population says is to be minded
+
+    def model(self, model: HybridModel) -> HybridModel:
+        """The same model with these priors of the compliances, at the population's reference force; slopes keep their sd."""
+        prior = model.prior
+        cure = "got flat ones. Use the default preset."
+        require(not prior.flat, f"the model must have proper priors to take a population's, {cure}")
+        for name in self.means:
+            free = name not in model.fixed
+            require(free, f"{name} must be free to have the population's prior, got one fixed at zero. Free it.")
+            two = name in prior.overrides or name in prior.means
+            require(not two, f"{name} must have one prior, got the population's and the model's own. Remove one of them.")
+        own = model.reference_force_N
+        if own is not None and not np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE):
+            raise InputError(
+                f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, "
+                f"got {own:g} N. Leave reference_force_N out of the model."
+            )
+        prior = replace(prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means})
+        return replace(model, reference_force_N=self.reference_force_N, prior=prior)
+
+    def doubts(self, campaign: Campaign) -> tuple[str, ...]:
+        """What speaks against using it for a campaign (or plan), in sentences; a machine that it does not speak of is refused."""
+        check_campaign(campaign)
+        self._check_machine(campaign)
+        doubts = []
+        if campaign.machine_id in self.machine_ids:
+            doubts.append(
+                f"The population has campaigns of this machine ({campaign.machine_id}): its prior is that of a machine not seen "
+                "before, and wider than what is known of this one."
+            )
+        low, high = float(campaign.forces_N.min()), float(campaign.forces_N.max())
+        if not low <= self.reference_force_N <= high:
+            doubts.append(
+                f"The population's compliances are meant at {self.reference_force_N:g} N, outside this campaign's forces "
+                f"({low:g} to {high:g} N): only the model's slopes carry them there."
+            )
+        return (*doubts, *(f"The population says: {doubt}" for doubt in self.own_doubts))
+
+    def _check_machine(self, campaign: Campaign) -> None:
+        require(
+            campaign.topology == self.topology,
+            f"topology must be the population's {self.topology!r} to use its prior, got {campaign.topology!r}. "
+            "Use a population of such machines, or no --prior-from.",
+        )
+        sums = stands_for(campaign)
+        missing = [name for name in self.means if name not in sums]
+        require(
+            not missing,
+            f"the campaign must have the population's compliances, got {', '.join(sums)} without {', '.join(missing)}. "
+            "Use a population whose circles lie in the same planes.",
+        )
+        for name in self.means:
+            require(
+                name not in self.compliances or same_meaning(name, self.compliances[name], sums[name]),
+                f"the campaign must mean by {name} what the population does, got circles or joints' frames that stand "
+                "elsewhere, so that it is the sum of other compliances. Use a population measured in the same place.",
+            )
+        require(
+            campaign.sha256 not in self.readings,
+            "the campaign must not be in the population that gives its prior, got readings that it was made from: they would "
+            "count twice. Make the population without it (--exclude), or fit without --prior-from.",
+        )
+
+
+def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:
+    """The prior for one more machine in a population's result, unchanged: its folder, or the ``population.json`` in it."""
+    return read_result(Path(path), "population", "population", _prior_of)
+
+
+def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
+    if (record["kind"], record["schema"], record["sha256"]) != ("population", 1, digest_of(record)):
+        raise ValueError("its sha256 is not that of its contents: it was edited, or is of another edition")
+    return PopulationPrior(
+        **{name: record[name] for name in ("reference_force_N", "machines", "campaigns", "topology", "sha256", "compliances")},
+        means={name: entry["mean"] for name, entry in record["next"].items()},
+        sds={name: entry["sd"] for name, entry in record["next"].items()},
+        machine_ids=frozenset(record["machine"]),
+        readings=frozenset(record["readings_sha256"]),
+        own_doubts=tuple(record["doubts"]),
+    )
+
+
+def digest_of(record: Mapping[str, Any]) -> str:
+    """SHA-256 of a population.json, as read, but for its ``sha256``: of its JSON with sorted keys."""
+    plain = {name: value for name, value in record.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -18,15 +18,9 @@ from scipy.special import ndtri
 __all__ = ["Assessment", "EnsembleRun", "Progress", "Redraw", "StoppingRule", "assess", "diagnose", "run_ensembles"]
 
 Array = NDArray[Any]
-_BLOCKS_A_LEVEL = 4
-_MOST_DOUBLINGS = 5
-_DOUBLINGS_STORED = 2
-_JUMP = 0.1
-_REDRAWN = 0.9
-_MOST_DRAWS = 25_000
-_STOCK = 512
-_TAILS = (0.05, 0.95)
-_ROUNDING = 1e-15
+_BLOCKS_A_LEVEL, _MOST_DOUBLINGS, _DOUBLINGS_STORED = 4, 5, 2
+_JUMP, _REDRAWN, _MOST_DRAWS, _STOCK = 0.1, 0.9, 25_000, 512
+_TAILS, _ROUNDING = (0.05, 0.95), 1e-15
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.mcmc import diagnose
 from ldbb_bayes.inference.predictive import (
@@ -188,22 +188,9 @@ def _apart(one: Array, other: Array, widths: Array) -> Array:
 
 
 def pareto_smooth(log_ratio: Array) -> tuple[Array, float, float]:
-    """Weights of importance sampling, their largest smoothed by a Pareto tail (Vehtari et al. 2024).
-
-    Parameters
-    ----------
-    log_ratio : ndarray, shape (n,)
-        ln of target over proposal at independent draws, up to a constant.
-
-    Returns
-    -------
-    weight : ndarray, shape (n,)
-        They sum to one.
-    pareto_k : float
-        Infinite when hardly a draw counts or the tail cannot be judged; −inf for equal weights.
-    good_k : float
-        Above this the weights cannot be trusted.
-    """
+    """Weights of importance sampling (n,), their largest smoothed by a Pareto tail (Vehtari et al. 2024), from ln of target over
+    proposal at independent draws, up to a constant; Pareto's k̂, infinite when hardly a draw counts or the tail cannot be judged,
+    −inf for equal weights; and the k̂ above which weights cannot be trusted."""
     good_k = min(0.7, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < np.sqrt(np.finfo(float).eps):
         return np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k
@@ -262,13 +249,8 @@ def save(tree: xr.DataTree, path: str | os.PathLike[str]) -> Path:
 
 
 def load(path: str | os.PathLike[str]) -> xr.DataTree:
-    """Read a posterior written by `save`; a folder means its posterior.nc.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, damaged (its digest tells), not one of ours, or of an earlier edition.
-    """
+    """Read a posterior written by `save`; a folder means its posterior.nc. What is missing, damaged (its digest tells), not one
+    of ours, or of an earlier edition is refused."""
     source = Path(path)
     source = source / "posterior.nc" if source.is_dir() else source
     if not source.is_file():
@@ -346,13 +328,7 @@ def record_of(posterior: xr.DataTree) -> dict[str, Any]:
 
 
 def fit_of(posterior: xr.DataTree) -> Fit:
-    """How well the model fits, and what to mind.
-
-    Raises
-    ------
-    InputError
-        For a posterior of an earlier edition.
-    """
+    """How well the model fits, and what to mind; a posterior of an earlier edition is refused."""
     try:
         return Fit.from_dict(record_of(posterior)["fit"])
     except ValidationError as error:
@@ -449,11 +425,6 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
     DataFrame
         Columns unit, mean, sd, median, ci_low, ci_high, prior_mean (of parameters with a proper prior), prior_sd, ess_bulk,
         ess_tail, rhat; ``attrs["fit"]`` is the `Fit`: whether the numbers can be used (``state``), and what to mind.
-
-    Raises
-    ------
-    InputError
-        When ci_prob is not between 0 and 1.
     """
     check_probability(ci_prob)
     prior_sd, prior_mean = priors_of(posterior)
@@ -510,8 +481,7 @@ def numbers_of(draws: Array, ci_prob: float) -> dict[str, float]:
 
 def check_probability(ci_prob: float) -> None:
     """Refuse a probability that is not between 0 and 1."""
-    if not 0.0 < ci_prob < 1.0:
-        raise InputError(f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
+    require(0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")
 
 
 @one_blas_thread

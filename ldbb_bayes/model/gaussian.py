@@ -4,12 +4,12 @@
 |---|---|
 | prior, known moments | `Gaussian.of(mean, covariance or variances)` |
 | likelihood of white rows y = J x + N(0, I) | `Gaussian.from_rows(J, y)`; prior × likelihood: `prior.observe(J, y)` |
-| sums of information, possibly singular | `Gaussian(P, η, constant)`; `+` multiplies densities, `-` divides them |
-| ∫ g, moments, p(x_i), p(x_r given x_i) | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)`, `given(index, values)` |
+| sums of information, possibly singular | `Gaussian(P, η, constant)`; `+` multiplies densities |
+| ∫ g, moments, p(x_i) | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
 | draws, standard coordinates, densities | `draw`, `at`, `white`, `log_density` |
 
 The square root is what is kept: P = S⁻¹ L Lᵀ S⁻¹, S diagonal scales. Rows are factored by QR, columns scaled; no normal
-equations, nothing is inverted. Moments need P positive definite; sums and conditionals do not.
+equations, nothing is inverted. Moments need P positive definite; sums do not.
 
 Beside it: triangular algebra on stacks (`eliminate`, `solve_lower`, `solve_upper`), least squares of minimum norm, moments and
 quantiles of mixtures of Gaussians, quantiles of weighted draws, Newton's method for a mode, Holm's adjustment, Sobol's points.
@@ -178,17 +178,6 @@ class Gaussian:
     def __add__(self, other: Gaussian) -> Gaussian:
         return Gaussian(self.precision + other.precision, self.shift + other.shift, self.log_constant + other.log_constant)
 
-    def __sub__(self, other: Gaussian) -> Gaussian:
-        return Gaussian(self.precision - other.precision, self.shift - other.shift, self.log_constant - other.log_constant)
-
-    def given(self, index: Sequence[int], values: Array) -> Gaussian:
-        """g as a function of the other coefficients, those of ``index`` having values (..., k)."""
-        left = np.setdiff1d(np.arange(self.shift.shape[-1]), index)
-        across, inside = self.precision[..., left[:, None], index], self.precision[..., np.array(index)[:, None], index]
-        constant = (values * (self.shift[..., index] - 0.5 * np.einsum("...ij,...j->...i", inside, values))).sum(axis=-1)
-        shift = self.shift[..., left] - np.einsum("...ij,...j->...i", across, values)
-        return Gaussian(self.precision[..., left[:, None], left], shift, self.log_constant + constant)
-
     def marginal(self, keep: Sequence[int]) -> Gaussian:
         """∫ g over the other coefficients, in the order of ``keep``."""
         mean, root, scale = self._factored
@@ -354,7 +343,7 @@ def weighted_quantiles(weight: Array, draws: Array, levels: Sequence[float] | Ar
     return found.reshape(len(levels), *draws.shape[1:])
 
 
-_FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
+_FRACTIONS, _LONGEST, _STEPS = (1.0, 0.5, 0.25, 0.1, 0.03), 1.5, 60
 
 
 def newton(
@@ -363,24 +352,22 @@ def newton(
     start: Array,
     *,
     least_curvature: float = 0.3,
-    longest: float = 1.5,
     gain: float = 1e-6,
-    iterations: int = 60,
 ) -> Array:
     """A mode of a log density (n, h) → (n,), shape (h,), by damped Newton steps from a start; ``derivatives`` of a point:
     its gradient (h,) and Hessian (h, h).
 
     Directions of wrong curvature are turned round, none counts as flatter than ``least_curvature``, no step is longer than
-    ``longest``; of several fractions of a step, tried in one call, the best is taken. Steps end when the density rises by no more
+    1.5; of several fractions of a step, tried in one call, the best is taken. Steps end when the density rises by no more
     than ``gain`` [nat].
     """
     point, fractions = np.array(start, dtype=float), np.array(_FRACTIONS)
     value = float(log_density(point[None])[0])
-    for _ in range(iterations):
+    for _ in range(_STEPS):
         gradient, hessian = derivatives(point)
         curvature, vectors = np.linalg.eigh(-hessian)
         step = vectors @ ((vectors.T @ gradient) / np.maximum(np.abs(curvature), least_curvature))
-        step *= min(1.0, longest / max(float(np.linalg.norm(step)), 1e-12))
+        step *= min(1.0, _LONGEST / max(float(np.linalg.norm(step)), 1e-12))
         trials = log_density(point + fractions[:, None] * step)
         best = int(np.argmax(trials))
         if not trials[best] > value + gain:

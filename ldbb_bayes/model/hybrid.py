@@ -22,21 +22,7 @@ from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_o
 from ldbb_bayes.model.gaussian import components, least_squares
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian
 from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit
-from ldbb_bayes.model.terms import (
-    BallForm,
-    BarLength,
-    BasisNoise,
-    CircleScale,
-    Columns,
-    Discrepancy,
-    ForceError,
-    Hysteresis,
-    JointLoad,
-    Mount,
-    Scale,
-    SetupShift,
-    Term,
-)
+from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, ForceError, JointLoad, Mount, Scale, Term, first_edition
 from ldbb_bayes.model.truncation import Orthant, Truncation
 from ldbb_bayes.result import Result
 from ldbb_bayes.units import inside_name
@@ -75,11 +61,6 @@ class HybridModel(Result):
         Where the model started from.
     fixed : tuple of str
         Parameters fixed at zero, for example ``("C_XYX_1",)``; their names are checked when the model meets a campaign.
-
-    Raises
-    ------
-    InputError
-        For what does not go together.
     """
 
     degree: int = 1
@@ -125,9 +106,7 @@ class HybridModel(Result):
     @classmethod
     def first(cls, degree: int = 1) -> HybridModel:
         """The model's first edition: form of 1/n, linear springs, circles of one scatter."""
-        form, hysteresis = BallForm(law="1/n"), Hysteresis(law="fixed")
-        others = (BarLength(), Mount(curvature_um=0.0), ForceError(curvature_sd=0.0), SetupShift(), Discrepancy())
-        return cls(degree, (form, *others, hysteresis), Prior.first(), preset="first")
+        return cls(degree, first_edition(), Prior.first(), preset="first")
 
     @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:

@@ -54,24 +54,13 @@ def model_to_toml(model: HybridModel) -> str:
     return tomli_w.dumps(content)
 
 
-def model_from_toml(text: str, *, degree: int | None = None) -> HybridModel:
-    """A model from TOML. What the text leaves out is the preset's; ``[terms]``, where given, lists the nuisances that are on.
-
-    Parameters
-    ----------
-    degree : int, optional
-        Used when the text names none (default then: the preset's).
-
-    Raises
-    ------
-    InputError
-        For invalid TOML, unknown keys, or values that cannot be.
-    """
-    return _model_of(parse_toml(text, "model"), "model", degree)
+def model_from_toml(text: str) -> HybridModel:
+    """A model from TOML. What the text leaves out is the preset's; ``[terms]``, where given, lists the nuisances that are on."""
+    return _model_of(parse_toml(text, "model"), "model", None)
 
 
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
-    """A model from a TOML file; see `model_from_toml`."""
+    """A model from a TOML file, see `model_from_toml`; of this ``degree`` where the file names none."""
     return _model_of(read_toml(Path(path)), str(path), degree)
 
 

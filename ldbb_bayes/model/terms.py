@@ -25,7 +25,7 @@ from ldbb_bayes.result import Result
 __all__ = [
     "FORM_ORDER", "NOISE", "OWN", "Angle", "BallForm", "BarLength", "BasisNoise", "CircleScale", "Columns", "Covariate",
     "Discrepancy", "Drift", "ForceError", "Hyper", "Hysteresis", "JointLoad", "Law", "MachinePattern", "Mount", "Moves",
-    "Position", "Scale", "SetupShift", "Source", "Term", "Uncertainties", "Uncertainty", "Unit", "uncertainties",
+    "Position", "Scale", "SetupShift", "Source", "Term", "Uncertainties", "Uncertainty", "Unit", "first_edition", "uncertainties",
 ]  # fmt: skip
 
 Array = NDArray[Any]
@@ -99,11 +99,6 @@ class Columns:
         Sd that no hyper-parameter scales, added in quadrature.
     circle : sequence of str, of as many as tests, optional
         Names of the scales λ of private coefficients, as of `BasisNoise`.
-
-    Raises
-    ------
-    InputError
-        For shapes that do not go together.
     """
 
     names: tuple[str, ...]
@@ -587,12 +582,8 @@ class ForceError(Term):
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         for name, sd in self._sds(campaign.instrument).items():
-            named = {
-                "force_gain": "force_U_percent",
-                "force_curvature": "force_linearity_percent",
-                "force_random": "force_random_N",
-            }
-            yield _assumed(campaign, name, named[name], sd)
+            named = zip(self.stem, ("force_U_percent", "force_linearity_percent", "force_random_N"), strict=True)
+            yield _assumed(campaign, name, dict(named)[name], sd)
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
@@ -844,3 +835,9 @@ class Drift(Term):
     def describe(cls, coefficient: str) -> str:
         over, what = coefficient.removeprefix("drift_").split("_")
         return f"drift of {'the bar' + chr(39) + 's length' if what == 'length' else f'the centre along {what}'} over {over}"
+
+
+def first_edition() -> tuple[Term, ...]:
+    """Return the nuisances of the model's first edition: form of 1/n, linear springs, circles of one scatter."""
+    springs = (BarLength(), Mount(curvature_um=0.0), ForceError(curvature_sd=0.0))
+    return (BallForm(law="1/n"), *springs, SetupShift(), Discrepancy(), Hysteresis(law="fixed"))

@@ -61,18 +61,8 @@ class Truncation:
 
 
 class Orthant:
-    """P(u ≥ 0) for u ~ N(mean, spread spreadᵀ), a batch of w of them.
-
-    Parameters
-    ----------
-    mean : ndarray, shape (w, m)
-    spread : ndarray, shape (w, m, q)
-
-    Raises
-    ------
-    InputError
-        Where the saddle point is out of reach of double precision.
-    """
+    """P(u ≥ 0) for u ~ N(mean, spread spreadᵀ), a batch of w of them: means (w, m), spreads (w, m, q). InputError where the
+    saddle point is out of reach of double precision."""
 
     def __init__(self, mean: Array, spread: Array) -> None:
         self._mean, self._spread = mean, spread

@@ -37,7 +37,6 @@ def test_what_is_left_out_is_the_presets() -> None:
     alone = model_from_toml('schema = 1\npreset = "first"\n[terms.BallForm]\n[terms.Mount]\nrelative_sd = 0.2\n')
     assert alone.nuisances == (first.nuisances[0], replace(first.nuisances[2], relative_sd=0.2))  # type: ignore[type-var]
     assert "Drift" not in model_to_toml(lb.HybridModel.first(1))
-    assert model_from_toml("schema = 1", degree=2).degree == 2
     model = model_from_toml("schema = 1\ndegree = 0\n[prior]\ntau_um = 15.0\n[terms.BarLength]\nsd_um = 2.0\n")
     assert model.nuisances == (BarLength(2.0),)
     assert model.prior.tau_um == 15.0

@@ -39,17 +39,12 @@ from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.result import Array
 from ldbb_bayes.units import inside_name
 
-__all__ = ["Clocking", "CriterionName", "Space", "bind_tests", "frame_of", "place_columns", "running_order"]
+__all__ = ["Clocking", "CriterionName", "Space", "bind_tests", "frame_of", "running_order"]
 
 Clocking = tuple[float, float]
 _ALWAYS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _WHERE_DIFFERENT = ("plane", "direction", "setup")
 _ROUNDING = 1e-12
-
-
-def place_columns(tests: Sequence[CircularTest]) -> tuple[str, ...]:
-    """What to say of every test beside its force: clockings and radius, and the rest where it differs."""
-    return (*_ALWAYS, *(name for name in _WHERE_DIFFERENT if len({getattr(test, name) for test in tests}) > 1))
 
 
 def frame_of(tests: Sequence[CircularTest], columns: Sequence[str]) -> pd.DataFrame:
@@ -258,6 +253,12 @@ class Space:
         """The candidates."""
         return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm)
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What to say of every test beside its force: clockings and radius, and the rest where it differs."""
+        every = (*self.tests, *self.judged)
+        return (*_ALWAYS, *(name for name in _WHERE_DIFFERENT if len({getattr(test, name) for test in every}) > 1))
+
     def tests_of(self, found: Found) -> tuple[CircularTest, ...]:
         """The tests of a design, one as often as it is to be run."""
         return tuple(self.tests[i] for i in np.repeat(np.arange(len(self.tests)), found.counts))
@@ -302,7 +303,7 @@ class Space:
     def forecast(self, tests: Sequence[CircularTest], *, states: States | None = None) -> Forecast:
         """What to expect of tests (added to the pilot's own when ``augment``), over more hyper-parameters than the search uses.
         ``states``: the machine as it may be before them."""
-        states = self.states if states is None else states
+        states = states or self.states
         bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
         after, floor = posteriors(bound, states.phi, len(self.pilot.tests) if self.augment else 0)
         if after is None:

@@ -13,15 +13,7 @@ import pandas as pd
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
-from ldbb_bayes.analysis.design.candidates import (
-    Clocking,
-    CriterionName,
-    Space,
-    bind_tests,
-    frame_of,
-    place_columns,
-    running_order,
-)
+from ldbb_bayes.analysis.design.candidates import Clocking, CriterionName, Space, bind_tests, frame_of, running_order
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast
 from ldbb_bayes.analysis.design.optimal import MOST_TESTS, Found
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign, distinct_forces
@@ -133,12 +125,7 @@ class Design(Forecast):
     def plan(self, *, seed: int = 1) -> Campaign:
         """The tests as a plan, in the order in which to run them: blocks of one clocking, forces at random within.
 
-        Where the model has a drift, at the pilot's pace and mean temperature.
-
-        Raises
-        ------
-        InputError
-            For a design read from a file.
+        Where the model has a drift, at the pilot's pace and mean temperature. None of a design read from a file.
         """
         own = self._at_hand()
         tests = _timed(running_order(own.tests, np.random.default_rng(seed)), own.pilot, own.model)
@@ -161,13 +148,7 @@ class Design(Forecast):
 
 
 def read_design(path: Path) -> Design:
-    """Return the design in a folder written by ``ldbb-bayes design --out``, or in its design.json.
-
-    Raises
-    ------
-    InputError
-        When the file is missing, damaged, or not one of ours.
-    """
+    """Return the design in a folder written by ``ldbb-bayes design --out``, or in its design.json."""
     return read_result(path, "design", "design", Design.from_dict)
 
 
@@ -265,8 +246,7 @@ def design(
 
 
 def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]]) -> Design:
-    tests, optimum = space.tests_of(found), found.optimum
-    columns = place_columns((*space.tests, *space.judged))
+    tests, optimum, columns = space.tests_of(found), found.optimum, space.columns
 
     def judged(name: str, tests: tuple[CircularTest, ...]) -> Judged:
         own = space.forecast(tests)

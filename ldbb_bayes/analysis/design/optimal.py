@@ -324,14 +324,8 @@ def exchange(
     thorough: bool = True,
 ) -> tuple[Array, float]:
     """Counts and value of a design in which one test at a time, those of ``start``, is replaced by a better one until none is.
-
-    Parameters
-    ----------
-    feasible : callable
-        Whether a design (counts) may be had; that of ``start`` must be.
-    thorough : bool
-        End only when all candidates were tried in every place (of many, those of the largest sensitivity); else when a few were.
-    """
+    All designs, that of ``start`` too, are ``feasible``; ``thorough``: all candidates were tried in every place at the end (of
+    many, those of the largest sensitivity), else a few."""
     n = objective.candidates
     counts, value = start.copy(), objective.value(start.astype(float))
     size = _LEADING if n > _ALL else n
