@@ -358,7 +358,7 @@ def demo(
     parts: list[Any] = []
     for name, posterior in fits.items():
         parts += [f"{name.capitalize()} compliance", results_table(results[name], lb.verdicts(posterior))]
-    parts += [*document.sections[0].parts, "", f"Report: {out}/linear/report.html"]
+    parts += [document.state, "", f"Report: {out}/linear/report.html"]
     parts.append(f"Files: {out}/campaign, {out}/constant, {out}/linear, {out}/figures (PNG and SVG)")
     Output(as_json=as_json).deliver({"schema": 1, "out": str(out), **results}, tuple(parts))
     if not all(result["sampler"]["converged"] for result in results.values()):

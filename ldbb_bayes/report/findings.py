@@ -76,6 +76,13 @@ class Findings:
     ci_prob: float
     comparison: Compared
     design: Recommended
+    averaged: xr.DataTree | None = None
+    tolerances: Mapping[str, Any] | None = None
+
+    @property
+    def numbers(self) -> xr.DataTree:
+        """What the sheets state: averaged over the models where that was worked out."""
+        return self.posterior if self.averaged is None else self.averaged
 
     @cached_property
     def result(self) -> dict[str, Any]:
@@ -125,6 +132,8 @@ def find(
     tests: int | None = None,
     comparison: Compared | None = None,
     recommended: Recommended | None = None,
+    averaged: xr.DataTree | None = None,
+    tolerances: Mapping[str, Any] | None = None,
 ) -> Findings:
     """Return what a report shows of a fit, after a look whether what is brought is of the same readings; as `write_report`."""
     digest = campaign_of(posterior).sha256
@@ -140,6 +149,8 @@ def find(
         ci_prob,
         _compared(posterior) if comparison is None else comparison,
         _next_tests(posterior, tests) if recommended is None else recommended,
+        averaged,
+        tolerances,
     )
 
 

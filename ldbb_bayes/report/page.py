@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find
 from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
+from ldbb_bayes.report.sheets import Pair, Sheet, Verdict, pdf_of, sheets, words_of
 from ldbb_bayes.result import json_text
 from ldbb_bayes.units import display_unit, typeset
 
@@ -37,11 +39,22 @@ class Document:
     lines: tuple[str, ...]
     alerts: tuple[str, ...]
     sections: tuple[Section, ...]
+    sheets: tuple[Sheet, ...] = ()
+    annex: bool = False  # whether the sections are printed too
+    language: str = "en"  # of the sheets
+
+    @property
+    def state(self) -> str:
+        """Whether the numbers can be used, in one sentence."""
+        return next(block.sentence for sheet in self.sheets for block in sheet.blocks if isinstance(block, Verdict))
 
     @property
     def pictures(self) -> Iterator[Picture]:
         """All figures in order."""
-        return (part for section in self.sections for part in section.parts if isinstance(part, Picture))
+        for block in (block for sheet in self.sheets for block in sheet.blocks):
+            if isinstance(block, Pair | Picture):
+                yield block.picture if isinstance(block, Pair) else block
+        yield from (part for section in self.sections for part in section.parts if isinstance(part, Picture))
 
 
 def compose(
@@ -49,20 +62,25 @@ def compose(
     others: Sequence[Beside] = (),
     *,
     same_instrument: bool = False,
+    language: str = "en",
+    annex: bool = False,
+    force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Return all sections in order, with campaigns to set beside this one; as `write_report`."""
+    """Return sheets and sections in order, with campaigns to set beside this one; as `write_report`."""
     report = progress or (lambda done, total: None)
-    report(0, len(SECTIONS))
+    report(0, len(SECTIONS) + 1)
+    made = sheets(found, language=language, force_N=force_N)
     sections = []
     for k, (key, (title, write)) in enumerate(SECTIONS.items()):
+        report(k + 1, len(SECTIONS) + 1)
         sections.append(Section(key, title, tuple(write(found))))
-        report(k + 1, len(SECTIONS))
+    report(len(SECTIONS) + 1, len(SECTIONS) + 1)
     result, seen = found.result, found.seen
     name = title = str(result["campaign"]["name"])
     if others:
         parts = tuple(beside(result, others, same_instrument=same_instrument, ci_prob=found.ci_prob))
-        sections.insert(1, Section("beside", "Campaigns side by side", parts))
+        sections.insert(0, Section("beside", "Campaigns side by side", parts))
         title = f"{name}, beside {wording.joined([other.name for other in others])}"
     forces = [test.force_N for test in seen.tests]
     started, version = result["provenance"]["started"][:10], result["provenance"]["versions"]["ldbb-bayes"]
@@ -74,7 +92,7 @@ def compose(
     for other in others:
         converged, conflict = other.result["sampler"]["converged"], other.differences.attrs.get("conflict")
         alerts += wording.difference_doubts(name, other.name, converged, conflict)
-    return Document(f"Loaded double ball bar: {title}", lines, tuple(alerts), tuple(sections))
+    return Document(f"Loaded double ball bar: {title}", lines, tuple(alerts), tuple(sections), made, annex, language)
 
 
 def html_page(document: Document) -> str:
@@ -143,7 +161,7 @@ def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
 
 _NAMES = "results covariance correlation budget circularity measured_circularity contributions measured_pairs differences"
 _TABLES = tuple(f"{name}.csv" for name in _NAMES.split())
-REPORT_FILES = ("report.html", "report.json", "tables")
+REPORT_FILES = ("report.html", "report.pdf", "report.json", "tables")
 
 
 def check_folder(folder: Path) -> None:
@@ -164,9 +182,14 @@ def write_report(
     tests: int | None = None,
     comparison: Compared | None = None,
     recommended: Recommended | None = None,
+    averaged: xr.DataTree | None = None,
+    tolerances: Mapping[str, Any] | None = None,
+    language: str = "en",
+    annex: bool = False,
+    force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Write report.html, report.json and tables (CSV) into a folder.
+    """Write report.html, report.pdf (its two sheets), report.json and tables (CSV) into a folder.
 
     Parameters
     ----------
@@ -186,6 +209,16 @@ def write_report(
         From `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
     recommended : Design, optional
         From `design` or `read_design` after the same readings; default: as many circles as ``tests``, of the forces tested.
+    averaged : DataTree, optional
+        From `average`: what the sheets state; default: the posterior itself, and the sheets say so.
+    tolerances : mapping of quantity to Tolerance, optional
+        That the sheets are to state conformity with.
+    language : str
+        Of the sheets: en or de.
+    annex : bool
+        Whether all that follows the sheets is printed too.
+    force_N : float, optional
+        At which the sheets state stiffness and circular deviation; default: the reference force.
     progress : callable, optional
         Called with the sections done and their number.
 
@@ -209,15 +242,27 @@ def write_report(
         )
         for name, other in (beside_it or {}).items()
     )
-    found = find(posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended)
-    document = compose(found, apart, same_instrument=same_instrument, progress=progress)
+    words_of(language)
+    found = find(
+        posterior,
+        ci_prob=ci_prob,
+        tests=tests,
+        comparison=comparison,
+        recommended=recommended,
+        averaged=averaged,
+        tolerances=tolerances,
+    )
+    asked: dict[str, Any] = {"language": language, "annex": annex, "force_N": force_N}
+    document = compose(found, apart, same_instrument=same_instrument, **asked, progress=progress)
     frames = tables(found, apart)
     record, page = json_text(_record(found, document, frames)), html_page(document)
+    paper = pdf_of(document.sheets, document.title, language, datetime.fromisoformat(found.result["provenance"]["started"]))
     with staged_folder(folder / "tables", force=True, ours=_TABLES) as staging:
         for name, frame in frames.items():
             frame.to_csv(staging / f"{name}.csv")
     write_whole(folder / "report.json", record.encode())
     write_whole(folder / "report.html", page.encode())
+    write_whole(folder / "report.pdf", paper)
     return document
 
 

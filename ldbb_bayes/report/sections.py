@@ -27,7 +27,7 @@ from ldbb_bayes.report.wording import nuisance_words, source_words, unit_words
 from ldbb_bayes.result import Table
 from ldbb_bayes.units import display_name, display_unit, ranked, round_like, round_uncertainty, state
 
-__all__ = ["PICTURES", "SECTIONS", "Beside", "Details", "Part", "Picture", "Section", "beside"]
+__all__ = ["PICTURES", "SECTIONS", "Beside", "Details", "Part", "Picture", "Section", "beside", "picture"]
 
 _REFERENCE = re.compile(r'(\bid="|xlink:href="#|url\(#)')
 _PROLOGUE = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>\s*", re.DOTALL)
@@ -108,30 +108,18 @@ PICTURES: Mapping[str, tuple[Callable[..., Figure], str]] = {
 }
 
 
-def _picture(key: str, subject: Any) -> Picture:
-    draw, caption = PICTURES[key]
-    return Picture(key, caption, draw(subject))
+def picture(key: str, subject: Any, caption: str = "") -> Picture:
+    """Return a figure of the page, drawn."""
+    draw, words = PICTURES[key]
+    return Picture(key, caption or words, draw(subject))
 
 
 # ---- sections, in the order of the page
 
 
-def summary(found: Findings) -> Iterator[Part]:
-    """Compliance, geometry, constant or linear, what to do next."""
-    yield str(found.result["fit"]["verdict"])
-    result, verdicts, budgets = found.result, found.verdicts, found.budgets
-    yield (
-        *wording.compliance_summary(result, verdicts, budgets),
-        *wording.geometry_summary(result, verdicts, found.flat),
-        *wording.comparison_summary(result, found.comparison),
-        *wording.next_summary(budgets, found.flat, found.design),
-    )
-
-
 def campaign(found: Findings) -> Iterator[Part]:
     """Tests, assumptions and remarks."""
     yield from parts_of(found.seen)
-    yield _picture("traces", found.posterior)
 
 
 def results(found: Findings) -> Iterator[Part]:
@@ -139,8 +127,7 @@ def results(found: Findings) -> Iterator[Part]:
     yield wording.model_words(found.result["model"])
     yield wording.RESULTS.format(percent=wording.percent_of(found.result))
     yield results_table(found.result, found.verdicts)
-    yield _picture("forest", found.posterior)
-    yield _picture("compliance_against_force", found.posterior)
+    yield picture("forest", found.posterior)
     yield Details("What the fit says of the nuisances", (nuisance_table(found.result["nuisances"]),))
     tests = campaign_of(found.posterior)
     described = parts_of(describe(tests.machine(), [test.circle for test in tests.tests]))
@@ -159,9 +146,9 @@ def degree(found: Findings) -> Iterator[Part]:
         yield f"The models were not compared: {compared}"
         return
     yield from parts_of(compared)
-    yield _picture("evidence", compared)
+    yield picture("evidence", compared)
     if not compared.local_fits.empty:
-        yield _picture("compliance_with_local_fits", compared)
+        yield picture("compliance_with_local_fits", compared)
 
 
 _SMALL, _RUNNERS = 0.005, 0.05
@@ -181,7 +168,7 @@ def uncertainty(found: Findings) -> Iterator[Part]:
     heads = ("parameter", "u", "unit", "largest sources", "what would improve it most", "u then")
     yield wording.BUDGET
     yield Table.of("What limits every parameter", heads, rows, text=heads[2:5])
-    yield _picture("budget", found.budgets)
+    yield picture("budget", found.budgets)
     yield from details
 
 
@@ -234,7 +221,7 @@ def path(found: Findings) -> Iterator[Part]:
             caption = f"Both directions{where}: bidirectional deviation G(b), mean radial deviation D, hysteresis included"
             yield _quantities(own, BIDIRECTIONAL, caption)
     for key in ("circularity", "contributions", "parameter_contributions"):
-        yield _picture(key, found.posterior)
+        yield picture(key, found.posterior)
 
 
 def _quantities(table: pd.DataFrame, quantities: Mapping[str, str], caption: str) -> Table:
@@ -259,7 +246,7 @@ def plan(found: Findings) -> Iterator[Part]:
         yield f"No tests are recommended: {chosen}"
         return
     yield from parts_of(chosen)
-    yield _picture("expected_widths", chosen)
+    yield picture("expected_widths", chosen)
 
 
 def fit(found: Findings) -> Iterator[Part]:
@@ -280,7 +267,7 @@ def fit(found: Findings) -> Iterator[Part]:
     concerns = wording.concern_sentences(fit_of(found.posterior).concerns, found.result["sampler"])
     if notes := (*concerns, *further_remarks(found.seen)):
         yield notes
-    yield _picture("residuals", found.posterior)
+    yield picture("residuals", found.posterior)
 
 
 def assumptions(found: Findings) -> Iterator[Part]:
@@ -317,17 +304,6 @@ def method(found: Findings) -> Iterator[Part]:
     yield Table.of("Provenance", ("what", "value"), rows, text=("value",))
 
 
-_BLANKS = (
-    "machine, maker and serial number", "date and place of the tests", "bar and balls, certificates", "force device, certificate",
-    "temperature, warm-up", "positions of axes not moved", "operator", "checked and signed by, date",
-)  # fmt: skip
-
-
-def sign_off(_: Findings) -> Iterator[Part]:
-    """What readings do not hold and a signature needs, to be filled in."""
-    yield Table.of("To be filled in", ("what", "entry"), [(blank, "") for blank in _BLANKS], text=("entry",))
-
-
 def beside(first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float) -> Iterator[Part]:
     """Differences of every parameter with intervals and probabilities; ``first`` is the JSON of the fit they are to."""
     name = str(first["campaign"]["name"])
@@ -352,7 +328,6 @@ def _differences(first: str, other: Beside, percent: str) -> Table:
 
 
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
-    "summary": ("Summary", summary),
     "campaign": ("The campaign", campaign),
     "results": ("Results", results),
     "limits": ("What the data cannot separate", limits),
@@ -364,5 +339,4 @@ SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     "assumptions": ("Priors and assumptions", assumptions),
     "diagnostics": ("Diagnostics", diagnostics),
     "method": ("Method, limitations, provenance", method),
-    "sign-off": ("Sign-off", sign_off),
 }

@@ -16,11 +16,9 @@ from ldbb_bayes.result import ByClass
 from ldbb_bayes.units import (
     display_name,
     display_unit,
-    is_direct,
     plus_minus,
     ranked,
     round_uncertainty,
-    stiffness,
     typeset,
 )
 
@@ -42,7 +40,6 @@ DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
 # Ratios of expected sds that differ by less count as equal.
 _ALIKE = 2e-3
-_NO_NARROWER = 0.98
 
 
 def _as_dict(result: Any) -> dict[str, Any]:
@@ -920,11 +917,6 @@ def percent_of(result: Mapping[str, Any]) -> str:
     return f"{next(key for key in entry if key.startswith('ci'))[2:]} %"
 
 
-def _value(result: Mapping[str, Any], name: str) -> str:
-    entry = result["parameters"][name]
-    return f"{display_name(name)} = {plus_minus(entry['mean'], entry['sd'], interval_of(entry), entry['unit'])}"
-
-
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what forbids or limits the use of the numbers."""
     grave = tuple(concern for concern in fit.concerns if concern.kind not in ("forces", "centre"))
@@ -937,83 +929,6 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
             "what differs between circles are not in them; real uncertainties are many times larger."
         )
     return tuple(lines)
-
-
-def compliance_summary(
-    result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability], budgets: Mapping[str, Budget]
-) -> Iterator[str]:
-    """Return the direct compliances with their stiffness, and what their uncertainty is made of."""
-    names, values = [name for name in result["parameters"] if is_direct(name)], []
-    if not names:
-        return
-    for name in names:
-        entry, word = result["parameters"][name], verdicts[name].verdict
-        stiff = stiffness(entry["median"], interval_of(entry))
-        doubt = f", {word}" if word != "identified" else ""
-        values.append(f"{_value(result, name)} ({f'stiffness {stiff} N/µm' if stiff else 'negative: no stiffness'}{doubt})")
-    terms = dict.fromkeys(line.term for name in names for line in budgets[name].contributions)
-    share = {term: 100.0 * sum(budgets[name].share(term) for name in names) / len(names) for term in terms}
-    first = ranked(share, lambda term: share[term])[0]
-    yield (
-        f"Compliance at {result['model']['reference_force_N']:g} N, {IN_FORCE[result['model']['degree']]} (± U, k = 2; brackets "
-        f"{percent_of(result)} intervals): {joined(values)}. The largest source of this U is {source_words(first)} "
-        f"({share[first]:.0f} % of the variance)."
-    )
-
-
-def geometry_summary(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability], flat: bool) -> Iterator[str]:
-    """Return which geometric errors differ from zero, and which are confounded with what."""
-    entries = {name: own for name, own in result["parameters"].items() if name.startswith("E_") and name[3] != "t"}
-    if entries:
-        bounds = {name: interval_of(own) for name, own in entries.items()}
-        clear = joined([_value(result, name) for name, (low, high) in bounds.items() if not low <= 0.0 <= high])
-        yield f"Geometric errors different from zero (± U, k = 2; tool offsets apart): {clear or 'none'}."
-    confounded = [name for name in entries if verdicts[name].verdict == "confounded"]
-    if confounded:
-        partners = joined(list(dict.fromkeys(term_words(p) for name in confounded for p in verdicts[name].partners)))
-        rest = "these intervals leave that out" if flat else "their intervals rest on what was assumed of these"
-        yield f"{_shown(confounded)} are confounded with {partners}; {rest}, and more readings of the same kind tell no more."
-
-
-def comparison_summary(result: Mapping[str, Any], compared: Comparison | str) -> Iterator[str]:
-    """Return whether compliance is constant or linear, and the compliances of a model that the readings prefer."""
-    if isinstance(compared, str):
-        yield f"Constant or linear compliance could not be compared: {compared}"
-        return
-    yield f"Constant or linear compliance: {_evidence(compared)} {_SIGNS[compared.sign]}"
-    best = ranked(compared.models, lambda name: compared.models[name].posterior_probability)[0]
-    model, degree = compared.models[best], result["model"]["degree"]
-    if model.degree != degree and model.posterior_probability > 0.5 and (compared.headline[0] > 0.0) == (model.degree > 0):
-        values = [
-            f"{name} = {plus_minus(own.mean, own.sd, (own.mean - 2.0 * own.sd, own.mean + 2.0 * own.sd), own.unit)}"
-            for name, own in model.parameters.items()
-            if is_direct(name)
-        ]
-        yield (
-            f"The numbers of this page are of {DEGREES[degree]} compliance. With {best} compliance, which the readings prefer: "
-            f"{joined(values)}; to sign these, fit with --degree {model.degree}."
-        )
-
-
-def next_summary(budgets: Mapping[str, Budget], flat: bool, design: Design | str) -> Iterator[str]:
-    """Return what would help most, and which circles to run next."""
-    if flat:
-        yield "What would help most: fit with the default preset. Least squares sees nothing but white noise."
-        return
-    remedies: dict[str, list[str]] = {}
-    for name, budget in budgets.items():
-        if is_direct(name) or (name.startswith("E_") and name[3] != "t"):
-            remedies.setdefault(remedy_words(budget), []).append(name)
-    most = ranked(remedies.items(), lambda pair: len(pair[1]))[:2]
-    yield "What would help most: " + " ".join(f"{_shown(names)}: {remedy[:1].lower()}{remedy[1:]}" for remedy, names in most)
-    if not isinstance(design, str):
-        ratio = _ratios(design)
-        best = ranked(ratio, lambda name: -ratio[name], tolerance=_ALIKE)[0]
-        other = design.compared[0].name
-        width = f"the interval of {display_name(best)} is then {ratio[best]:.2f} times that of {other}"
-        if ratio[best] > _NO_NARROWER:
-            width = f"no interval is then clearly narrower than with {other}"
-        yield f"Recommended tests: {_tests_to_run(design)}; {width}."
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float) -> str:

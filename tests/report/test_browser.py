@@ -38,6 +38,9 @@ OVERFLOWING = """() => {
 CUT_OFF = """() => [...document.querySelectorAll('.scroll, .picture')]
   .filter(box => box.scrollWidth > box.clientWidth + 1)
   .map(box => box.getAttribute('aria-label') || box.textContent.slice(0, 60))"""
+# Sheets whose text does not fit their page.
+SPILT = """() => [...document.querySelectorAll('.sheet')]
+  .filter(sheet => sheet.scrollHeight > sheet.clientHeight + 1).map(sheet => [sheet.scrollHeight, sheet.clientHeight])"""
 UNNAMED = """() => [...document.querySelectorAll('figure svg')].filter(svg => {
   const title = document.getElementById(svg.getAttribute('aria-labelledby'));
   return svg.getAttribute('role') !== 'img' || !title || !title.textContent.trim();
@@ -77,7 +80,7 @@ def look(browser: Any, page: Path) -> None:
         assert opened.evaluate(UNNAMED) == 0, where
         if medium == "print":
             assert opened.evaluate(CUT_OFF) == [], where
-            assert opened.evaluate("document.querySelector('details table').getBoundingClientRect().height") > 0, where
+            assert opened.evaluate(SPILT) == [], where
         if scheme == "dark":
             colour = opened.evaluate("getComputedStyle(document.body).backgroundColor")
             assert max(int(part) for part in colour.strip("rgba()").split(",")[:3]) < 60, colour

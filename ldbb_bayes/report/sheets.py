@@ -1,0 +1,542 @@
+"""The certificate: two sheets for signing, from findings. One structure, shown by the page and by `report.pdf` alike; every word
+stands in a catalogue, templates/words_<language>.toml."""
+
+from __future__ import annotations
+
+import io
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import cache, cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import matplotlib as mpl
+import numpy as np
+
+from ldbb_bayes.analysis.circularity import circularity
+from ldbb_bayes.errors import check_known
+from ldbb_bayes.inference.posterior import State, bound_of, draws_of, fit_of, numbers_of
+from ldbb_bayes.inference.predictive import compliance_curves
+from ldbb_bayes.model.fourier import geometric_errors_of
+from ldbb_bayes.model.terms import Term
+from ldbb_bayes.report.sections import Picture, picture
+from ldbb_bayes.result import Array, Table
+from ldbb_bayes.units import Statement, display_name, state
+
+if TYPE_CHECKING:
+    from fpdf import FPDF
+
+    from ldbb_bayes.analysis.identifiability import ParameterIdentifiability
+    from ldbb_bayes.model.hybrid import BoundModel
+    from ldbb_bayes.report.findings import Findings
+
+__all__ = ["Block", "Fields", "Pair", "Sheet", "Verdict", "Words", "languages", "pdf_of", "sheets", "words_of"]
+
+_TEMPLATES = files("ldbb_bayes.report") / "templates"
+# From this share of the variance on a quantity that hangs on an assumption counts as not determined.
+_INSEPARABLE, _MOST_NAMES, _LONGEST, _HARDLY = 0.5, 2, 70, 0.2
+_DEGREES = ("constant", "linear", "quadratic")
+
+
+# ---- words
+
+
+@dataclass(frozen=True)
+class Words:
+    """The words of one language."""
+
+    language: str
+    table: Mapping[str, Any]
+
+    def __call__(self, key: str, **values: str) -> str:
+        """Return the words of a key such as ``heads.value``, filled in."""
+        words: Any = self.table
+        for part in key.split("."):
+            words = words[part]
+        return str(words).format(**values)
+
+    def number(self, text: str) -> str:
+        """Return a number, or a text of numbers, with the decimal sign of the language."""
+        return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
+
+    def joined(self, parts: Sequence[str]) -> str:
+        """Return a, b and c."""
+        word = str(self.table["and"])
+        return word.join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])}{word}{parts[-1]}"
+
+    def unit(self, label: str) -> str:
+        """Return a unit's label."""
+        return label.replace(" per ", str(self.table["per"]))
+
+    def term(self, name: str) -> str:
+        """Return what a term of the model is called; a user's own term keeps its words, a parameter its name."""
+        return str(self.table["terms"].get(name) or (Term.kinds[name].words if name in Term.kinds else display_name(name)))
+
+
+def languages() -> tuple[str, ...]:
+    """Return the languages there are catalogues of."""
+    found = (re.fullmatch(r"words_(\w+)\.toml", entry.name) for entry in _TEMPLATES.iterdir())
+    return tuple(sorted(match[1] for match in found if match))
+
+
+@cache
+def words_of(language: str) -> Words:
+    """Return the words of a language.
+
+    Raises
+    ------
+    InputError
+        For a language without a catalogue.
+    """
+    check_known("language", [language], languages())
+    return Words(language, tomllib.loads((_TEMPLATES / f"words_{language}.toml").read_text(encoding="utf-8")))
+
+
+# ---- what a sheet is made of
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Entries with their names; an empty one is a line to write on, ``tall`` with room for a signature."""
+
+    entries: tuple[tuple[str, str], ...]
+    tall: bool = False
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the numbers can be used, in one sentence; ``kind`` is that of the catalogue."""
+
+    kind: str
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A figure, and what stands beside it."""
+
+    picture: Picture
+    heading: str
+    beside: tuple[str, ...]
+
+
+Block: TypeAlias = str | Fields | Verdict | Table | Pair | Picture
+"""A note, or what its name says."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """One page of A4, its letters ``scale`` times as large as they are where there is room."""
+
+    key: str
+    title: str
+    line: str
+    blocks: tuple[Block, ...]
+    scale: float = 1.0
+
+
+# ---- the numbers
+
+
+@dataclass(frozen=True)
+class Stated:
+    """One quantity of the sheets: its name in words, its symbol, its numbers, and what the readings tell of it."""
+
+    words: str
+    symbol: str
+    numbers: Statement
+    entry: ParameterIdentifiability | None
+
+    @property
+    def undetermined(self) -> bool:
+        """Whether its value hangs on priors or assumptions more than on the readings."""
+        own = self.entry
+        return own is not None and (own.verdict == "prior-limited" or bool(self.inseparable))
+
+    @property
+    def inseparable(self) -> list[str]:
+        """What it is confounded with by half of its variance or more."""
+        own = self.entry
+        shares = {} if own is None or own.verdict != "confounded" else own.partner_shares
+        return [name for name, share in shares.items() if share >= _INSEPARABLE]
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """The quantities of the sheets, at a force."""
+
+    found: Findings
+    words: Words
+    force_N: float
+
+    @cached_property
+    def parameters(self) -> dict[str, Stated]:
+        """Compliances at the force, their slopes, geometric errors but for the offsets of the tool ball."""
+        bound, verdicts, stated = bound_of(self.found.numbers), self.found.verdicts, {}
+        named = _names(bound)
+        for own in bound.parameters:
+            kind = named[own.compliance]
+            if kind.kind != "offset":
+                row, words = self._of[own.name], self._quantity(kind, own.degree)
+                numbers = state(row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), own.unit)
+                stated[own.name] = Stated(words, display_name(own.name), numbers, verdicts.get(own.name))
+        return stated
+
+    @cached_property
+    def _of(self) -> dict[str, Any]:
+        """Mean, sd, median and interval of every parameter, of compliances at the force [inside units]."""
+        group = self.found.numbers["posterior"].dataset
+        every = {str(name): numbers_of(own.values, self.found.ci_prob) for name, own in group.data_vars.items()}
+        return every | {name: numbers_of(draws, self.found.ci_prob) for name, draws in self._compliances.items()}
+
+    @cached_property
+    def _compliances(self) -> dict[str, Array]:
+        """Draws of every compliance at the force [inside units]."""
+        posterior = self.found.numbers
+        bound = bound_of(posterior)
+        beta, phi = draws_of(posterior, bound)
+        if self.force_N == bound.setting.reference_force_N:
+            return {own.label: beta[:, bound.names.index(own.label)] for own in bound.compliances}
+        curves = compliance_curves(bound, phi, beta, np.array([self.force_N]), np.random.default_rng(0))[:, 0]
+        return {own.label: curves[:, j] for j, own in enumerate(bound.compliances)}
+
+    def _quantity(self, name: Any, degree: int = 0) -> str:
+        key = "slope" if degree == 1 else "curvature" if degree else str(name.kind)
+        own = {part: str(getattr(name, part, "")) for part in ("axis", "component", "reference")}
+        turned = str.maketrans("ABC", "XYZ")
+        moved, load = (str(getattr(name, part, "")).translate(turned) for part in ("twist", "wrench"))
+        own["axis"] = own["axis"] or str(getattr(name, "joint", ""))
+        return self.words(f"quantities.{key}", **own, moved=moved, load=load, symbol=display_name(name.label))
+
+    @cached_property
+    def stiffnesses(self) -> dict[str, Stated]:
+        """1 / C of every axis, keyed by it: of the median, only a lower limit where C may be a fifth of it or less."""
+        every = {}
+        for own in bound_of(self.found.numbers).compliances:
+            if own.kind == "direct":
+                row, draws = self._of[own.label], self._compliances[own.label]
+                middle, low, high = (row[key] for key in ("median", "ci_low", "ci_high"))
+                if low > _HARDLY * middle > 0.0:
+                    sd = float(np.std(1.0 / np.maximum(draws, 0.5 * _HARDLY * middle)))
+                    numbers = state(1.0 / middle, sd, (1.0 / high, 1.0 / low), "N/mm")
+                else:
+                    least = self.words("quantities.at_least", value=f"{1e-3 / high:.3g}") if high > 0.0 else "–"
+                    numbers = Statement(least, "–", "–", "", "N/µm")
+                words = self.words("quantities.stiffness", axis=own.joint)
+                every[own.joint] = Stated(words, f"1 / {own.label}", numbers, self.found.verdicts.get(own.label))
+        return every
+
+    @cached_property
+    def path(self) -> dict[str, Stated]:
+        """G, F_max and F_min of every plane; they hang on what the geometric errors hang on."""
+        table = circularity(self.found.numbers, [self.force_N], ci_prob=self.found.ci_prob)
+        several, every = table["plane"].nunique() > 1, {}
+        for row in table[table["quantity"].isin(["G", "F_max", "F_min"])].to_dict(orient="records"):
+            where = self.words("quantities.plane", plane=row["plane"]) if several else ""
+            numbers = state(row["median"], row["sd"], (row["ci_low"], row["ci_high"]), "um")
+            symbol = f"{row['quantity']}{' ' + row['plane'] if several else ''}"
+            every[symbol] = Stated(self.words(f"quantities.{row['quantity']}", plane=where), row["quantity"], numbers, None)
+        return every
+
+
+def _names(bound: BoundModel) -> dict[str, Any]:
+    """Names of compliances and geometric errors, with what they are, by their labels."""
+    every: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
+    return {own.label: own for own in every}
+
+
+def remark(own: Stated, words: Words) -> str:
+    """Return what the readings tell of a quantity, in a few words."""
+    entry = own.entry
+    if entry is None:
+        return ""
+    if entry.verdict != "confounded":
+        return words("remarks.identified" if entry.verdict == "identified" else "remarks.prior")
+    left_out = [name for name in entry.partners if name not in entry.partner_shares]
+    key, partners = (
+        ("inseparable", own.inseparable)
+        if own.inseparable
+        else ("assumes", left_out)
+        if left_out and not entry.partner_shares
+        else ("limited", [*entry.partner_shares])
+    )
+    return words(f"remarks.{key}", partners=words.joined([words.term(name) for name in partners[:_MOST_NAMES]]))
+
+
+# ---- the sheets
+
+
+def sheets(found: Findings, *, language: str = "en", force_N: float | None = None) -> tuple[Sheet, Sheet]:
+    """Return sheet 1, the certificate, and sheet 2, its results, in a language."""
+    words = words_of(language)
+    force = float(found.result["model"]["reference_force_N"] if force_N is None else force_N)
+    numbers = Numbers(found, words, force)
+    name = _short(str(found.result["campaign"]["name"]))
+    lines = [words("sheet.of", number=str(k), name=name) for k in (1, 2)]
+    first = Sheet("certificate", words("sheet.first"), lines[0], tuple(_first(numbers)))
+    second = Sheet("results-sheet", words("sheet.second"), lines[1], tuple(_second(numbers)))
+    return _fitted(first), _fitted(second)
+
+
+def _first(own: Numbers) -> Iterator[Block]:
+    words, found = own.words, own.found
+    yield _verdict(own)
+    yield Fields(tuple(_entries(found, words)))
+    stated = [*own.stiffnesses.values(), *_sheet_one(own), *own.path.values()]
+    yield _table(own, words("sheet.results", force=words.number(f"{own.force_N:.4g}")), stated, "U")
+    yield words("notes.U", percent=words.number(f"{100 * found.ci_prob:g}"))
+    missing = [f"{one.words} ({one.symbol}): {remark(one, words)}" for one in own.parameters.values() if one.undetermined]
+    more = [words("sheet.continued", count=str(len(missing) - 12))] if len(missing) > 12 else []
+    traces = picture("traces", found.posterior, caption=words("sheet.traces"))
+    yield Pair(traces, words("sheet.undetermined"), (*missing[:12], *more) if missing else (words("sheet.all_determined"),))
+    yield _basis(found, words)
+    yield Fields(tuple((words(f"fields.{key}"), "") for key in ("signed", "checked")), tall=True)
+
+
+def _second(own: Numbers) -> Iterator[Block]:
+    words, found = own.words, own.found
+    yield _table(own, "", [*own.parameters.values(), *own.path.values()], "u")
+    percent = words.number(f"{100 * found.ci_prob:g}")
+    yield words("notes.u", percent=percent, force=words.number(f"{own.force_N:.4g}"))
+    yield picture("compliance_against_force", found.numbers, caption=words("sheet.curve"))
+    provenance = found.result["provenance"]
+    yield words(
+        "notes.provenance",
+        sha=found.result["campaign"]["sha256"][:16],
+        version=provenance["versions"]["ldbb-bayes"],
+        started=provenance["started"][:10],
+    )
+
+
+def _sheet_one(own: Numbers) -> Iterator[Stated]:
+    """Compliances that are no stiffness of an axis, and squareness."""
+    kinds = {name: one.kind for name, one in _names(bound_of(own.found.numbers)).items()}
+    shown = ("cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment", "squareness")
+    return (stated for name, stated in own.parameters.items() if kinds.get(name) in shown)
+
+
+def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) -> Table:
+    words, rows = own.words, []
+    for one in stated:
+        value = one.numbers
+        low, high = value.interval.strip("[]").split(", ") if value.interval else ("", "")
+        interval = words("interval", low=low, high=high) if low else ""
+        spreads = (value.expanded,) if spread == "U" else (value.u, interval)
+        rows.append(
+            (one.words, one.symbol, *map(words.number, (value.value, *spreads)), words.unit(value.unit), remark(one, words))
+        )
+    percent = words.number(f"{100 * own.found.ci_prob:g}")
+    middle = ("U",) if spread == "U" else ("u", "interval")
+    keys = ("quantity", "symbol", "value", *middle, "unit", "remark")
+    heads = [words(f"heads.{key}", percent=percent) for key in keys]
+    return Table.of(caption, heads, rows, text=[heads[1], *heads[-2:]])
+
+
+def _verdict(own: Numbers) -> Verdict:
+    """Whether the numbers can be used, with the reason."""
+    words, found = own.words, own.found
+    fit = fit_of(found.posterior)
+    doubted = [one.symbol for one in (*own.stiffnesses.values(), *_sheet_one(own)) if one.undetermined]
+    kinds = set(fit.kinds)
+    if fit.state != State.USABLE:
+        kind = "unusable"
+        tests = words.joined(list(dict.fromkeys(check.test for check in fit.misfits))[:4])
+        key = "not_converged" if "not-converged" in kinds else "truncation" if "truncation" in kinds else "misfit"
+        reason = words(f"state.{key}", tests=tests)
+    elif found.flat:
+        kind, reason = "reserved", words("state.least_squares")
+    elif doubted:
+        kind, reason = "reserved", words("state.reservation", symbols=words.joined(doubted))
+    else:
+        kind, reason = "usable", words("state.fits")
+    return Verdict(kind, words("state.sentence", state=words(f"state.{kind}"), reason=reason))
+
+
+def _basis(found: Findings, words: Words) -> str:
+    return words("notes.single", degree=words(f"degrees.{_DEGREES[found.result['model']['degree']]}"))
+
+
+_LABELS = ("machine_type", "serial_number", "date", "operator", "place")
+
+
+def _entries(found: Findings, words: Words) -> Iterator[tuple[str, str]]:
+    """What a certificate names; what the campaign does not state is empty."""
+    campaign = bound_of(found.posterior).campaign
+
+    def entry(key: str) -> tuple[str, str]:
+        return words(f"fields.{key}"), _short(str(getattr(campaign, key) or ""))
+
+    yield from map(entry, _LABELS)
+    planes = words.joined(list(dict.fromkeys(str(test.plane) for test in campaign.tests)))
+    yield words("fields.machine"), words("entries.machine", topology=campaign.topology, planes=planes)
+    yield from map(entry, ("ball_bar", "ball_bar_calibrated", "force_device"))
+    degrees = [test.temperature_C for test in campaign.tests if test.temperature_C is not None]
+    ends = {key: words.number(f"{end(degrees):.1f}") for key, end in (("low", min), ("high", max))} if degrees else {}
+    yield words("fields.temperature"), words("entries.temperature", **ends) if degrees else ""
+    forces, radii = campaign.forces_N, sorted({test.circle.radius_mm for test in campaign.tests})
+    low, high = (words.number(f"{force:.4g}") for force in (min(forces), max(forces)))
+    radius = words.number(", ".join(f"{own:g}" for own in radii))
+    yield words("fields.tests"), words("entries.tests", count=str(len(campaign.tests)), low=low, high=high, radius=radius)
+    instrument = campaign.instrument
+    stated, assumed = list[str](), list[str]()
+    for key, given in (
+        ("bar", instrument.bar_U_um),
+        ("work", instrument.work.stated_sphericity_um or instrument.work.harmonics_um),
+        ("tool", instrument.tool.stated_sphericity_um or instrument.tool.harmonics_um),
+        ("mount", instrument.mount_U_percent),
+        ("force", instrument.force_U_percent or instrument.force_linearity_percent or instrument.force_random_N),
+        ("angle", instrument.angle_U_deg),
+    ):
+        (stated if given else assumed).append(words(f"entries.{key}"))
+    yield words("fields.certificates"), ", ".join(stated) or words("entries.none")
+    yield words("fields.assumed"), ", ".join(assumed) or words("entries.none")
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+# ---- on paper: A4 by fpdf2, millimetres
+
+_WIDTH, _LEFT, _TOP, _BOTTOM, _INK, _SOFT = 182.0, 14.0, 14.0, 283.0, 0, 85
+_SHADES = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
+_PAIRED, _LARGEST, _DPI = 104.0, 88.0, 300.0
+
+
+def pdf_of(made: Sequence[Sheet], title: str, language: str, created: datetime) -> bytes:
+    """Return the sheets as a PDF, a page each, fonts embedded."""
+    with _document() as pdf:
+        pdf.set_title(title)
+        pdf.set_lang(language)
+        pdf.set_creation_date(created)
+        for sheet in made:
+            _draw(pdf, sheet)
+        return bytes(pdf.output())
+
+
+def _fitted(sheet: Sheet) -> Sheet:
+    """The sheet with letters so small that it stays on its page."""
+    for _ in range(12):
+        with _document() as pdf:
+            end = _draw(pdf, sheet, pictures=False)
+        if end <= _BOTTOM:
+            break
+        share = (_BOTTOM - _TOP) / (end - _TOP)
+        sheet = replace(sheet, scale=sheet.scale * min(0.97, max(0.7, share)))
+    return sheet
+
+
+@contextmanager
+def _document() -> Iterator[FPDF]:
+    from fpdf import FPDF  # commands that write no report start without it
+
+    pdf = FPDF()
+    pdf.set_auto_page_break(False)
+    pdf.set_margins(_LEFT, _TOP, _LEFT)
+    for style, name in (("", "DejaVuSans.ttf"), ("B", "DejaVuSans-Bold.ttf")):
+        pdf.add_font("DejaVu", style, Path(mpl.get_data_path()) / "fonts" / "ttf" / name)
+    try:
+        yield pdf
+    finally:
+        for font in pdf.fonts.values():
+            font.close()
+
+
+def _draw(pdf: FPDF, sheet: Sheet, *, pictures: bool = True) -> float:
+    """Add a page with a sheet; returns where it ends [mm]."""
+    pdf.add_page()
+    _write(pdf, sheet.title, 15.0 * max(sheet.scale, 0.8), bold=True)
+    _write(pdf, sheet.line, 8.0 * max(sheet.scale, 0.8), grey=_SOFT)
+    for block in sheet.blocks:
+        pdf.set_xy(_LEFT, pdf.y + 2.2 * sheet.scale)
+        if isinstance(block, str):
+            _write(pdf, block, 7.2 * sheet.scale, grey=_SOFT)
+        elif isinstance(block, Fields):
+            _draw_fields(pdf, block, sheet.scale)
+        elif isinstance(block, Verdict):
+            fill, ink = _SHADES[block.kind]
+            pdf.set_fill_color(fill)
+            _write(pdf, block.sentence, 10.0 * sheet.scale, bold=True, grey=ink, border=1, padding=1.6, fill=True)
+            pdf.set_fill_color(255)
+        elif isinstance(block, Table):
+            _draw_table(pdf, block, sheet.scale)
+        elif isinstance(block, Pair):
+            _draw_pair(pdf, block, sheet.scale, pictures)
+        else:
+            _draw_picture(pdf, block, _WIDTH, 100.0 * sheet.scale, pictures)
+    return float(pdf.y)
+
+
+def _write(
+    pdf: FPDF, text: str, size: float, *, width: float = _WIDTH, bold: bool = False, grey: int = _INK, **more: Any
+) -> None:
+    pdf.set_font("DejaVu", "B" if bold else "", size)
+    pdf.set_text_color(grey)
+    pdf.multi_cell(width, 0.46 * size, text, align="L", new_x="LEFT", new_y="NEXT", **more)
+
+
+def _draw_fields(pdf: FPDF, block: Fields, scale: float) -> None:
+    """Two columns: name, and entry above a line."""
+    gap, label, size = 6.0, 36.0, 7.8 * scale
+    entry = 0.5 * (_WIDTH - gap) - label
+    for pair in zip(block.entries[::2], (*block.entries[1::2], None), strict=False):
+        start, ends = pdf.y + (9.0 if block.tall else 0.7) * scale, []
+        for k, own in enumerate(filter(None, pair)):
+            for x, width, text, grey in ((0.0, label, own[0], _SOFT), (label, entry, own[1] or " ", _INK)):
+                pdf.set_xy(_LEFT + k * (label + entry + gap) + x, start)
+                _write(pdf, text, size, width=width, grey=grey)
+                ends.append(pdf.y)
+        pdf.set_draw_color(150)
+        for k, _ in enumerate(filter(None, pair)):
+            left = _LEFT + k * (label + entry + gap) + label
+            pdf.line(left, max(ends) + 0.4 * scale, left + entry, max(ends) + 0.4 * scale)
+        pdf.set_y(max(ends) + 0.4 * scale)
+
+
+def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
+    from fpdf.fonts import FontFace
+
+    if table.caption:
+        _write(pdf, table.caption, 9.0 * scale, bold=True)
+        pdf.set_y(pdf.y + 0.8 * scale)
+    size, rows = 7.8 * scale, [table.heads, *table.shown()]
+    pdf.set_font("DejaVu", "", size)
+    pdf.set_text_color(_INK)
+    natural = [max(pdf.get_string_width(row[k]) for row in rows) * 1.1 + 3.0 for k in range(len(table.heads))]
+    ends = (0, len(natural) - 1)  # broken into lines where there is no room
+    scarce = (_WIDTH - sum(w for k, w in enumerate(natural) if k not in ends)) / sum(natural[k] for k in ends)
+    widths = [w * scarce if k in ends else w for k, w in enumerate(natural)]
+    aligned = ["RIGHT" if numeric else "LEFT" for numeric in table.numeric]
+    look = {"borders_layout": "HORIZONTAL_LINES", "line_height": 0.46 * size, "padding": (0.55 * scale, 1.0)}
+    pdf.set_draw_color(150)
+    with pdf.table(rows, col_widths=widths, width=_WIDTH, text_align=aligned, headings_style=FontFace(emphasis="BOLD"), **look):
+        pass
+
+
+def _draw_pair(pdf: FPDF, block: Pair, scale: float, pictures: bool) -> None:
+    top = pdf.y
+    _draw_picture(pdf, block.picture, _PAIRED, _LARGEST * scale, pictures)
+    foot, left = pdf.y, _LEFT + _PAIRED + 4.0
+    pdf.set_xy(left, top)
+    _write(pdf, block.heading, 9.0 * scale, width=_WIDTH - _PAIRED - 4.0, bold=True)
+    for item in block.beside:
+        pdf.set_xy(left, pdf.y + 0.6 * scale)
+        _write(pdf, item, 7.2 * scale, width=_WIDTH - _PAIRED - 4.0)
+    pdf.set_y(max(foot, pdf.y))
+
+
+def _draw_picture(pdf: FPDF, picture: Picture, width: float, height: float, pictures: bool) -> None:
+    """A figure as wide as it may be, its caption below."""
+    inches = picture.figure.get_size_inches()
+    width = min(width, height * inches[0] / inches[1])
+    if pictures:
+        drawn = io.BytesIO()
+        picture.figure.savefig(drawn, format="png", dpi=_DPI * width / 25.4 / inches[0])
+        pdf.image(drawn, _LEFT, pdf.y, width, alt_text=picture.caption)
+    pdf.set_xy(_LEFT, pdf.y + width * inches[1] / inches[0])
+    _write(pdf, picture.caption, 6.8, width=max(width, 60.0), grey=_SOFT)
