@@ -443,7 +443,8 @@ def _document() -> Iterator[FPDF]:
     try:
         yield pdf
     finally:
-        for font in pdf.fonts.values():
+        fonts: Any = pdf.fonts.values()
+        for font in fonts:
             font.close()
 
 
