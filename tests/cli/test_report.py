@@ -98,7 +98,7 @@ def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, invoke: In
     assert table["probability_of_increase"].between(0.0, 1.0).all()
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "Second: after | &lt;b&gt;repair&lt;/b&gt; (readings" in page
-    assert "beside after | &lt;b&gt;repair&lt;/b&gt;</h1>" in page
+    assert "beside after | &lt;b&gt;repair&lt;/b&gt;</h2>" in page
     assert "Instruments are taken as independent" in page
     assert invoke(*arguments, "--same-instrument", "--force")[0] == 0
     again = (out / "report.html").read_text(encoding="utf-8")
