@@ -24,7 +24,7 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find
 from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
-from ldbb_bayes.report.sheets import Pair, Sheet, Verdict, pdf_of, sheets, words_of
+from ldbb_bayes.report.sheets import Pair, ReportSheet, Usability, pdf_of, sheets, words_of
 from ldbb_bayes.result import json_text
 from ldbb_bayes.units import display_unit, typeset
 
@@ -39,14 +39,14 @@ class Document:
     lines: tuple[str, ...]
     alerts: tuple[str, ...]
     sections: tuple[Section, ...]
-    sheets: tuple[Sheet, ...] = ()
+    sheets: tuple[ReportSheet, ...] = ()
     annex: bool = False  # whether the sections are printed too
     language: str = "en"  # of the sheets
 
     @property
     def state(self) -> str:
         """Whether the numbers can be used, in one sentence."""
-        return next(block.sentence for sheet in self.sheets for block in sheet.blocks if isinstance(block, Verdict))
+        return next(block.sentence for sheet in self.sheets for block in sheet.blocks if isinstance(block, Usability))
 
     @property
     def pictures(self) -> Iterator[Picture]:

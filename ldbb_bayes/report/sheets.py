@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.hybrid import BoundModel
     from ldbb_bayes.report.findings import Findings
 
-__all__ = ["Block", "Fields", "Pair", "Sheet", "Verdict", "Words", "languages", "pdf_of", "sheets", "words_of"]
+__all__ = ["Block", "Fields", "Pair", "ReportSheet", "Usability", "Words", "languages", "pdf_of", "sheets", "words_of"]
 
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
 # From this share of the variance on a quantity that hangs on an assumption counts as not determined.
@@ -109,7 +109,7 @@ class Fields:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Usability:
     """Whether the numbers can be used, in one sentence; ``kind`` is that of the catalogue."""
 
     kind: str
@@ -125,12 +125,12 @@ class Pair:
     beside: tuple[str, ...]
 
 
-Block: TypeAlias = str | Fields | Verdict | Table | Pair | Picture
+Block: TypeAlias = str | Fields | Usability | Table | Pair | Picture
 """A note, or what its name says."""
 
 
 @dataclass(frozen=True)
-class Sheet:
+class ReportSheet:
     """One page of A4, its letters ``scale`` times as large as they are where there is room."""
 
     key: str
@@ -271,15 +271,15 @@ def remark(own: Stated, words: Words) -> str:
 # ---- the sheets
 
 
-def sheets(found: Findings, *, language: str = "en", force_N: float | None = None) -> tuple[Sheet, Sheet]:
+def sheets(found: Findings, *, language: str = "en", force_N: float | None = None) -> tuple[ReportSheet, ReportSheet]:
     """Return sheet 1, the certificate, and sheet 2, its results, in a language."""
     words = words_of(language)
     force = float(found.result["model"]["reference_force_N"] if force_N is None else force_N)
     numbers = Numbers(found, words, force)
     name = _short(str(found.result["campaign"]["name"]))
     lines = [words("sheet.of", number=str(k), name=name) for k in (1, 2)]
-    first = Sheet("certificate", words("sheet.first"), lines[0], tuple(_first(numbers)))
-    second = Sheet("results-sheet", words("sheet.second"), lines[1], tuple(_second(numbers)))
+    first = ReportSheet("certificate", words("sheet.first"), lines[0], tuple(_first(numbers)))
+    second = ReportSheet("results-sheet", words("sheet.second"), lines[1], tuple(_second(numbers)))
     return _fitted(first), _fitted(second)
 
 
@@ -337,7 +337,7 @@ def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) ->
     return Table.of(caption, heads, rows, text=[heads[1], *heads[-2:]])
 
 
-def _verdict(own: Numbers) -> Verdict:
+def _verdict(own: Numbers) -> Usability:
     """Whether the numbers can be used, with the reason."""
     words, found = own.words, own.found
     fit = fit_of(found.posterior)
@@ -354,7 +354,7 @@ def _verdict(own: Numbers) -> Verdict:
         kind, reason = "reserved", words("state.reservation", symbols=words.joined(doubted))
     else:
         kind, reason = "usable", words("state.fits")
-    return Verdict(kind, words("state.sentence", state=words(f"state.{kind}"), reason=reason))
+    return Usability(kind, words("state.sentence", state=words(f"state.{kind}"), reason=reason))
 
 
 def _basis(found: Findings, words: Words) -> str:
@@ -408,7 +408,7 @@ _SHADES = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _PAIRED, _LARGEST, _DPI = 104.0, 88.0, 300.0
 
 
-def pdf_of(made: Sequence[Sheet], title: str, language: str, created: datetime) -> bytes:
+def pdf_of(made: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
     """Return the sheets as a PDF, a page each, fonts embedded."""
     with _document() as pdf:
         pdf.set_title(title)
@@ -419,7 +419,7 @@ def pdf_of(made: Sequence[Sheet], title: str, language: str, created: datetime) 
         return bytes(pdf.output())
 
 
-def _fitted(sheet: Sheet) -> Sheet:
+def _fitted(sheet: ReportSheet) -> ReportSheet:
     """The sheet with letters so small that it stays on its page."""
     for _ in range(12):
         with _document() as pdf:
@@ -448,7 +448,7 @@ def _document() -> Iterator[FPDF]:
             font.close()
 
 
-def _draw(pdf: FPDF, sheet: Sheet, *, pictures: bool = True) -> float:
+def _draw(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
     """Add a page with a sheet; returns where it ends [mm]."""
     pdf.add_page()
     _write(pdf, sheet.title, 15.0 * max(sheet.scale, 0.8), bold=True)
@@ -459,7 +459,7 @@ def _draw(pdf: FPDF, sheet: Sheet, *, pictures: bool = True) -> float:
             _write(pdf, block, 7.2 * sheet.scale, grey=_SOFT)
         elif isinstance(block, Fields):
             _draw_fields(pdf, block, sheet.scale)
-        elif isinstance(block, Verdict):
+        elif isinstance(block, Usability):
             fill, ink = _SHADES[block.kind]
             pdf.set_fill_color(fill)
             _write(pdf, block.sentence, 10.0 * sheet.scale, bold=True, grey=ink, border=1, padding=1.6, fill=True)
