@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import html
-import io
 import json
+import re
+import textwrap
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -22,10 +23,10 @@ from ldbb_bayes.units import typeset
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.table import Table as RichTable
 
 __all__ = [
     "Array", "ByClass", "ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Table", "json_text", "read_result",
+    "wrapped",
 ]  # fmt: skip
 
 T = TypeVar("T")
@@ -170,25 +171,47 @@ class Table:
         """Return the rows as they are read."""
         return tuple(tuple(typeset(_cell(value)) for value in row) for row in self.rows)
 
-    def rich(self) -> RichTable:
-        """Return the table for a console: only text beyond the first column is broken into lines."""
-        from rich.table import Table as RichTable
-        from rich.text import Text
-
-        made = RichTable(title=self.caption or None, title_justify="left", box=None, pad_edge=False)
-        for k, (head, numeric) in enumerate(zip(self.heads, self.numeric, strict=True)):
-            made.add_column(Text(head.replace(" (", "\n(")), justify="right" if numeric else "left", no_wrap=numeric or k == 0)
-        for row in self.shown():
-            made.add_row(*map(Text, row))
-        return made
-
     def text(self, width: int = 120) -> str:
-        """Return the table as lines of at most ``width`` characters."""
-        from rich.console import Console
+        """Return the table as lines of at most ``width`` characters, no number or phrase broken.
 
-        written = io.StringIO()
-        Console(file=written, width=width, color_system=None).print(self.rich())
-        return "\n".join(line.rstrip() for line in written.getvalue().splitlines())
+        Where it is too wide, heads are broken into lines; then what is the same in every row is said once, at the end; then
+        columns go beneath their row, text before numbers, the last first.
+        """
+        heads, rows = [*map(typeset, self.heads)], self.shown()
+        kept, same, beneath = list(range(len(heads))), list[int](), list[int]()
+        lines = {k: heads[k].replace(" (", "\n(").split("\n") for k in kept}
+
+        def size(k: int) -> int:
+            return max(map(len, [*lines[k], *(row[k] for row in rows)]))
+
+        def too_wide() -> bool:
+            return sum(map(size, kept)) + 2 * (len(kept) - 1) > width
+
+        if too_wide():
+            words = {k: _glued(heads[k]).split(" ") for k in kept}
+            widest = {k: max(map(len, [*words[k], *(row[k] for row in rows)])) for k in kept}
+            lines = {k: textwrap.wrap(" ".join(words[k]), max(widest[k], 1)) for k in kept}
+        if too_wide() and len(rows) > 1:
+            same = [k for k in kept[1:] if heads[k] != "unit" and len({row[k] for row in rows}) == 1]
+        for k in sorted(kept[1:], key=lambda k: (heads[k] == "unit", self.numeric[k], -k)):
+            if too_wide() and k not in same:
+                beneath.insert(0, k)
+            kept = [k for k in kept if k not in same and k not in beneath]
+        high = max(len(lines[k]) for k in kept)
+        over = {k: [""] * (high - len(lines[k])) + lines[k] for k in kept}
+
+        def row_of(cells: Mapping[int, str]) -> str:
+            shown = (cells[k].rjust(size(k)) if self.numeric[k] else cells[k].ljust(size(k)) for k in kept)
+            return "  ".join(shown).replace("\xa0", " ").rstrip()
+
+        def said(row: Sequence[str], which: Iterable[int]) -> str:
+            filled = [k for k in which if row[k] not in ("", "–")]
+            return "; ".join(_entry(heads[k], row[k], self.numeric[k]) for k in filled)
+
+        found = [*wrapped(typeset(self.caption), width), *(row_of({k: own[i] for k, own in over.items()}) for i in range(high))]
+        for row in rows:
+            found += [row_of(dict(enumerate(row))), *wrapped(said(row, sorted(beneath)), width, "    ", "    ")]
+        return "\n".join([*found, *wrapped(f"In every row: {said(rows[0], same)}", width)] if same else found)
 
     def html(self) -> str:
         """Return the table as HTML; everything is escaped."""
@@ -203,6 +226,30 @@ class Table:
         body = "".join(f"<tr>{row_of(tags, row)}</tr>\n" for row in self.shown())
         caption = f"<caption>{html.escape(typeset(self.caption))}</caption>" if self.caption else ""
         return f"<table>{caption}<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table>"
+
+
+def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
+    """Return a text as lines of at most ``width`` characters; a number keeps its sign and its unit, a word or path stays whole."""
+    filled = textwrap.wrap(
+        _glued(text), width, initial_indent=first, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
+    )
+    return [line.replace("\xa0", " ") for line in filled]
+
+
+_UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
+_UNBREAKABLE = rf"(?<=[\d)\]]) (?={_UNIT})| (?=\([^()]{{1,16}}\))|(?<=/N) (?=per kN)|(?<=\bln) (?=[BPp]\()| (?=[=±→≤≥<>·−] [\w(−+.])|(?<= [=±→≤≥<>·−]) (?=[\w(−+.])"
+
+
+def _glued(text: str) -> str:
+    """The text with spaces that must not end a line made unbreakable: before units, beside signs, in short brackets."""
+    text = re.sub(_UNBREAKABLE, "\xa0", text)
+    return re.sub(r"[(\[][^()\[\]]{1,16}[)\]]", lambda match: match[0].replace(" ", "\xa0"), text)
+
+
+def _entry(head: str, value: str, numeric: bool) -> str:
+    """A cell with its head, in one line: noise 0.12 µm; verdict: identified."""
+    name, _, unit = head.removesuffix(")").partition(" (")
+    return f"{name} {value} {unit}".rstrip().replace(" °", "°") if numeric else f"{head}: {value}"
 
 
 def _cell(value: Any) -> str:

@@ -7,6 +7,7 @@ import inspect
 import math
 import os
 import re
+import shutil
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -339,29 +340,16 @@ PoolOptions = Annotated[
 
 # ---- where a result goes
 
+_WIDTH, _NARROWEST = 120, 40
+
 
 def show(*parts: Any) -> None:
-    """Print tables (a blank line after each) and sentences on stdout, 120 columns wide when it is no terminal."""
-    from rich.console import Console
+    """Print tables (an empty line after each), sentences and lists on stdout, as wide as the terminal, else 120 columns."""
+    from ldbb_bayes.report.text import lines_of
 
-    from ldbb_bayes.result import Table
-    from ldbb_bayes.units import typeset
-
-    class Terminal(Console):
-        """rich ends the program when a reader closes the pipe; that is for the command to answer."""
-
-        def on_broken_pipe(self) -> None:
-            raise BrokenPipeError
-
-    console = Terminal(width=None if sys.stdout.isatty() else 120, highlight=False)
-    for part in parts:
-        if isinstance(part, str):
-            console.print(typeset(part), markup=False, soft_wrap=len(part) < console.width)
-        elif isinstance(part, tuple):
-            show(*(f"- {item}" for item in part))
-        else:
-            console.print(part.rich() if isinstance(part, Table) else part)
-            console.print()
+    stated = sys.stdout.isatty() or "COLUMNS" in os.environ
+    width = shutil.get_terminal_size((_WIDTH, 24)).columns if stated else _WIDTH
+    sys.stdout.write(lines_of(parts, max(width, _NARROWEST)) + "\n" * bool(parts))
 
 
 def figure_files(names: Iterable[str], kinds: Collection[str] = ("png", "svg")) -> tuple[str, ...]:

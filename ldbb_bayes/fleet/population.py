@@ -240,12 +240,12 @@ def _parts(found: Population) -> tuple[Table | str, ...]:
         factor, unit = display_unit(own.unit)
         whole = (plus_minus(one.mean, one.sd, one.interval, own.unit) for one in (own.mean, own.next))
         mean, following = (text.removesuffix(f" {unit}") for text in whole)
-        common = round_uncertainty(own.instrument_sd * factor)[0] if own.instrument_sd > 0.0 else "–"
+        common = round_uncertainty(2.0 * own.instrument_sd * factor)[0] if own.instrument_sd > 0.0 else "–"
         spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
         rows.append((display_name(name), unit, mean, common, spread.value, spread.interval, following))
-    heads = ("parameter", "unit", "mean", "u of the bar", "spread", f"spread, {100 * found.ci_prob:g} %", "next machine")
+    heads = ("parameter", "unit", "mean", "U of the bar", "spread", f"spread, {100 * found.ci_prob:g} %", "next machine")
     meant = (
-        "± U = 2u, or the interval where it is asymmetric. u of the bar: what more machines do not make less. Next machine: one "
+        "± U = 2u, or the interval where it is skewed. U of the bar: what more machines do not make less. Next machine: one "
         "not yet measured."
     )
     table = Table.of("Population", heads, rows, text=("unit",))

@@ -227,14 +227,14 @@ def _parts(trend: Trend) -> tuple[Table | str, ...]:
             (
                 display_name(name),
                 plus_minus(now.mean, now.sd, now.interval, own.unit),
-                f"{round_uncertainty(own.common_sd * factor)[0]} {label}" if own.common_sd > 0.0 else "–",
+                f"{round_uncertainty(2.0 * own.common_sd * factor)[0]} {label}" if own.common_sd > 0.0 else "–",
                 probability_words(own.probability),
                 plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
                 f"{own.percent:+.0f} %".replace("-", "−") if likely and own.percent is not None else "–",
             )
         )
-    heads = ("parameter", "level now", "u, common", "P(changed)", "change, if it did", "of level")
-    meant = "± U = 2u. u, common: what the bar adds to all campaigns alike."
+    heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
+    meant = "± U = 2u. U, common: what the bar adds to all campaigns alike."
     whose = f"{trend.machine}, " if trend.machine else ""
     table = Table.of(f"{whose}{len(trend.campaigns)} campaigns", heads, rows)
     return (table, meant, "", *trend_sentences(trend), *map(caveat_words, trend.caveats))

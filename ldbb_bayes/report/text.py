@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import IN_FORCE
-from ldbb_bayes.result import ByClass, Result, Table
+from ldbb_bayes.result import ByClass, Result, Table, wrapped
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.terms import Uncertainties
 
 __all__ = [
-    "Passage", "html_of", "nuisance_table", "parameter_table", "parts_of", "parts_of_fit", "results_table", "text_of",
+    "Passage", "html_of", "lines_of", "nuisance_table", "parameter_table", "parts_of", "parts_of_fit", "results_table", "text_of",
     "two_digits",
 ]  # fmt: skip
 
@@ -57,14 +57,21 @@ def _as_it_is(result: Any) -> tuple[Passage, ...]:
 parts_of = ByClass(_as_it_is)
 
 
+def lines_of(parts: Iterable[Passage], width: int = 120) -> str:
+    """Return tables, an empty line after each, paragraphs and lists as lines of at most ``width`` characters."""
+    lines: list[str] = []
+    for part in parts:
+        if isinstance(part, Table):
+            lines += [part.text(width), ""]
+        else:
+            for text in (part,) if isinstance(part, str) else part:
+                lines += wrapped(typeset(text), width, *([] if isinstance(part, str) else ["- ", "  "])) or [""]
+    return "\n".join(lines)
+
+
 def text_of(result: Result, width: int = 120) -> str:
     """Return a result for a terminal or a log."""
-    lines: list[str] = []
-    for part in parts_of(result):
-        lines += (
-            [part.text(width), ""] if isinstance(part, Table) else [part] if isinstance(part, str) else map("- {}".format, part)
-        )
-    return typeset("\n".join(lines))
+    return lines_of(parts_of(result), width)
 
 
 def html_of(result: Result) -> str:
@@ -142,7 +149,7 @@ def _(found: Uncertainties) -> tuple[Passage, ...]:
         (_, one, label), (words, where) = Term.owner(own.name).unit_of(own.name), wording.assumed_words(own)
         nominal, spread = value_and_uncertainty(own.value / one, own.sd / one)
         rows.append((words, nominal, spread, label, "certificate" if own.stated else "the model", where))
-    heads = ("assumed", "nominal", "u (1 sd)", "unit", "from", "certificate (campaign.toml)")
+    heads = ("assumed", "nominal", "u (1 sd)", "unit", "source", "in campaign.toml")
     table = Table.of("A fit will take for granted of the instrument", heads, rows, text=heads[3:])
     return (table, "Lobes add to what form of higher orders foretells of them; stated harmonics or turned balls replace that.")
 
@@ -210,7 +217,7 @@ _ODD = 2.5
 
 
 def parameter_table(result: Mapping[str, Any]) -> Table:
-    """Return posterior mean ± sd, credible interval and prior sd (where priors have means, mean ± sd) from the JSON of a fit; of
+    """Return posterior mean and sd, interval, and sd of the prior (its mean too where priors have any) from the JSON of a fit; of
     the circles' scales λ those of odd circles alone."""
     entries = {**result["parameters"], **result["hyper"]}
     means = any(entry.get("prior_mean") for entry in entries.values())
@@ -221,14 +228,14 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
         factor, unit = display_unit(entry["unit"])
         spread, decimals = round_uncertainty(entry["sd"] * factor)
         low, high = (round_like(bound * factor, decimals) for bound in wording.interval_of(entry))
-        prior = "flat" if entry["prior_sd"] is None else _three_digits(entry["prior_sd"] * factor)
-        if means and (middle := entry.get("prior_mean")) is not None:
-            prior = " ± ".join(value_and_uncertainty(middle * factor, entry["prior_sd"] * factor))
-        elif means:
-            prior = f"± {prior}"
+        prior = ["flat" if entry["prior_sd"] is None else _three_digits(entry["prior_sd"] * factor)]
+        if means:
+            middle = entry.get("prior_mean")
+            prior.insert(0, "–" if middle is None else value_and_uncertainty(middle * factor, entry["prior_sd"] * factor)[0])
         shown = display_name(name.removesuffix("_um"))
-        rows.append((shown, round_like(entry["mean"] * factor, decimals), spread, f"[{low}, {high}]", prior, unit))
-    heads = ("parameter", "mean", "u (1 sd)", f"{wording.percent_of(result)} interval", "prior" if means else "prior sd", "unit")
+        rows.append((shown, round_like(entry["mean"] * factor, decimals), spread, f"[{low}, {high}]", *prior, unit))
+    priors = ("prior mean", "prior sd") if means else ("prior sd",)
+    heads = ("parameter", "mean", "u (1 sd)", f"{wording.percent_of(result)} interval", *priors, "unit")
     return Table.of("", heads, rows, text=("unit",))
 
 
@@ -241,8 +248,8 @@ def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIde
         cells = (own.value, own.u, own.expanded, own.interval, own.unit, stiff, wording.verdict_words(verdicts[name]))
         rows.append((display_name(name), *cells))
     interval = f"{wording.percent_of(result)} interval"
-    heads = ("parameter", "value", "u", "U (k = 2)", interval, "unit", "stiffness (N/µm)", "identified?")
-    return Table.of("Compliances, their slopes, geometric errors", heads, rows, text=("unit", "identified?"))
+    heads = ("parameter", "value", "u", "U (k = 2)", interval, "unit", "stiffness (N/µm)", "verdict")
+    return Table.of("Compliances, their slopes, geometric errors", heads, rows, text=("unit", "verdict"))
 
 
 def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
@@ -288,10 +295,12 @@ def _(validation: Validation) -> tuple[Passage, ...]:
     claimed = [name for name in coverage.columns if not name.startswith("u")]
     rows = []
     for name, row in coverage.loc[list(validation.names)].iterrows():
-        shares = [f"{100 * row[p]:.1f} ± {100 * row['u' + p]:.1f} %" for p in claimed]
+        shares = [f"{100 * row[p]:.1f}" for p in claimed]
         rows.append((display_name(str(name)), *shares, "outside the band" if name in validation.outside else "inside"))
-    heads = ("quantity", *(f"in {interval} % interval" for interval in claimed), "ranks")
-    return (Table.of("", heads, rows, text=("ranks",)), wording.validation_verdict(validation))
+    heads = ("quantity", *(f"in {interval} % interval (%)" for interval in claimed), "ranks")
+    errors = wording.joined([f"{100 * coverage['u' + p].iloc[0]:.1f} %" for p in claimed])
+    uncertain = f"Standard uncertainty of these shares, from the number of replicates: {errors}."
+    return (Table.of("", heads, rows, text=("ranks",)), uncertain, wording.validation_verdict(validation))
 
 
 # ---- comparison
@@ -310,14 +319,15 @@ def _models_table(comparison: Comparison) -> Table:
     for name, model in comparison.models.items():
         ratio = f"{name}/{first}"
         gain, squares = comparison.elpd_difference.get(ratio), model.least_squares_rmse_um
-        factor, elpd = "0", "0"
+        factor, elpd = ("0", "0"), ("0", "0")
         if name != first:
-            factor = f"{comparison.log_bayes_factor[ratio]:+.3f} ± {max(comparison.log_bayes_factor_error[ratio], 1e-3):.1g}"
-            elpd = "–" if gain is None else f"{gain.value:+.1f} ± {gain.se:.1f}"
+            error = max(comparison.log_bayes_factor_error[ratio], 1e-3)
+            factor = (f"{comparison.log_bayes_factor[ratio]:+.3f}", f"{error:.1g}")
+            elpd = ("–", "–") if gain is None else (f"{gain.value:+.1f}", f"{gain.se:.1f}")
         fits = (f"{model.rmse_um:.2f}", "–" if np.isnan(squares) else f"{squares:.2f}")
-        rows.append((name, factor, f"{model.posterior_probability:.3g}", elpd, *fits))
+        rows.append((name, *factor, f"{model.posterior_probability:.3g}", *elpd, *fits))
     over = [f"{what} over {first} (nat)" for what in ("ln B", "elpd")]
-    heads = ("model", over[0], "probability", over[1], "RMSE with nuisances (µm)", "least squares (µm)")
+    heads = ("model", over[0], "error", "probability", over[1], "u of elpd", "RMSE of the model (µm)", "least squares (µm)")
     return Table.of("Models at equal prior odds", heads, rows)
 
 

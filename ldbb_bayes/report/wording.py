@@ -563,7 +563,7 @@ def _evidence(comparison: Comparison) -> str:
 
 
 def _factor(value: float, error: float) -> str:
-    return typeset(f"{value:+.2f} ± {max(error, 1e-3):.1g}")
+    return typeset(f"{value:+.2f} (error {max(error, 1e-3):.1g})")
 
 
 def _robustness(comparison: Comparison) -> Iterator[str]:

@@ -88,7 +88,7 @@ class Work:
             words = [str(own).removeprefix(f"{self.folder}/") for own in arguments]
             if words[0] in _WITH_MODEL and "--preset" not in words:
                 words += ["--preset", "first"]
-            ended = CliRunner().invoke(app, words, env={"COLUMNS": "150", "TERM": "dumb", "NO_COLOR": "1"})
+            ended = CliRunner().invoke(app, words, env={"COLUMNS": "120", "TERM": "dumb", "NO_COLOR": "1"})
         return ended.exit_code, ended.stdout, ended.stderr
 
     def run(self, *arguments: object) -> dict[str, Any]:
