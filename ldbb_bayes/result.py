@@ -229,7 +229,7 @@ class Table:
 
 
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
-    """Return a text as lines of at most ``width`` characters; a number keeps its sign and its unit, a word or path stays whole."""
+    """Return a text as lines of at most ``width`` characters; a number keeps sign and unit, a word or path stays whole."""
     filled = textwrap.wrap(
         _glued(text), width, initial_indent=first, subsequent_indent=then, break_long_words=False, break_on_hyphens=False
     )
@@ -237,7 +237,10 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
 
 
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
-_UNBREAKABLE = rf"(?<=[\d)\]]) (?={_UNIT})| (?=\([^()]{{1,16}}\))|(?<=/N) (?=per kN)|(?<=\bln) (?=[BPp]\()| (?=[=±→≤≥<>·−] [\w(−+.])|(?<= [=±→≤≥<>·−]) (?=[\w(−+.])"
+_UNBREAKABLE = "|".join((
+    rf"(?<=[\d)\]]) (?={_UNIT})", r" (?=\([^()]{1,16}\))", r"(?<=/N) (?=per kN)", r"(?<=\bln) (?=[BPp]\()",
+    r" (?=[=±→≤≥<>·−] [\w(−+.])", r"(?<= [=±→≤≥<>·−]) (?=[\w(−+.])",
+))  # fmt: skip
 
 
 def _glued(text: str) -> str:
