@@ -28,6 +28,7 @@ from .campaign.campaign import ForceLaw as ForceLaw
 from .campaign.campaign import Instrument as Instrument
 from .campaign.campaign import MountCompensation as MountCompensation
 from .campaign.campaign import Plan as Plan
+from .campaign.certificates import read_dcc as read_dcc
 from .campaign.folder import embedded_campaign as embedded_campaign
 from .campaign.folder import read_campaign as read_campaign
 from .campaign.folder import write_campaign as write_campaign
@@ -86,6 +87,7 @@ from .model.terms import Uncertainties as Uncertainties
 from .model.terms import Unit as Unit
 from .model.terms import uncertainties as uncertainties
 from .report import figures as figures
+from .report.dcc import write_dcc as write_dcc
 from .report.figures import save_figures as save_figures
 from .report.findings import fit_in_words as fit_in_words
 from .report.page import write_report as write_report

@@ -111,6 +111,7 @@ class Ball:
     grade: str | None = None
     harmonics_um: tuple[Harmonic, ...] = ()
     U_um: Positive | None = None
+    certificate: Label | None = None  # which one says so: a name, no number depends on it
 
     def __post_init__(self) -> None:
         check_known("grade of a ball", [] if self.grade is None else [self.grade], _GRADES_UM)
@@ -141,10 +142,19 @@ class Instrument:
     force_linearity_percent: Percent | None = None
     force_random_N: Positive | None = None
     angle_U_deg: Positive | None = None
+    bar_certificate: Label | None = None  # which certificate says so: names, no number depends on them
+    force_certificate: Label | None = None
 
     def __post_init__(self) -> None:
         alone = "the bar's length error must come with its U_um, got it alone. Give the U of its certificate (k = 2)."
         require(self.bar_U_um or not self.bar_length_error_um, alone)
+
+    @property
+    def certificates(self) -> dict[str, str]:
+        """Names of the certificates, by what they are of."""
+        named = {"bar": self.bar_certificate, "force device": self.force_certificate}
+        named |= {"work ball": self.work.certificate, "tool ball": self.tool.certificate}
+        return {what: name for what, name in named.items() if name}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

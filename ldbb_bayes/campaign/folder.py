@@ -25,6 +25,7 @@ from ldbb_bayes.campaign.campaign import (
     CircularTest,
     ForceLaw,
     Instrument,
+    Label,
     Length,
     MountCompensation,
     Number,
@@ -32,6 +33,7 @@ from ldbb_bayes.campaign.campaign import (
     Positive,
     TestFields,
 )
+from ldbb_bayes.campaign.certificates import read_dcc
 from ldbb_bayes.campaign.spreadsheet import columns_of, numbers_of, read_strict_table
 from ldbb_bayes.errors import InputError, check_known, nearest, placed, require
 from ldbb_bayes.files import read_toml, staged_folder, validated
@@ -71,7 +73,10 @@ def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, An
     else:
         tests, options = _tests_of_folder(path)
     with placed(path):
-        instrument = replace(options.pop("instrument", Instrument()), **certificates or {})
+        unnamed = {
+            f"{kind}_certificate": None for key in certificates or () if (kind := key.partition("_")[0]) in ("bar", "force")
+        }
+        instrument = replace(options.pop("instrument", Instrument()), **unnamed | dict(certificates or {}))
         return Campaign(tests, instrument=instrument, **options)
 
 
@@ -108,6 +113,7 @@ class _Balls:
 class _Bar:
     length_error_um: Number = 0.0
     U_um: Positive | None = None
+    certificate: Label | None = None
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -121,6 +127,7 @@ class _Force(ForceLaw):
     U_percent: Percent | None = None
     linearity_percent: Percent | None = None
     random_N: Positive | None = None
+    certificate: Label | None = None
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -144,7 +151,7 @@ class _CampaignFile(CampaignFields):
 
 def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, Any]]:
     """The tests of a campaign.toml, and the other fields of its campaign."""
-    content = read_toml(path)
+    content = _with_certificates(path, read_toml(path))
     file = validated(_CampaignFile, content, str(path))
     planned = sum(entry.readings or PLANNED_READINGS for entry in file.test if entry.file is None)
     got = f"a plan must have at most {LARGEST_PLAN} readings, got {planned}"
@@ -152,6 +159,20 @@ def _tests_of_folder(path: Path) -> tuple[tuple[CircularTest, ...], dict[str, An
     tests = tuple(_test(path, i, entry) for i, entry in enumerate(file.test, start=1))
     stated = {own.name: getattr(file, own.name) for own in fields(CampaignFields)}
     return tests, stated | {"name": file.name or path.resolve().parent.name} | _instrument_of(path, file, content)
+
+
+def _with_certificates(path: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """The content with what the DCCs that it names say in place of their names."""
+    balls = content.get("balls", {})
+    tables = {kind: content.get(kind) for kind in ("bar", "force")}
+    tables |= {f"balls.{ball}": balls.get(ball) for ball in ("work", "tool")} if isinstance(balls, dict) else {}
+    for name, table in tables.items():
+        if isinstance(table, dict) and isinstance(dcc := table.pop("dcc", None), str):
+            stated = read_dcc(_inside(path, f"[{name}]: dcc", dcc)).fields("ball" if "." in name else name)
+            twice = next((key for key in stated if key in table), None)
+            require(twice is None, f"{path}: [{name}] must have {twice} or take it from its dcc, got both. Keep one of them.")
+            table |= stated
+    return content
 
 
 def _instrument_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -180,15 +201,15 @@ def _test(toml: Path, k: int, entry: _TestFile) -> CircularTest:
         got = f"{next(iter(planned))} must stand in planned tests only, got it beside 'file'"
         raise InputError(f"{toml}, test {k}: {got}. Remove one of them.")
     else:
-        path = _inside(toml, k, file)
+        path = _inside(toml, f"test {k}: file", file)
         own = {"name": Path(file).stem} | own | _checked(path, _read_columns(path, _READINGS))
     with placed(path):
         return CircularTest(**own)
 
 
-def _inside(toml: Path, k: int, file: str) -> Path:
+def _inside(toml: Path, what: str, file: str) -> Path:
     """The referenced file, which must lie inside the campaign's folder, links followed."""
-    root, place = toml.parent.resolve(), f"{toml}, test {k}: file must"
+    root, place = toml.parent.resolve(), f"{toml}, {what} must"
     try:
         path = (root / file).resolve()
         there = path.is_file()

@@ -134,7 +134,7 @@ def check(campaign: options.GivenCampaign, as_json: Annotated[bool, options.JSON
     from ldbb_bayes.report.text import parts_of
 
     seen, known = lb.preview(campaign), lb.uncertainties(campaign)
-    record = lb.with_words(seen) | {"uncertainties": known.as_dict()["assumed"]}
+    record = lb.with_words(seen) | {"uncertainties": known.as_dict()["assumed"], "certificates": dict(known.certificates)}
     Output(as_json=as_json).deliver(record, (*parts_of(seen), *parts_of(known)))
 
 

@@ -220,7 +220,18 @@ def campaign_from(path: Path, **options: Any) -> Campaign:
 
 def certified(*, balls: Ball | None = None, **given: Any) -> dict[str, Any]:
     """What the options say of the instrument: those given, as fields of `Instrument`."""
-    return ({} if balls is None else {"work": balls, "tool": balls}) | given
+    from ldbb_bayes.campaign.certificates import read_dcc
+
+    stated: dict[str, Any] = {}
+    for kind in ("bar", "force", "work", "tool"):
+        if (file := given.pop(f"{kind}_dcc", None)) is not None and kind in ("bar", "force"):
+            stated |= {f"{kind}_{key}": own for key, own in read_dcc(file).fields(kind).items()}
+        elif file is not None:
+            stated[kind] = lb.Ball(**read_dcc(file).fields("ball"))
+    for key in stated.keys() & given:
+        got = f"got --{key.replace('_', '-')} too" if "_" in key else f"got --{key}-ball too"
+        raise InputError(f"what a DCC says must not be given by hand as well, {got}. Keep one of them.")
+    return ({} if balls is None else {"work": balls, "tool": balls}) | stated | given
 
 
 def campaign_fields(*, raw: bool = False, **given: Any) -> dict[str, Any]:
@@ -291,8 +302,12 @@ _CERTIFICATES = in_panel(
     force_linearity_percent=option(float, "Non-linearity of the force, at most (% of the largest force).", min=_LEAST, max=100),
     force_random_N=option(float, "Random error of every force (N, 1 sd).", min=_LEAST),
     angle_U_deg=option(float, "U of the angle (°).", min=_LEAST),
+    bar_dcc=option(Path, "Digital calibration certificate (DCC, XML) of the bar.", metavar="FILE"),
+    force_dcc=option(Path, "DCC of the force device.", metavar="FILE"),
+    work_ball_dcc=option(Path, "DCC of the work ball.", to="work_dcc", metavar="FILE"),
+    tool_ball_dcc=option(Path, "DCC of the tool ball.", to="tool_dcc", metavar="FILE"),
 )
-_CERTIFIED = [own.to or name for name, own in _CERTIFICATES.items()]
+_CERTIFIED = [*(own.to or name for name, own in _CERTIFICATES.items()), "bar_certificate", "force_certificate"]
 _TERMS = "ball-form, bar-length, mount, force-error, setup-shift, discrepancy, hysteresis, drift, truncation"
 _MODEL = group(
     model_from,

@@ -188,15 +188,16 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """Everything that the terms of a model take for granted of the instrument."""
+    """Everything that the terms of a model take for granted of the instrument, and the names of its certificates."""
 
     assumed: tuple[Uncertainty, ...]
+    certificates: Mapping[str, str]
 
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
     """Return what terms, by default those of the default model, take for granted of the instrument of a campaign or plan."""
     used = [kind() for kind in Term.kinds.values() if not kind.on_demand] if terms is None else terms
-    return Uncertainties(tuple(own for term in used for own in term.assumed(campaign)))
+    return Uncertainties(tuple(own for term in used for own in term.assumed(campaign)), campaign.instrument.certificates)
 
 
 def _assumed(campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0) -> Uncertainty:

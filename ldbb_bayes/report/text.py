@@ -151,7 +151,12 @@ def _(found: Uncertainties) -> tuple[Passage, ...]:
         rows.append((words, nominal, spread, label, "certificate" if own.stated else "the model", where))
     heads = ("assumed", "nominal", "u (1 sd)", "unit", "source", "in campaign.toml")
     table = Table.of("A fit will take for granted of the instrument", heads, rows, text=heads[3:])
-    return (table, "Lobes add to what form of higher orders foretells of them; stated harmonics or turned balls replace that.")
+    named = (f"Certificate of the {what}: {name}" for what, name in found.certificates.items())
+    return (
+        table,
+        *named,
+        "Lobes add to what form of higher orders foretells of them; stated harmonics or turned balls replace that.",
+    )
 
 
 @parts_of.register

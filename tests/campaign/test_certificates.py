@@ -1,0 +1,108 @@
+"""Digital calibration certificates of others: a German one written by hand, and what is none."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli import app
+
+from .test_folder import TOML, write
+
+SCHEIN = Path(__file__).with_name("kalibrierschein.xml")
+NAME = "kalibrierschein.xml, DCC K-2026-0815: "
+
+
+def changed(folder: Path, *changes: tuple[str, str]) -> Path:
+    text = SCHEIN.read_text("utf-8").replace("UTF-8", "ISO-8859-1")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "schein.xml"
+    path.write_text(text, "iso-8859-1")
+    return path
+
+
+def test_a_german_certificate(tmp_path: Path) -> None:
+    """A bar 0.8 µm too long reads 0.8 µm too small; U = 0.9 µm (k = 3) is 0.6 µm (k = 2)."""
+    found = lb.read_dcc(SCHEIN)
+    assert (found.identifier, len(found.quantities)) == ("K-2026-0815", 8)
+    assert found.fields("bar") == {"length_error_um": -0.8, "U_um": 0.6, "certificate": f"{NAME}Messwert"}
+    named = f"{NAME}Kraft, Linearitätsabweichung"
+    assert found.fields("force") == {"U_percent": 0.5, "linearity_percent": 0.6, "certificate": named}
+    assert found.fields("ball") == {"sphericity_um": 0.15, "certificate": f"{NAME}Ebene 2"}
+    indication = changed(tmp_path, ("Längenabweichung vom Nennmaß", "Error of indication"))
+    assert lb.read_dcc(indication).fields("bar")["length_error_um"] == 0.8
+    length = changed(tmp_path, ("Längenabweichung vom Nennmaß", "Length"), (">0.8<", ">150000.8<"))
+    assert lb.read_dcc(length).fields("bar")["length_error_um"] == pytest.approx(-0.8, rel=1e-9)
+
+
+def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
+    """In campaign.toml as by options; `check` names the certificates, and so does the campaign written again."""
+    tables = "".join(f'[{name}]\ndcc = "{SCHEIN.name}"\n' for name in ("bar", "force", "balls.work", "balls.tool"))
+    (folder := tmp_path / "a").mkdir(), (plain := tmp_path / "b").mkdir()
+    shutil.copy(SCHEIN, write(folder, TOML.replace("[[test]]", f"{tables}[[test]]", 1)))
+    stated = lb.read_campaign(folder).instrument
+    ball = lb.Ball(sphericity_um=0.15, certificate=f"{NAME}Ebene 2")
+    bar, force = f"{NAME}Messwert", f"{NAME}Kraft, Linearitätsabweichung"
+    expected = lb.Instrument(ball, ball, -0.8, 0.6, None, 0.5, 0.6, bar_certificate=bar, force_certificate=force)
+    assert stated == expected
+    assert lb.read_campaign(lb.write_campaign(lb.read_campaign(folder), tmp_path / "c")).instrument == expected
+    options = [part for kind in ("bar", "force", "work-ball", "tool-ball") for part in (f"--{kind}-dcc", str(SCHEIN))]
+    shown = [CliRunner().invoke(app, ["check", *args]).stdout for args in ([str(folder)], [str(write(plain)), *options])]
+    tables = [text[text.index("A fit will take for granted") :] for text in shown]
+    assert tables[0] == tables[1]
+    assert f"Certificate of the bar: {NAME}Messwert" in tables[0]
+    assert lb.read_campaign(folder, certificates={"bar_U_um": 2.0}).instrument.bar_certificate is None
+    made = CliRunner().invoke(app, ["simulate", str(plain), "--out", str(tmp_path / "d"), *options])
+    assert (made.exit_code, lb.read_campaign(tmp_path / "d").instrument) == (0, expected)
+    refused = CliRunner().invoke(app, ["check", str(plain), *options, "--bar-U-um", "2"])
+    assert refused.exit_code == 2
+    with pytest.raises(lb.InputError, match=r"\[bar\] must have U_um or take it from its dcc, got both"):
+        lb.read_campaign(write(folder, TOML.replace("[[test]]", f"[bar]\nU_um = 1.0\ndcc = '{SCHEIN.name}'\n[[test]]", 1)))
+    with pytest.raises(lb.InputError, match=r"\[bar\]: dcc must lie inside"):
+        lb.read_campaign(write(folder, TOML.replace("[[test]]", f"[bar]\ndcc = '{SCHEIN}'\n[[test]]", 1)))
+
+
+BOMB = '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "bb"><!ENTITY c "&b;&b;">]><a>&c;</a>'
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"%PDF-1.7", "must be XML, got: unclosed token"),
+        (b"<html/>", "got the root element 'html'"),
+        (BOMB.encode(), "must have no document type"),
+        (BOMB.encode("utf-16"), "must have no document type"),
+        (b"<a>" * 100_000, "nested at most 100 deep"),
+        (b'<?xml version="1.0" encoding="shift_jis"?><a/>', "must be XML"),
+    ],
+)
+def test_what_is_no_certificate_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_bytes(content)
+    with pytest.raises(lb.InputError, match=f"a.xml: .*{message}"):
+        lb.read_dcc(tmp_path / "a.xml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "kind", "message"),
+    [
+        (
+            "Längenabweichung vom Nennmaß",
+            "Masse",
+            "bar",
+            r"must state the error of a bar's length .*'Messwert' \(\\micro\\metre\)",
+        ),
+        ("<si:coverageFactor>3</si:coverageFactor>", "", "bar", "'Messwert' must have a coverage factor k beside U"),
+        (r"\micro\metre", "µm", "bar", r"unit of 'Messwert' must be of D-SI .*got 'µm'"),
+        (">0.8<", ">0,8<", "bar", "Messwert: value must be numbers, got '0,8'. Use a decimal point"),
+    ],
+)
+def test_what_a_certificate_does_not_say(old: str, new: str, kind: str, message: str, tmp_path: Path) -> None:
+    path = changed(tmp_path, (old, new))
+    with pytest.raises(lb.InputError, match=f"schein.xml: .*{message}"):
+        lb.read_dcc(path).fields(kind)

@@ -1,0 +1,78 @@
+"""Results as D-SI in a DCC: the numbers of summary.json, its structure, and what it says of itself.
+
+Where LDBB_DCC_XSD names PTB's dcc.xsd (3.3.0, with SI_Format.xsd 2.2.1 beside it) the file is validated against that; it is not
+part of this repository. Everywhere elements and texts are compared with what that schema asks of them (dcc_structure.toml).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from reports import SCRIPT, awkward, fitted
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.posterior import result_json
+from ldbb_bayes.report.dcc import dsi_unit
+
+SI = "{https://ptb.de/si}"
+STRUCTURE = tomllib.loads(Path(__file__).with_name("dcc_structure.toml").read_text("utf-8"))
+
+
+def checked(path: Path) -> ElementTree.Element:
+    root = ElementTree.parse(path).getroot()
+    for element in root.iter():
+        kind, name = element.tag.removeprefix("{https://ptb.de/").split("}")
+        children = "".join(child.tag.partition("}")[2] + " " for child in element)
+        assert re.fullmatch(STRUCTURE["children"].get(name, ".*"), children) or not children, (name, children)
+        for names, form in STRUCTURE["texts"].items():
+            assert not re.fullmatch(names, f"{kind}:{name}") or re.fullmatch(form, element.text or ""), (name, element.text)
+    if xsd := os.environ.get("LDBB_DCC_XSD"):
+        from lxml import etree
+
+        etree.XMLSchema(etree.parse(xsd)).assertValid(etree.parse(str(path)))
+    return root
+
+
+def words(root: ElementTree.Element, tag: str) -> list[str]:
+    return [word for found in root.iter(f"{SI}{tag}") for word in (found.text or "").split()]
+
+
+def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path) -> None:
+    stated = {"serial_number": "4711", "ball_bar": "QC20", "operator": "A & B", "place": "Hall <2>", "date": "2026-11-20T14:30"}
+    warm = tuple(replace(test, temperature_C=20.5) for test in recovered.tests)
+    posterior = fitted(lb.HybridModel.first(1), replace(recovered, tests=warm, **stated))
+    root = checked(lb.write_dcc(posterior, tmp_path / "dcc.xml", ci_prob=0.9))
+    found = {own.name.split(" / ")[0].split()[-1]: own for own in lb.read_dcc(tmp_path / "dcc.xml").quantities if own.name}
+    expected = result_json(posterior, ci_prob=0.9)["parameters"]
+    assert len(found) == len(expected) > 15
+    for (name, entry), own in zip(expected.items(), found.values(), strict=True):
+        assert (own.value, own.U, own.k, own.unit) == (entry["mean"], 2.0 * entry["sd"], 2.0, dsi_unit(entry["unit"])), name
+        assert own.coverage == pytest.approx(0.954, abs=0.02)
+    ends = [list(map(float, words(root, f"interval{end}XMLList"))) for end in ("Min", "Max")]
+    assert list(zip(*ends, strict=True)) == [tuple(entry["ci90"]) for entry in expected.values()]
+    draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in expected])
+    matrix = [float(one.text or "") for cell in root.iter(f"{SI}covarianceXMLList") for one in cell.iter(f"{SI}valueXMLList")]
+    np.testing.assert_array_equal(np.reshape(matrix, [len(expected)] * 2), np.cov(draws))
+    text = (tmp_path / "dcc.xml").read_text("utf-8")
+    for said in (*stated.values(), "20.5 20.5", "no calibration certificate", "kein Kalibrierschein", "\\degreecelsius"):
+        assert said[:10].replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;") in text
+
+
+def test_units_are_those_of_the_si() -> None:
+    """mm/N, rad/(N mm) per N, 1/mm, a number; their products."""
+    assert dsi_unit("mm/N") == r"\milli\metre\newton\tothe{-1}"
+    assert dsi_unit("rad/(N mm)/N") == r"\radian\newton\tothe{-2}\milli\metre\tothe{-1}"
+    assert (dsi_unit("1/mm"), dsi_unit("1"), dsi_unit("mm", "1/mm")) == (r"\milli\metre\tothe{-1}", r"\one", r"\one")
+
+
+@pytest.mark.parametrize("kind", ["script", "degree 2", "paper", "long name"])
+def test_awkward_results(kind: str, tmp_path: Path) -> None:
+    checked(lb.write_dcc(awkward(kind), tmp_path / "dcc.xml"))
+    assert SCRIPT not in (tmp_path / "dcc.xml").read_text("utf-8")
