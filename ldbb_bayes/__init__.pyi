@@ -10,6 +10,9 @@ from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
 from .analysis.comparison import compare as compare
 from .analysis.comparison import read_comparison as read_comparison
+from .analysis.conformity import Conformity as Conformity
+from .analysis.conformity import Tolerance as Tolerance
+from .analysis.conformity import conformity as conformity
 from .analysis.design.design import Design as Design
 from .analysis.design.design import design as design
 from .analysis.design.design import read_design as read_design

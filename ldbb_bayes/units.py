@@ -22,11 +22,11 @@ _UNITS: Mapping[str, tuple[float, str]] = {
     **_OF_A_COMPLIANCE,
     **{f"{unit}/N": (factor * 1e3, f"{label} per kN") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
     **{f"{unit}/N^2": (factor * 1e6, f"{label} per kN²") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
-    "N/mm": (1e-3, "N/µm"),
     "1": (1e6, "µm/m"),
     "1/mm": (1e9, "µm/m²"),
     "rad": (1e6, "µrad"),
     "mm": (1e3, "µm"),
+    "N/mm": (1e-3, "N/µm"),
     "um": (1.0, "µm"),
     "": (1.0, ""),
 }

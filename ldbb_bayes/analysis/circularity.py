@@ -18,7 +18,7 @@ import xarray as xr
 
 from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of
+from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, parts_of
 from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import SIZE, basis, geometric_errors_of, harmonic_index
@@ -28,7 +28,7 @@ from ldbb_bayes.result import Array
 __all__ = [
     "BIDIRECTIONAL", "COMPLIANCE", "GEOMETRY", "MINIMUM_ZONES", "QUANTITIES", "TOGETHER", "Zone", "circularity",
     "contribution_paths", "contributions", "first_circle", "least_squares_zone", "measured_circularity",
-    "minimum_zone_width", "offsets", "squareness_name",
+    "minimum_zone_width", "offsets", "path_draws", "squareness_name",
 ]  # fmt: skip
 
 _FEWEST = 3
@@ -179,12 +179,24 @@ def circularity(
         too small.
     """
     check_probability(ci_prob)
-    bound = bound_of(posterior)
-    beta, phi = draws_of(posterior, bound, draws)
-    travel = _travel_draws(bound, beta, phi) if bound.setting.both_ways else {}
-    beta = np.where(offsets(bound), 0.0, beta)
-    forces = list(forces_N) or [0.0, *distinct_forces(bound.setting.force_N).tolist()]
     units, rows = QUANTITIES | BIDIRECTIONAL, []
+    for where, found in path_draws(posterior, forces_N, draws):
+        rows += [
+            {**where, "quantity": quantity, "unit": units[quantity], "mean": float(values.mean()), **_spread(values, ci_prob)}
+            for quantity, values in found.items()
+        ]
+    return pd.DataFrame(rows)
+
+
+def path_draws(
+    posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
+) -> Iterator[tuple[dict[str, Any], dict[str, Array]]]:
+    """Plane, radius and force, and the draws of every quantity of `circularity` there, each (draws,)."""
+    bound, parts = bound_of(posterior), parts_of(posterior, draws)
+    each = [_travel_draws(*part) for part in parts] if bound.setting.both_ways else [{}]
+    travel = {plane: [np.concatenate(own) for own in zip(*(one[plane] for one in each), strict=True)] for plane in each[0]}
+    beta = np.where(offsets(bound), 0.0, np.concatenate([part.beta for part in parts]))
+    forces = list(forces_N) or [0.0, *distinct_forces(bound.setting.force_N).tolist()]
     for plane in bound.setting.planes:
         r = first_circle(bound, plane)
         for force in map(float, forces):
@@ -196,12 +208,7 @@ def circularity(
                 half, centred = (constant + force * proportional) * 1e3, np.where(_CENTRED, path, 0.0)
                 traces = np.concatenate([(centred + way * half) @ basis(_ANGLE).T for way in (1.0, -1.0)], axis=1)
                 found |= {"G_b": np.ptp(traces, axis=1), "D": path[:, 0]}
-            where = {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}
-            rows += [
-                {**where, "quantity": quantity, "unit": units[quantity], "mean": float(values.mean()), **_spread(values, ci_prob)}
-                for quantity, values in found.items()
-            ]
-    return pd.DataFrame(rows)
+            yield {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}, found
 
 
 def _spread(values: Array, ci_prob: float) -> dict[str, float]:
@@ -222,7 +229,7 @@ def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
     }
 
 
-def _travel_draws(bound: BoundModel, beta: Array, phi: Array) -> dict[str, tuple[Array, Array]]:
+def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple[Array, Array]]:
     """Draws of the hysteresis in every plane run both ways, constant [mm] and per newton [mm/N], each (draws, 25)."""
     names = [name for term in shared_terms(bound.nuisance_columns) for name in term.names]
     columns, drawn = shared_columns(bound), draw_shared(bound, phi, beta, np.random.default_rng(0))

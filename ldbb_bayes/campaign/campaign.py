@@ -325,6 +325,8 @@ class CampaignFields:
     ball_bar: Label | None = None  # type and number
     ball_bar_calibrated: Date | None = None
     force_device: Label | None = None  # what makes or measures the force, and its certificate
+    # By quantity, a limit with its unit: {"C_XXX": "60 nm/N"}; see `conformity`. Of no weight in a fit either.
+    tolerances: Mapping[str, str] = field(default_factory=dict)
     feed_mm_per_min: Number | None = None
     resolution_um: Positive = 0.24  # of the readout; sets the floor σ ≥ resolution/√12
     mount: MountCompensation = field(default_factory=MountCompensation)

@@ -146,6 +146,7 @@ class _CampaignFile(CampaignFields):
     balls: _Balls = field(default_factory=_Balls)
     bar: _Bar = field(default_factory=_Bar)
     angle: _Angle = field(default_factory=_Angle)
+    tolerances: Annotated[dict[str, str], Field(alias="tolerance")] = field(default_factory=dict)
     test: Annotated[list[_TestFile], Field(min_length=1, max_length=1000)]
 
 
@@ -294,6 +295,7 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     head["balls"] = {ball: own for ball in ("work", "tool") if (own := {k: v for k, v in known.pop(ball).items() if v})} or None
     for table, key, own in ((*name.partition("_")[::2], own) for name, own in known.items() if own):
         head.setdefault(table, {})[key] = own
+    head["tolerance"] = dict(campaign.tolerances) or None
     head["frames_mm"] = {axis: list(frame) for axis, frame in campaign.frames_mm.items()} or None
     entries = [f"\n[[test]]\n{tomli_w.dumps(_entry(campaign, test))}" for test in campaign.tests]
     (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")

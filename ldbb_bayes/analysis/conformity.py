@@ -1,0 +1,326 @@
+"""Conformity with tolerances: p = P(lower ≤ η ≤ upper | y) of JCGM 106, and decisions after ISO 14253-1; may the numbers be used?
+
+A machine conforms where p is at least the confidence, for a normal posterior where the estimate lies inside each limit by the
+guard band; it does not conform where 1 − p is; in between nothing is decided.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from ldbb_bayes.analysis.circularity import path_draws
+from ldbb_bayes.analysis.comparison import Comparison, Sign
+from ldbb_bayes.analysis.identifiability import ParameterIdentifiability, Verdict
+from ldbb_bayes.errors import check_known, require
+from ldbb_bayes.inference.posterior import ConcernKind, Fit, State, bound_of, curves_of, draws_of
+from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.result import Array, Result
+from ldbb_bayes.units import inside_name, is_direct, to_inside
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "Conformity", "Decision", "Judgement", "Reason", "ReasonKind", "Tolerance", "Use", "conformity", "is_determined",
+    "normal_conformity", "state_of", "tolerances_in",
+]  # fmt: skip
+
+_PATHS = {"G": ("upper",), "F_max": ("upper",), "F_min": ("lower",)}
+_FEW, _TRACES = 10, 2000
+_HARDLY = 0.9
+
+
+class Decision(StrEnum):
+    """What follows from a tolerance at the confidence asked for."""
+
+    CONFORMS = "conforms"
+    DOES_NOT_CONFORM = "does not conform"
+    NOT_DECIDED = "not decided"
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What a quantity may be, limits included, in inside units (mm, N, rad); None: no limit on that side."""
+
+    lower: float | None = None
+    upper: float | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.ends
+        require(low < high, f"a tolerance must have a lower limit below its upper one, got {low:g} and {high:g}. Correct it.")
+        require(np.isfinite([low, high]).any(), "a tolerance must have a limit, got none. Write for example 60 nm/N.")
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Both limits, infinite where there is none."""
+        return -np.inf if self.lower is None else self.lower, np.inf if self.upper is None else self.upper
+
+
+@dataclass(frozen=True)
+class Conformity(Result):
+    """A quantity and its tolerance, in inside units.
+
+    Attributes
+    ----------
+    force_N : float or None
+        At which it is stated; None of geometric errors and slopes.
+    mean, sd : float
+        Estimate and standard uncertainty.
+    probability : float
+        Of conformance.
+    guard_band : float
+        By how much the estimate must lie inside a limit so that the machine conforms; as much outside, and it does not.
+    """
+
+    unit: str
+    force_N: float | None
+    lower: float | None
+    upper: float | None
+    mean: float
+    sd: float
+    probability: float
+    guard_band: float
+    confidence: float
+    decision: Decision
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Both limits, infinite where there is none."""
+        return Tolerance(self.lower, self.upper).ends
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """What may have a tolerance: its unit, and the sides that a single number limits."""
+
+    unit: str
+    sides: tuple[str, ...]
+
+
+def _quantities(bound: BoundModel) -> dict[str, _Quantity]:
+    """By name: parameters, stiffnesses, and the machine's path in every plane."""
+    bounded = (bound.physical.rows != 0.0).any(axis=0)
+    found = {}
+    for own, positive in zip(bound.parameters, bounded, strict=True):
+        sides = ("upper",) if positive and not own.degree else ("lower", "upper")
+        found[own.name] = _Quantity(own.unit, sides)
+    stiff = [name for name in bound.names if is_direct(name)]
+    found |= {f"stiffness_{name[2]}": _Quantity("N/mm", ("lower",)) for name in stiff}
+    planes = bound.setting.planes
+    ends = [""] if len(planes) == 1 else [f"_{plane}" for plane in planes]
+    return found | {name + end: _Quantity("mm", sides) for name, sides in _PATHS.items() for end in ends}
+
+
+def tolerances_in(bound: BoundModel, given: Mapping[str, str | Tolerance]) -> dict[str, Tolerance]:
+    """The tolerances of a campaign by name: texts with a unit read, names and limits checked.
+
+    ``60 nm/N`` is an upper limit of what cannot be negative, of a stiffness a lower one (``18 N/µm``), of anything else ±;
+    ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±`` before a number say which.
+    """
+    known, read = _quantities(bound), {}
+    for name, tolerance in ((inside_name(name), own) for name, own in given.items()):
+        check_known("tolerance", [name], known)
+        read[name] = tolerance if isinstance(tolerance, Tolerance) else _read(name, tolerance, known[name])
+    return read
+
+
+def _read(name: str, text: str, quantity: _Quantity) -> Tolerance:
+    what = f"tolerance of {name}"
+    least, between, most = text.partition("..")
+    if between:
+        unit = re.sub(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", "", most, flags=re.IGNORECASE)
+        least = least if re.search(r"[^\W\d]|[%°]", re.sub(r"\de[+-]?\d", "", least)) else least + unit
+        low, high = (to_inside(end, quantity.unit, what) for end in (least, most))
+        require(low < high, f"{what} must have its lower limit first, got {text!r}. Write for example −20..40 µrad.")
+        return Tolerance(low, high)
+    sign = re.match(r"\s*(±|≤|<=|≥|>=)?", text)
+    told = {"±": ("lower", "upper"), "≤": ("upper",), "<=": ("upper",), "≥": ("lower",), ">=": ("lower",)}
+    sides = told.get(sign[1] if sign and sign[1] else "", quantity.sides)
+    value = to_inside(text[sign.end() if sign else 0 :], quantity.unit, what)
+    if len(sides) == 2:
+        return Tolerance(-abs(value), abs(value))
+    return Tolerance(**{sides[0]: value})
+
+
+@one_blas_thread
+def conformity(
+    posterior: xr.DataTree,
+    tolerances: Mapping[str, str | Tolerance] | None = None,
+    *,
+    force_N: float | None = None,
+    confidence: float = 0.95,
+) -> dict[str, Conformity]:
+    """Decide whether a machine conforms.
+
+    Parameters
+    ----------
+    posterior : DataTree
+        From `average`, `sample` or `load`.
+    tolerances : mapping of name to str or Tolerance, optional
+        Default: those of the campaign. Names are parameters, ``stiffness_X`` (1/C_XXX), and G, F_max and F_min of the machine's
+        path, with the plane where there are several (``G_YZ``).
+    force_N : float, optional
+        At which compliances, stiffnesses and the path are stated; default: the model's reference force, where C(F) is C.
+    confidence : float
+        Probability that a decision asks for.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, a number without its unit or with one of another kind, or limits the wrong way round.
+    """
+    require(0.5 < confidence < 1.0, f"confidence must lie between 0.5 and 1, got {confidence}. For 95 % give 0.95.")
+    bound = bound_of(posterior)
+    read = tolerances_in(bound, bound.campaign.tolerances if tolerances is None else tolerances)
+    force = bound.setting.reference_force_N if force_N is None else float(force_N)
+    require(np.isfinite(force) and force > 0.0, f"force_N must be a force above 0, got {force}. Give it in N.")
+    if not read:
+        return {}
+    known, draws = _quantities(bound), dict(_draws(posterior, bound, read, force))
+    return {name: _decided(known[name].unit, own, read[name], confidence, at) for name, (own, at) in draws.items()}
+
+
+def _draws(
+    posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
+) -> Iterable[tuple[str, tuple[Array, float | None]]]:
+    """Draws of what is named, and the force at which it is stated."""
+    parameters = dict(zip(bound.names, bound.parameters, strict=True))
+    beta, _ = draws_of(posterior, bound)
+    values = dict(zip(bound.names, beta.T, strict=True))
+    if force != bound.setting.reference_force_N:
+        curves = curves_of(posterior, np.array([force]))[:, 0]
+        values |= {own.label: curves[:, j] for j, own in enumerate(bound.compliances)}
+    along = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
+    paths: dict[str, Array] = {}
+    if any(name.startswith(tuple(_PATHS)) for name in names):
+        several = len(bound.setting.planes) > 1
+        for where, found in path_draws(posterior, [force], _TRACES):
+            paths |= {f"{name}_{where['plane']}" if several else name: found[name] * 1e-3 for name in _PATHS}
+    for name in names:
+        if name in parameters:
+            yield name, (values[name], force if parameters[name].group == "compliance" else None)
+        else:
+            yield name, (1.0 / values[along[name]] if name in along else paths[name], force)
+
+
+def _decided(unit: str, draws: Array, tolerance: Tolerance, confidence: float, force: float | None) -> Conformity:
+    mean, sd = float(draws.mean()), float(draws.std(ddof=1))
+    low, high = tolerance.ends
+    below, above = _tail(draws < low, (low - mean) / max(sd, 1e-300)), _tail(draws > high, (mean - high) / max(sd, 1e-300))
+    return _conformity(unit, mean, sd, tolerance, min(max(1.0 - below - above, 0.0), 1.0), confidence, force)
+
+
+def _tail(outside: Array, score: float) -> float:
+    """Probability beyond a limit: the share of the draws; where that rests on few of them, on either side, the normal tail, as
+    far as the draws allow."""
+    n, count = len(outside), int(outside.sum())
+    if min(count, n - count) >= _FEW:
+        return count / n
+    tail, least = float(ndtr(score)), _FEW / n
+    return min(tail, least) if count < _FEW else max(tail, 1.0 - least)
+
+
+def normal_conformity(unit: str, mean: float, sd: float, tolerance: Tolerance, *, confidence: float = 0.95) -> Conformity:
+    """The same of a normal distribution."""
+    low, high = tolerance.ends
+    probability = float(ndtr((high - mean) / sd) - ndtr((low - mean) / sd))
+    return _conformity(unit, mean, sd, tolerance, probability, confidence, None)
+
+
+def _conformity(
+    unit: str, mean: float, sd: float, tolerance: Tolerance, probability: float, confidence: float, force: float | None
+) -> Conformity:
+    decided = Decision.CONFORMS if probability >= confidence else Decision.NOT_DECIDED
+    decision = Decision.DOES_NOT_CONFORM if probability <= 1.0 - confidence else decided
+    band = float(ndtri(confidence)) * sd
+    return Conformity(unit, force, tolerance.lower, tolerance.upper, mean, sd, probability, band, confidence, decision)
+
+
+# ---- may the numbers be used?
+
+
+class Use(StrEnum):
+    """Whether the numbers of a certificate can be used."""
+
+    CAN_BE_USED = "can be used"
+    WITH_RESERVATION = "can be used with reservation"
+    DO_NOT_USE = "do not use"
+
+
+class ReasonKind(StrEnum):
+    """Why not, or why not without reservation."""
+
+    NOT_CONVERGED = "not-converged"
+    MISFIT = "misfit"
+    TRUNCATION = "truncation"
+    ROUGH_EVIDENCE = "rough-evidence"
+    NOT_DETERMINED = "not-determined"
+    PRIOR_SENSITIVE = "prior-sensitive"
+    HYPER = "hyper"
+    FORCES = "forces"
+    OPEN_SIGN = "open-sign"
+
+
+@dataclass(frozen=True)
+class Reason(Result):
+    """One reason: the parameters or tests it is about, and of those not determined what they are confounded with."""
+
+    kind: ReasonKind
+    names: tuple[str, ...] = ()
+    partners: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Judgement(Result):
+    """Whether the numbers can be used, and all reasons against it, the gravest first."""
+
+    use: Use
+    reasons: tuple[Reason, ...] = ()
+
+
+def is_determined(entry: ParameterIdentifiability) -> bool:
+    """Whether the readings determine a parameter: identified, or its u at most a third of what the prior says."""
+    return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY
+
+
+def state_of(
+    fit: Fit,
+    verdicts: Mapping[str, ParameterIdentifiability],
+    stated: Collection[str],
+    *,
+    comparison: Comparison | None = None,
+) -> Judgement:
+    """Say whether the numbers of a certificate can be used.
+
+    Not: where the sampler missed its target, the model does not expect the readings, or these contradict non-negative compliance.
+    With reservation: where what is ``stated`` (parameters) is hardly determined by the readings, rests on the prior, noise is
+    above what its prior expects, forces are too few for the degree, or the answer of ``comparison`` hangs on assumptions.
+    """
+    concerns = {own.kind: own for own in reversed(fit.concerns)}
+    grave = []
+    if fit.state == State.UNUSABLE:
+        grave.append(Reason(ReasonKind.NOT_CONVERGED))
+    if fit.misfits:
+        grave.append(Reason(ReasonKind.MISFIT, tuple(dict.fromkeys(own.test for own in fit.misfits))))
+    if ConcernKind.TRUNCATION in concerns:
+        grave.append(Reason(ReasonKind.TRUNCATION))
+    weak = [own for name, own in verdicts.items() if name in stated and not is_determined(own)]
+    minor = [Reason(ReasonKind.NOT_DETERMINED, (own.name,), own.partners) for own in weak]
+    sensitive = tuple(name for name in fit.sensitive if name in stated and name not in {own.name for own in weak})
+    minor += [Reason(ReasonKind.PRIOR_SENSITIVE, sensitive)] if sensitive else []
+    names = tuple(own.name for own in fit.concerns if own.kind == ConcernKind.HYPER)
+    minor += [Reason(ReasonKind.HYPER, names)] if names else []
+    minor += [Reason(ReasonKind.FORCES)] if ConcernKind.FORCES in concerns else []
+    if comparison is not None:
+        minor += [] if comparison.within_tolerance else [Reason(ReasonKind.ROUGH_EVIDENCE)]
+        minor += [Reason(ReasonKind.OPEN_SIGN)] if comparison.sign == Sign.OPEN else []
+    use = Use.DO_NOT_USE if grave else Use.WITH_RESERVATION if minor else Use.CAN_BE_USED
+    return Judgement(use, (*grave, *minor))

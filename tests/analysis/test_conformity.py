@@ -1,0 +1,153 @@
+"""conformity(): probabilities against the normal distribution and the draws, decisions by the guard band; state_of()."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from campaigns import plan, simulated
+from scipy import stats
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.conformity import Decision, Reason, ReasonKind, Use, normal_conformity, state_of, tolerances_in
+from ldbb_bayes.analysis.identifiability import Verdict
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.posterior import Concern, ConcernKind, campaign_of, curves_of, fit_of
+
+CAMPAIGN = simulated(plan((36,) * 4), seed=1)
+MODEL = lb.HybridModel.default(1)
+
+
+@pytest.fixture(scope="module")
+def posterior() -> Any:
+    return lb.sample(MODEL, CAMPAIGN, sampler="independent", seed=1)
+
+
+def test_half_at_the_mean_and_95_percent_at_1_64_u(posterior: Any) -> None:
+    table = lb.summarize(posterior)
+    for name in ("C_XXX", "C_YYY"):
+        mean, sd = table.loc[name, ["mean", "sd"]]
+        for upper, expected in ((mean, 0.5), (mean + 1.645 * sd, 0.95), (mean - 1.645 * sd, 0.05), (mean + 3.0 * sd, 0.99865)):
+            found = lb.conformity(posterior, {name: lb.Tolerance(upper=upper)})[name]
+            assert found.probability == pytest.approx(expected, abs=0.02), (name, expected)
+            assert found.guard_band == pytest.approx(1.6449 * sd, rel=1e-3)
+        draws = posterior["posterior"][name].values.ravel()
+        low, high = mean - 0.5 * sd, mean + 1.2 * sd
+        found = lb.conformity(posterior, {name: lb.Tolerance(low, high)})[name]
+        assert found.probability == pytest.approx(((draws >= low) & (draws <= high)).mean(), abs=1e-12)
+
+
+def test_normal_tail_beyond_the_draws(posterior: Any) -> None:
+    mean, sd = lb.summarize(posterior).loc["C_XXX", ["mean", "sd"]]
+    far = [lb.conformity(posterior, {"C_XXX": lb.Tolerance(upper=mean + k * sd)})["C_XXX"].probability for k in (6.0, -6.0)]
+    np.testing.assert_allclose([1.0 - far[0], far[1]], stats.norm.sf(6.0), rtol=1e-5)
+    assert 1.0 - far[0] > 0.0
+
+
+def test_decisions_by_the_guard_band() -> None:
+    tolerance = lb.Tolerance(upper=60e-6)
+    for inside, decision in ((1.7, Decision.CONFORMS), (1.6, Decision.NOT_DECIDED), (-1.6, Decision.NOT_DECIDED)):
+        found = normal_conformity("mm/N", 60e-6 - inside * 2e-6, 2e-6, tolerance)
+        assert found.decision == decision
+        assert found.probability == pytest.approx(stats.norm.cdf(inside))
+        assert (found.decision == Decision.CONFORMS) == (found.mean < 60e-6 - found.guard_band)
+    assert normal_conformity("mm/N", 60e-6 + 3.4e-6, 2e-6, tolerance).decision == Decision.DOES_NOT_CONFORM
+    both = normal_conformity("rad", 10e-6, 4e-6, lb.Tolerance(-20e-6, 20e-6), confidence=0.995)
+    assert both.probability == pytest.approx(stats.norm(10.0, 4.0).cdf(20.0) - stats.norm(10.0, 4.0).cdf(-20.0))
+    assert both.decision == Decision.NOT_DECIDED
+
+
+def test_texts_are_limits_with_their_units() -> None:
+    given = {
+        "C_XXX": "60 nm/N",
+        "C_XYX": "2nm/N",
+        "C_CCY": "1 µrad/(N m)",
+        "E_C(0Y)X": "20 µrad",
+        "E_XX1": "−20..40 µm/m",
+        "E_YY1": "≤ 100 ppm",
+        "stiffness_X": "18 N/µm",
+        "stiffness_Y": "18 N/um..30 N/um",
+        "G": "20 µm",
+        "F_min": "-9 µm",
+    }
+    expected: dict[str, tuple[float | None, float | None]] = {
+        "C_XXX": (None, 6e-5),
+        "C_XYX": (-2e-6, 2e-6),
+        "C_CCY": (None, 1e-9),
+        "E_C0YX": (-2e-5, 2e-5),
+        "E_XX1": (-2e-5, 4e-5),
+        "E_YY1": (None, 1e-4),
+        "stiffness_X": (18e3, None),
+        "stiffness_Y": (18e3, 30e3),
+        "G": (None, 0.02),
+        "F_min": (-0.009, None),
+    }
+    found = tolerances_in(MODEL.bind(CAMPAIGN), given)
+    assert found.keys() == expected.keys()
+    for name, (lower, upper) in expected.items():
+        assert (found[name].lower, found[name].upper) == (pytest.approx(lower), pytest.approx(upper)), name
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"stiffnes_X": "60 N/µm"}, r"tolerance must be one of C_XXX, .*got 'stiffnes_X'\. Did you mean 'stiffness_X'\?"),
+        ({"C_XXX": "60"}, r"tolerance of C_XXX must be a number with its unit, got '60'\. Write it in nm/N"),
+        ({"C_XXX": "60 µm"}, r"tolerance of C_XXX must be a number with its unit, got '60 µm'\."),
+        ({"E_XX1": "40..−20 µm/m"}, r"tolerance of E_XX1 must have its lower limit first, got '40\.\.−20 µm/m'\."),
+        ({"G_YZ": "4 µm"}, r"tolerance must be one of .*got 'G_YZ'"),
+    ],
+)
+def test_refused(posterior: Any, given: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lb.conformity(posterior, given)
+
+
+def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
+    force = 500.0
+    curve = curves_of(posterior, np.array([force]))[:, 0, 0]
+    found = lb.conformity(
+        posterior, {"stiffness_X": "18 N/µm", "C_XXX": "60 nm/N", "G": "20 µm", "E_XX1": "1 mm/m"}, force_N=force
+    )
+    assert found["stiffness_X"].probability == pytest.approx((1.0 / curve >= 18e3).mean(), abs=0.01)
+    assert found["C_XXX"].mean == pytest.approx(curve.mean(), rel=1e-9)
+    table = lb.circularity(posterior, [force]).set_index("quantity")
+    assert found["G"].mean == pytest.approx(table.loc["G", "mean"] * 1e-3, rel=1e-9)
+    assert (found["G"].force_N, found["E_XX1"].force_N) == (force, None)
+    middle = lb.conformity(posterior, {"C_XXX": "60 nm/N"})["C_XXX"]
+    assert (middle.mean, middle.force_N) == (pytest.approx(lb.summarize(posterior).loc["C_XXX", "mean"]), 389.0)
+
+
+def test_campaigns_have_tolerances(tmp_path: Path) -> None:
+    campaign = replace(CAMPAIGN, tolerances={"C_XXX": "60 nm/N", "E_C0YX": "20 µrad"})
+    lb.write_campaign(campaign, tmp_path / "campaign")
+    again = lb.read_campaign(tmp_path / "campaign")
+    assert again.tolerances == campaign.tolerances
+    assert again.sha256 == CAMPAIGN.sha256
+    fitted = lb.sample(MODEL.with_degree(0), again, sampler="independent")
+    assert campaign_of(fitted).tolerances == campaign.tolerances
+    assert lb.conformity(fitted).keys() == campaign.tolerances.keys()
+    toml = (tmp_path / "campaign" / "campaign.toml").read_text(encoding="utf-8").replace('"60 nm/N"', "60")
+    (tmp_path / "campaign" / "campaign.toml").write_text(toml, encoding="utf-8")
+    with pytest.raises(InputError, match=r"campaign\.toml: 'C_XXX' in \[tolerance\] must be a valid string, got 60"):
+        lb.read_campaign(tmp_path / "campaign")
+
+
+def test_may_the_numbers_be_used(posterior: Any) -> None:
+    fit, verdicts = fit_of(posterior), lb.verdicts(posterior)
+    assert state_of(replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX", "C_YYY")).use == Use.CAN_BE_USED
+    weak = {"E_C0YX": replace(verdicts["E_C0YX"], verdict=Verdict.CONFOUNDED, partners=("BallForm",), contraction=0.4)}
+    squareness = state_of(replace(fit, concerns=(), sensitivity={}), verdicts | weak, ("C_XXX", "E_C0YX"))
+    assert squareness.use == Use.WITH_RESERVATION
+    assert squareness.reasons == (Reason(ReasonKind.NOT_DETERMINED, ("E_C0YX",), ("BallForm",)),)
+    for kind in (ConcernKind.NOT_CONVERGED, ConcernKind.TRUNCATION):
+        refused = state_of(replace(fit, concerns=(Concern(kind, 1.0, 2.0),)), verdicts, ())
+        assert refused.use == Use.DO_NOT_USE
+        assert refused.reasons[0].kind == kind
+    open_sign: Any = SimpleNamespace(within_tolerance=True, sign="depends on assumptions that the readings allow")
+    found = state_of(replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX",), comparison=open_sign)
+    assert [own.kind for own in found.reasons] == [ReasonKind.OPEN_SIGN]
