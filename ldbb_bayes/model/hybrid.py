@@ -47,30 +47,16 @@ _STEMS = ("joint_load", "mount_curvature", "force_curvature")
 
 @dataclass(frozen=True)
 class HybridModel(Result):
-    """The model of a campaign, not yet bound to one.
+    """The model of a campaign, not yet bound to one; what does not go together is refused."""
 
-    Parameters
-    ----------
-    degree : {0, 1, 2}
-        Compliance constant, linear or quadratic in force. Constant is linear with its slopes fixed at zero.
-    nuisances : tuple of terms
-    prior : Prior
-    reference_force_N : float, optional
-        F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally.
-    preset : {"default", "first", "paper"}
-        Where the model started from.
-    fixed : tuple of str
-        Parameters fixed at zero, for example ``("C_XYX_1",)``; their names are checked when the model meets a campaign.
-    """
-
-    degree: int = 1
+    degree: int = 1  # compliance constant (0), linear or quadratic (2) in force; constant is linear with its slopes fixed at zero
     nuisances: tuple[Term, ...] = field(
         default_factory=lambda: tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
     )
     prior: Prior = field(default_factory=Prior.default)
-    reference_force_N: float | None = None
-    preset: Preset = "default"
-    fixed: tuple[str, ...] = ()
+    reference_force_N: float | None = None  # F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
+    preset: Preset = "default"  # where the model started from
+    fixed: tuple[str, ...] = ()  # parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a campaign
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", tuple(sorted(set(map(inside_name, self.fixed)))))

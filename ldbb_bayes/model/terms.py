@@ -79,38 +79,18 @@ class Unit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns of one term with their Gaussian prior.
+    """Columns of one term with their Gaussian prior, p coefficients."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the p coefficients; they begin with the term's ``stem``.
-    values : ndarray, shape (tests, 25, p)
-    sd, mean : ndarray, shape (p,)
-        Prior sd, in units of ``hyper`` where one is named, infinite for a flat prior; prior mean of shared coefficients, zero
-        unless given.
-    hyper : str, optional
-        The hyper-parameter that scales ``sd``.
-    private : bool
-        True when every test has its own copy of each coefficient.
-    decay, orders : str and ndarray, shape (p,), optional
-        The hyper-parameter p by which ``sd`` falls as (order/6)^(−p), and the order of each coefficient.
-    stated : ndarray, shape (p,), optional
-        Sd that no hyper-parameter scales, added in quadrature.
-    circle : sequence of str, of as many as tests, optional
-        Names of the scales λ of private coefficients, as of `BasisNoise`.
-    """
-
-    names: tuple[str, ...]
-    values: Array
-    sd: Array
-    hyper: Hyper | None = None
-    private: bool = False
-    mean: Array | None = None
-    decay: Hyper | None = None
-    orders: Array | None = None
-    stated: Array | None = None
-    circle: Sequence[Hyper] | Array = ()
+    names: tuple[str, ...]  # they begin with the term's ``stem``
+    values: Array  # shape (tests, 25, p)
+    sd: Array  # prior sd (p,), in units of ``hyper`` where one is named; infinite for a flat prior
+    hyper: Hyper | None = None  # the hyper-parameter that scales ``sd``
+    private: bool = False  # every test has its own copy of each coefficient
+    mean: Array | None = None  # prior mean (p,) of shared coefficients; default: zero
+    decay: Hyper | None = None  # the hyper-parameter p by which ``sd`` falls as (order/6)^(−p)
+    orders: Array | None = None  # of each coefficient (p,), with ``decay``
+    stated: Array | None = None  # sd (p,) that no hyper-parameter scales, added in quadrature
+    circle: Sequence[Hyper] | Array = ()  # names of the scales λ of private coefficients, one a test, as of `BasisNoise`
 
     def __post_init__(self) -> None:
         p = len(self.names)
@@ -211,23 +191,6 @@ class Term:
     Its fields are its settings, positive numbers or strings, and its keys under ``[terms]`` of a model file; its class name is
     its name everywhere. Only `columns` has to be written; the rest has defaults.
 
-    Attributes
-    ----------
-    stem : str or tuple of str
-        What the names of its coefficients begin with; default: the class name, ball_form for BallForm.
-    unit : Unit
-        Of its coefficients.
-    words : str
-        What it is called; default: ball form for BallForm.
-    calibration, remedy : str
-        What supplies it, as a noun and as advice.
-    instrument : bool
-        Whether it belongs to bar, balls, mount or force device, and is the same wherever these are.
-    common : bool
-        Whether fleets take its coefficient, the same in all campaigns of one instrument, as one; others are taken anew in each.
-    on_demand : bool
-        Whether models have it only when asked to.
-
     Examples
     --------
     >>> @dataclass(frozen=True)
@@ -240,14 +203,14 @@ class Term:
     """
 
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    stem: ClassVar[str | tuple[str, ...]]
-    words: ClassVar[str]
-    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
-    calibration: ClassVar[str] = "a measurement of it"
+    stem: ClassVar[str | tuple[str, ...]]  # what names of its coefficients begin with; default: ball_form for BallForm
+    words: ClassVar[str]  # what it is called; default: ball form for BallForm
+    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  # of its coefficients
+    calibration: ClassVar[str] = "a measurement of it"  # what supplies it, as a noun and as advice
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
-    instrument: ClassVar[bool] = False
-    common: ClassVar[bool] = False
-    on_demand: ClassVar[bool] = True
+    instrument: ClassVar[bool] = False  # it belongs to bar, balls, mount or force device, and is the same wherever these are
+    common: ClassVar[bool] = False  # fleets take its coefficient as one, the same in all campaigns of one instrument
+    on_demand: ClassVar[bool] = True  # models have it only when asked to
 
     def __init_subclass__(cls) -> None:
         other = Term.kinds.get(cls.__name__)
