@@ -69,8 +69,8 @@ from .inference.sample import sample as sample
 from .machine.chain import Circle as Circle
 from .machine.chain import Machine as Machine
 from .machine.chain import exact_reading_mm as exact_reading_mm
-from .machine.identifiable import hybrid_jacobian as hybrid_jacobian
-from .machine.identifiable import patterns as patterns
+from .machine.chain import hybrid_jacobian as hybrid_jacobian
+from .machine.chain import patterns as patterns
 from .model.hybrid import HybridModel as HybridModel
 from .model.prior import Prior as Prior
 from .model.specification import read_model as read_model

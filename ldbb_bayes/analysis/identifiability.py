@@ -24,8 +24,15 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.predictive import centre_shift
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.machine.chain import LARGEST_MM, Circle, Machine, compliance_jacobian, geometric_jacobian, geometric_names
-from ldbb_bayes.machine.identifiable import kept_compliances
+from ldbb_bayes.machine.chain import (
+    LARGEST_MM,
+    Circle,
+    Machine,
+    compliance_jacobian,
+    geometric_jacobian,
+    geometric_names,
+    kept_compliances,
+)
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.likelihood import Information

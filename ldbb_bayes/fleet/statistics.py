@@ -25,8 +25,7 @@ from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, moment
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import pareto_smooth
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName
-from ldbb_bayes.machine.identifiable import kept_compliances
+from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName, kept_compliances
 from ldbb_bayes.model.gaussian import Gaussian, Sobol, eliminate, newton
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit

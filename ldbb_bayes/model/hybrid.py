@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName, geometric_reading_mm
-from ldbb_bayes.machine.identifiable import kept_compliances
+from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName, geometric_reading_mm, kept_compliances
 from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
 from ldbb_bayes.model.gaussian import components, least_squares
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian

@@ -15,9 +15,18 @@ from oracle import Oracle, OracleTest
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import candidates
-from ldbb_bayes.analysis.design.candidates import Space, bind_tests, foreseen_by, grid_of_tests, running_order, templates
+from ldbb_bayes.analysis.design.candidates import (
+    Space,
+    States,
+    bind_tests,
+    discrimination_of,
+    foreseen_by,
+    grid_of_tests,
+    narrowed,
+    running_order,
+    templates,
+)
 from ldbb_bayes.analysis.design.design import _limits
-from ldbb_bayes.analysis.design.forecast import States, discrimination_of, narrowed
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import information_of

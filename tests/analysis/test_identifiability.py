@@ -14,8 +14,7 @@ from oracle import Stated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.identifiability import hyper_nodes, lost_by_knowing, uncertainty_with, unseen_share
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.machine.chain import compliance_jacobian, geometric_jacobian
-from ldbb_bayes.machine.identifiable import kept_compliances
+from ldbb_bayes.machine.chain import compliance_jacobian, geometric_jacobian, kept_compliances
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 from ldbb_bayes.report.wording import verdict_words, with_words

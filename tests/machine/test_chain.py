@@ -18,10 +18,10 @@ from ldbb_bayes.machine.chain import (
     geometric_names,
     geometric_reading_mm,
     joint_names,
+    kept_compliances,
     wrench_jacobian,
     wrench_names,
 )
-from ldbb_bayes.machine.identifiable import kept_compliances
 
 ANGLE = np.array([0.3, 2.0, 4.5])
 

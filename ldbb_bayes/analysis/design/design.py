@@ -13,8 +13,7 @@ import pandas as pd
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
-from ldbb_bayes.analysis.design.candidates import Clocking, CriterionName, Space, bind_tests, frame_of, running_order
-from ldbb_bayes.analysis.design.forecast import Expected, Forecast
+from ldbb_bayes.analysis.design.candidates import Clocking, CriterionName, Expected, Forecast, Space, bind_tests, running_order
 from ldbb_bayes.analysis.design.optimal import MOST_TESTS, Found
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign, distinct_forces
 from ldbb_bayes.errors import InputError, require
@@ -246,17 +245,17 @@ def design(
 
 
 def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, tuple[CircularTest, ...]]) -> Design:
-    tests, optimum, columns = space.tests_of(found), found.optimum, space.columns
+    tests, optimum = space.tests_of(found), found.optimum
 
     def judged(name: str, tests: tuple[CircularTest, ...]) -> Judged:
         own = space.forecast(tests)
         efficiency = space.efficiency(tests) if own.determined else 0.0
-        return Judged(**vars(own), name=name, tests=frame_of(tests, columns), efficiency=efficiency)
+        return Judged(**vars(own), name=name, tests=space.frame(tests), efficiency=efficiency)
 
     others = tuple(judged(name, own) for name, own in compared.items())
     highest = float(optimum.sensitivity.max())
     concave = space.search.objective.criterion.concave
-    candidates = frame_of(space.tests, columns)
+    candidates = space.frame(space.tests)
     shown = optimum.share > _SHOWN_SHARE
     expected = space.forecast(tests)
     sizes = np.sqrt((space.states.phi**2).mean(axis=0))
@@ -264,7 +263,7 @@ def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, t
         **vars(expected),
         criterion=space.criterion,
         parameters=space.chosen,
-        table=frame_of(tests, columns).value_counts(sort=False).rename("count").reset_index(),
+        table=space.frame(tests).value_counts(sort=False).rename("count").reset_index(),
         augment=space.augment,
         degree=space.model.degree,
         reference_force_N=space.bound.setting.reference_force_N,

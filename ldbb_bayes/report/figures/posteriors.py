@@ -20,8 +20,16 @@ from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, priors_of, record_of
 from ldbb_bayes.inference.predictive import band_um, new_circle_coefficients, residuals_mm, shared_coefficients
-from ldbb_bayes.machine.chain import PLANES, Circle, Machine, geometric_jacobian, geometric_names, wrench_jacobian, wrench_names
-from ldbb_bayes.machine.identifiable import kept_compliances
+from ldbb_bayes.machine.chain import (
+    PLANES,
+    Circle,
+    Machine,
+    geometric_jacobian,
+    geometric_names,
+    kept_compliances,
+    wrench_jacobian,
+    wrench_names,
+)
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
