@@ -1,4 +1,5 @@
-"""What every figure must be: each text inside the page, no two over one another, a unit on every axis, true minus signs."""
+"""What every figure must be: each text inside the page, no two over one another, no legend over data, a unit on every axis, true
+minus signs."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from matplotlib.text import Text
 
 
 def visible_texts(figure: Figure) -> list[Text]:
-    texts = []
+    texts = [*figure.texts, *(text for legend in figure.legends for text in legend.get_texts())]
     for axes in filter(lambda own: own.get_visible(), figure.axes):
         texts += [axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
         for axis in (axes.xaxis, axes.yaxis):
@@ -23,13 +24,14 @@ def visible_texts(figure: Figure) -> list[Text]:
 def check_units(figure: Figure) -> None:
     labels = [text for axes in figure.axes if axes.get_visible() for text in (axes.get_xlabel(), axes.get_ylabel()) if text]
     for label in labels:
-        assert "(" in label or label in ("value / prior sd", "value / posterior sd"), label
+        assert re.search(r"\(.+\)|[µn]m|rad", label), label
 
 
 def check_texts(figure: Figure) -> None:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     page, texts = figure.bbox, visible_texts(figure)
+    assert not any(axes.get_legend() for axes in figure.axes)
     boxes = [text.get_window_extent(canvas.get_renderer()) for text in texts]
     for text, box in zip(texts, boxes, strict=True):
         assert not re.search(r"(?<!\w)-\d", text.get_text()) or re.fullmatch(r"\d{4}-\d\d(-\d\d)?", text.get_text()), (

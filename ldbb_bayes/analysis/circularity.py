@@ -7,7 +7,7 @@ circle 50 µm off centre).
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -26,7 +26,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "BIDIRECTIONAL", "COMPLIANCE", "GEOMETRY", "MINIMUM_ZONES", "QUANTITIES", "TOGETHER", "Zone", "circularity",
+    "BIDIRECTIONAL", "COMPLIANCE", "DRAWS", "GEOMETRY", "MINIMUM_ZONES", "QUANTITIES", "TOGETHER", "Zone", "circularity",
     "contribution_paths", "contributions", "first_circle", "least_squares_zone", "measured_circularity",
     "minimum_zone_width", "offsets", "path_draws", "squareness_name",
 ]  # fmt: skip
@@ -279,7 +279,7 @@ def _machine_columns(bound: BoundModel, r: int, force_N: float) -> tuple[Array, 
     return elastic, np.where(geometric, bound.interest[r], 0.0)
 
 
-_DRAWS = 2000
+DRAWS = 2000
 TOGETHER, COMPLIANCE, GEOMETRY = "compliance and geometry", "compliance", "geometry"
 
 
@@ -302,7 +302,7 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)
-    beta, _ = draws_of(posterior, bound, _DRAWS)
+    beta, _ = draws_of(posterior, bound, DRAWS)
     force = float(bound.setting.force_N.max()) if force_N is None else float(force_N)
     rows = []
     for plane in bound.setting.planes:
@@ -310,14 +310,16 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
         where = {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}
         for source, path in contribution_paths(bound, r, force, beta).items():
             mean = path.mean(axis=0)
-            ends = {"maximum": float(mean.max()), "minimum": float(mean.min()), "peak_to_peak": float(np.ptp(mean))}
+            ends = {"maximum": float(mean.max()), "minimum": float(mean.min())}
             rows.append({**where, "source": source, **ends, **_spread(np.ptp(path, axis=1), ci_prob)})
-    columns = ["maximum", "minimum", "peak_to_peak", "median", "sd", "ci_low", "ci_high"]
-    return pd.DataFrame(rows, columns=["plane", "radius_mm", "force_N", "source", *columns])
+    columns = ["maximum", "minimum", "median", "sd", "ci_low", "ci_high"]
+    found = pd.DataFrame(rows, columns=["plane", "radius_mm", "force_N", "source", *columns])
+    return found.rename(columns={"median": "peak_to_peak"})
 
 
-def contribution_paths(bound: BoundModel, r: int, force_N: float, beta: Array) -> Mapping[str, Array]:
-    """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in `contributions`."""
+def contribution_paths(bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()) -> Mapping[str, Array]:
+    """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in `contributions`; all, or only
+    these."""
     turn = basis(_ANGLE).T * 1e3
     elastic, geometric = _machine_columns(bound, r, force_N)
     machine = np.where(offsets(bound), 0.0, geometric)
@@ -328,5 +330,5 @@ def contribution_paths(bound: BoundModel, r: int, force_N: float, beta: Array) -
     for j, parameter in enumerate(bound.parameters):
         if parameter.group == "geometric":
             columns[parameter.name] = np.where(np.arange(len(bound.names)) == j, geometric, 0.0)
-    paths = {name: beta @ own.T @ turn for name, own in columns.items()}
+    paths = {name: beta @ own.T @ turn for name, own in columns.items() if not only or name in only}
     return {name: path for name, path in paths.items() if path.any()}

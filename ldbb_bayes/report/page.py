@@ -155,7 +155,7 @@ def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
     """Columns that stand for a quantity carry its unit in their names."""
     units = {"µm": "_um", "µm/m": "_um_per_m"}
     named = {name: f"{name}{units[unit]}" for name, unit in (QUANTITIES | BIDIRECTIONAL | MINIMUM_ZONES).items()}
-    sizes = ("maximum", "minimum", "peak_to_peak", "median", "sd", "ci_low", "ci_high")
+    sizes = ("maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high")
     return frame.rename(columns=named | {name: f"{name}_um" for name in sizes})
 
 

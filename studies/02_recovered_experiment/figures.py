@@ -108,14 +108,6 @@ def on_page(name: str) -> str:
     return name.replace("C0YX", "C(0Y)X")
 
 
-def named(figure: Figure, fit: str) -> Figure:
-    """Fig. 7 with the name of the fit above its legend; its band is of readings of these circles, not of a new one."""
-    (axes,) = figure.axes
-    axes.title.set_text(axes.get_title().replace("95 % band for a new circle", "95 % band of readings by white noise"))
-    axes.get_legend().set_title(fit, prop={"size": 8.0})
-    return figure
-
-
 @lb.figures.styled
 def with_least_squares(figure: Figure, fits: Mapping[str, lb.LeastSquares], forces_N: np.ndarray) -> Figure:
     """Figs. 15 and 16: the paper's own global lines, of constant and of linear compliance (Eq. 33), added to the package's."""

@@ -29,7 +29,6 @@ from figures import (  # noqa: E402
     contributions,
     harmonics,
     local_traces,
-    named,
     parameter_contributions,
     part_um,
     upper_pair,
@@ -40,6 +39,11 @@ from study import DATA, Effort, Study, run  # noqa: E402
 
 HARMONICS = ("1", "cos θ", "sin θ", "cos 2θ", "sin 2θ", "cos 3θ", "sin 3θ", "cos 4θ")
 COLUMNS = ("constant", "linear", "local")
+# Of Fig. 7, whose band is of readings of these circles, not of a new one.
+LEAST_SQUARES = {
+    "prediction": "lines: least squares (Eq. 31), constant compliance",
+    "band": "shaded: 95 % of readings by white noise",
+}
 CONSTANT = lb.HybridModel.first(degree=0)
 # Section 5.3.
 PRINTED_RMSE_MM = {"constant": 0.0011, "linear": 0.0009}
@@ -287,7 +291,7 @@ def draw(results: dict[str, Any]) -> dict[str, Figure]:
     return {
         "beliefs": beliefs.widths_and_shifts(results["beliefs"]),
         "harmonics": harmonics(*(v.reshape(6, 8) for v in (found.mean, found.sd, zero)), FORCES_N, HARMONICS),
-        "fig_07": named(lb.figures.traces(fitted), "Least squares of all six\ncircles (Eq. 31), constant\ncompliance"),
+        "fig_07": lb.figures.traces(fitted, {**lb.figures.WORDS, **LEAST_SQUARES}),
         "fig_08": contributions(whole, dict.fromkeys(local, fits["constant"].estimate)),
         "fig_09_10": parameter_contributions(fits["constant"].table, force),
         "fig_11": local_traces(whole, pairs()),

@@ -12,6 +12,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.candidates import Space, states_before
 from ldbb_bayes.analysis.design.design import _model_of
 from ldbb_bayes.report.figures import forest, prior_and_posterior
+from ldbb_bayes.report.figures.style import FAINT
 from ldbb_bayes.report.findings import full_result
 from ldbb_bayes.report.text import parameter_table
 
@@ -53,7 +54,10 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
         meant = own is not model
         table = parameter_table(full_result(tree, 0.95)).frame().to_dict("list")
         assert table["prior" if meant else "prior sd"][:2] == (["51.0 ± 4.0", "0 ± 10"] if meant else ["100", "10"])
-        assert forest(tree).axes[0].get_xlabel() == ("(value − prior mean) / prior sd" if meant else "value / prior sd")
+        axes = forest(tree).axes[0]
+        assert axes.get_xlabel() == "value (nm/N)"
+        faint = next(line for line in axes.lines if line.get_color() == FAINT)
+        assert (np.mean(faint.get_xdata()) == pytest.approx(51.0, abs=1.5)) == meant
 
 
 @pytest.mark.slow

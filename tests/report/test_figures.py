@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,19 +13,22 @@ import pandas as pd
 import pytest
 import xarray as xr
 from campaigns import plan, simulated
-from layout import check_texts, check_units
+from layout import check_texts, check_units, visible_texts
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.circularity import TOGETHER
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.report import figures
 from ldbb_bayes.report.figures import FIGURES, corner, save_figures
-from ldbb_bayes.report.findings import full_result
-from ldbb_bayes.report.text import parameter_table, parts_of
+from ldbb_bayes.report.figures.posteriors import WORDS
+from ldbb_bayes.report.text import parts_of
+from ldbb_bayes.units import display_name, display_unit, plus_minus, round_uncertainty
 
 QUICK = lb.StoppingRule(ess=100.0, rhat=1.5, lengths=0.2)
-LEVELS = tuple(np.linspace(36.0, 742.0, 9))
+LEVELS, FORTY = tuple(np.linspace(36.0, 742.0, 9)), tuple(np.linspace(36.0, 742.0, 40))
 
 
 # ---- of a posterior
@@ -34,6 +39,11 @@ def make(kind: str) -> xr.DataTree:
         return lb.sample(lb.HybridModel.first(1), simulated(plan()), rule=QUICK)
     if kind == "paper":
         return lb.sample(lb.HybridModel.paper(0), simulated(plan()), rule=QUICK)
+    if kind == "forty tests, both ways":
+        ways = [replace(test, direction=("CW", "CCW")[k % 2]) for k, test in enumerate(plan([60] * 40, forces_N=FORTY).tests)]
+        return lb.sample(
+            lb.HybridModel.first(0), simulated(replace(plan(), tests=tuple(ways))), sampler="independent", rule=QUICK
+        )
     if kind == "one test, few readings":
         return lb.sample(lb.HybridModel.first(0), simulated(plan((9,), forces_N=(300.0,))), rule=QUICK)
     arcs = simulated(plan([30] * 11, forces_N=[50.0 + 60.0 * i for i in range(11)], arc_deg=300.0))
@@ -42,7 +52,13 @@ def make(kind: str) -> xr.DataTree:
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param("linear", marks=pytest.mark.slow), "paper", "one test, few readings", "eleven arcs, quadratic"],
+    params=[
+        pytest.param("linear", marks=pytest.mark.slow),
+        "paper",
+        "one test, few readings",
+        "eleven arcs, quadratic",
+        "forty tests, both ways",
+    ],
 )
 def posterior(request: pytest.FixtureRequest) -> xr.DataTree:
     return make(request.param)
@@ -56,23 +72,75 @@ def test_texts_and_units(name: str, posterior: xr.DataTree) -> None:
     figure = FIGURES[name](posterior)
     assert dict(mpl.rcParams) == before
     check_texts(figure)
-    if name != "traces":
-        check_units(figure)
+    check_units(figure)
+
+
+def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(posterior: xr.DataTree) -> None:
+    """A ring's label is its radius less that of the dashed circle [µm]; the scale has every force, as the traces lie, in colours
+    that grow darker with force and stand out from paper in grey."""
+    traces, scale = FIGURES["traces"](posterior).axes
+    (nominal,) = {float(line.get_ydata()[0]) for line in traces.lines if line.is_dashed() and line.get_color() == "black"}
+    labels = [text for text in traces.texts if text.get_text()]
+    shown = [float(text.get_text().removesuffix(" µm").replace("−", "-")) for text in labels]
+    assert [text.get_position()[1] - nominal for text in labels] == pytest.approx(shown)
+    assert labels[-1].get_text().endswith(" µm")
+    tests = campaign_of(posterior).tests
+    forces = sorted({test.force_N for test in tests})
+    named = [float(label.get_text()) for label in scale.get_yticklabels()]
+    assert len(scale.patches) == len(forces)
+    assert len(named) <= 9
+    mean = {force: np.mean([np.mean(test.reading_um) for test in tests if test.force_N == force]) for force in forces}
+    upwards = sorted(zip(scale.get_yticks(), named, strict=True))
+    assert [upwards[0][1], upwards[-1][1]] == sorted([forces[0], forces[-1]], key=lambda force: mean[force])
+    grey = [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b, _ in figures.force_colours(forces)]
+    assert (np.diff(grey) < 0.0).all()
+    assert max(grey) < 0.65
+
+
+def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
+    """Intervals and texts of the forest are those of the summary; peaks to peak above the contributions those of their table."""
+    table = lb.summarize(posterior)
+    for axes in FIGURES["forest"](posterior).axes:
+        names = [label.get_text().replace("(0Y)", "0Y") for label in axes.get_yticklabels()]
+        factor, unit = display_unit(str(table.loc[names[0], "unit"]))
+        assert axes.get_xlabel() == f"value ({unit})"
+        (right,) = axes.child_axes
+        bars = [line.get_xdata() for line in axes.lines if line.get_linewidth() == 1.4]
+        for name, bar, text in zip(names, bars, right.get_yticklabels(), strict=True):
+            row = table.loc[name]
+            assert bar == pytest.approx(row[["ci_low", "ci_high"]].to_numpy(float) * factor)
+            assert text.get_text() == plus_minus(row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"])
+    swings = lb.contributions(posterior).set_index("source")
+    texts = [axes.get_title().split("\n") for axes in FIGURES["parameter_contributions"](posterior).axes]
+    above = {name.replace("(0Y)", "0Y"): text for name, text in texts} | {
+        TOGETHER: FIGURES["contributions"](posterior).axes[-1].get_title().split(": ")[1]
+    }
+    for source, text in above.items():
+        expected = swings.loc[source, ["peak_to_peak", "ci_low", "ci_high"]].to_numpy(float)
+        found = [float(number) for number in re.findall(r"[\d.]+", text)]
+        assert found == pytest.approx(expected, abs=0.15 * (expected[2] - expected[1])), source
+    assert len(above) >= len(swings) - 2
+
+
+def test_another_language(posterior: xr.DataTree) -> None:
+    """All words of the sheets' figures can be said otherwise."""
+    said = {key: f"<{key}>" for key in WORDS}
+    for draw in (figures.traces, figures.compliance_against_force):
+        words = " ".join(text.get_text() for text in visible_texts(draw(posterior, words=said)))
+        assert not re.search(r"[a-z]{4,}", re.sub(r"<[^>]*>|rad", "", words)), words
 
 
 def test_saved_in_both_formats_in_the_unit_of_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compliances near 5e-5 mm/N read 50 nm/N in figures and in the tables of a fit."""
+    """Compliances near 5e-5 mm/N read 50 nm/N in figures."""
     two = {name: FIGURES[name] for name in ("forest", "compliance_against_force")}
     monkeypatch.setattr("ldbb_bayes.report.figures.posteriors.FIGURES", two)
     tree = lb.sample(lb.HybridModel.first(0), simulated(plan()), sampler="independent", rule=QUICK)
     written = save_figures(tree, tmp_path / "figures")
     assert len(written) == 4
     assert all(path.stat().st_size > 3000 for path in written)
-    assert (tmp_path / "figures" / "forest.svg").read_text().startswith("<?xml")
     for name in two:
         text = (tmp_path / "figures" / f"{name}.svg").read_text()
-        assert ("nm/N" in text, "µm/N" in text) == (True, False)
-    assert "nm/N" in parameter_table(full_result(tree, 0.95)).frame()["unit"].tolist()
+        assert (text.startswith("<?xml"), "nm/N" in text, "µm/N" in text) == (True, True, False)
 
 
 def test_choice_of_parameters(posterior: xr.DataTree) -> None:
@@ -111,13 +179,16 @@ def test_identifiability_shows_every_parameter(model: lb.HybridModel) -> None:
 
 
 def test_comparisons(compared: Comparison) -> None:
-    texts = drawn(figures.evidence(compared))
-    assert {
-        "as in the model",
-        "without discrepancy",
-        "slope scale 0.03",
-        "ln B(linear/constant) (nat, linear within ±5)",
-    } <= texts
+    figure = figures.evidence(compared)
+    check_texts(figure)
+    assert {"as in the model", "without discrepancy", "slope scale 0.03", "ln B(linear/constant) (nat)"} <= drawn(figure)
+    dots = [line for axes in figure.axes for line in axes.lines if line.get_marker() == "o"]
+    places = sorted(float(x) for line in dots for x in line.get_xdata())
+    every = (*compared.prior_sensitivity, *compared.discrepancy_sensitivity)
+    assert places == pytest.approx(sorted(own.log_bayes_factor for own in every))
+    limits = [axes.get_xlim() for axes in figure.axes]
+    assert all(axes.get_xscale() == "linear" for axes in figure.axes)
+    assert all(high < low for (_, high), (low, _) in itertools.pairwise(limits))
     figure = figures.compliance_with_local_fits(compared)
     assert {"C_XXX (nm/N)", "C_CCY (µrad/(N m))", "force (N)"} <= drawn(figure)
     local = compared.local_fits[compared.local_fits["parameter"] == "C_XYX"]
@@ -146,10 +217,13 @@ def test_designs(kind: str) -> None:
         design = lb.design(lb.HybridModel.paper(1), plan(), tests=5, forces_N=LEVELS)
     else:
         design = lb.design(lb.HybridModel.first(1), pilot, tests=6, forces_N=LEVELS, against={"own": pilot})
-    figure = figures.expected_widths(design)
-    figure.canvas.draw()
-    check_units(figure)
-    (widths,) = figure.axes
-    bars = dict(zip((label.get_text().split(" ")[0] for label in widths.get_yticklabels()), widths.patches, strict=True))
-    scale = design.baseline["C_XXX"].sd if kind == "flat" else 1e-4
-    assert bars["C_XXX"].get_width() == pytest.approx(design.expected["C_XXX"].sd / scale)
+    today = {name: 2.0 * own.sd for name, own in design.expected.items()}
+    for figure, first in ((figures.expected_widths(design), 0), (figures.expected_widths(design, today), 1)):
+        check_texts(figure)
+        for axes, (name, own) in zip(figure.axes, design.expected.items(), strict=True):
+            factor, unit = display_unit(own.unit)
+            assert axes.get_title(loc="left").startswith(f"{display_name(name)} ({unit})")
+            sizes = [bar.get_width() for bar in axes.patches]
+            assert sizes[first : first + 2] == pytest.approx([own.sd * factor, design.baseline[name].sd * factor])
+            assert sizes[0] == pytest.approx(own.sd * factor * (1 + first))
+            assert axes.texts[first].get_text() == round_uncertainty(own.sd * factor)[0]

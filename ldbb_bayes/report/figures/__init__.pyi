@@ -6,6 +6,7 @@ from .analysis_results import geometry_with_local_fits as geometry_with_local_fi
 from .analysis_results import prior_and_posterior as prior_and_posterior
 from .analysis_results import rank_ecdf as rank_ecdf
 from .posteriors import FIGURES as FIGURES
+from .posteriors import WORDS as WORDS
 from .posteriors import circularity as circularity
 from .posteriors import compliance_against_force as compliance_against_force
 from .posteriors import compliance_atlas as compliance_atlas

@@ -1,9 +1,9 @@
-"""Figures of what analyses found: what can be told apart, budgets, differences, comparisons, designs, calibration."""
+"""Figures of what analyses found: identifiability, budgets, comparisons, designs, calibration."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -27,9 +27,9 @@ __all__ = [
 ]  # fmt: skip
 
 
-# ---- what can be told apart, and what it costs
+# ---- identifiability and budgets
 
-_VISIBLE = 0.005
+_VISIBLE, _PER_LETTER = 0.5, 1.75
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "confounded": PALETTE[1]}
 
 
@@ -37,22 +37,23 @@ _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "conf
 def prior_and_posterior(identifiability: Identifiability) -> Figure:
     """Density of every parameter before and after the readings, in its unit; the colour is the verdict's."""
     entries = list(identifiability.parameters.values())
-    figure, every = panels(len(entries), 5, 9.6, 1.6, 0.7)
+    figure, every = panels(len(entries), 4, 1.15, 0.5)
     for axes, entry in zip(every, entries, strict=True):
-        factor, unit = display_unit(entry.unit)
+        factor, _ = display_unit(entry.unit)
         proper = bool(np.isfinite(entry.prior_sd))
         mean, sd = entry.mean * factor, entry.sd * factor
         centre, reach = (entry.prior_mean * factor, entry.prior_sd * factor) if proper else (mean, sd)
-        wide = np.linspace(centre - 3.2 * reach, centre + 3.2 * reach, 201)
-        value = np.sort(np.concatenate([wide, np.linspace(-4.0, 4.0, 161) * sd + mean]))
+        wide = np.linspace(centre - 3.2 * reach, centre + 3.2 * reach, 121)
+        value = np.sort(np.concatenate([wide, np.linspace(-4.0, 4.0, 81) * sd + mean]))
         if proper:
-            band(axes, value, 0.0, _bell(value, centre, reach), GREY, 0.35)
+            band(axes, value, (0.0, _bell(value, centre, reach)), GREY, 0.35)
         axes.plot(value, _bell(value, mean, sd), color=_VERDICT_COLOURS[entry.verdict])
+        axes.locator_params(nbins=3)
         axes.set_yticks([])
         axes.spines["left"].set_visible(False)
-        axes.set_title(f"{display_name(entry.name)}: {entry.verdict}", color=_VERDICT_COLOURS[entry.verdict])
-        axes.set_xlabel(f"{unit}; sd {round_uncertainty(sd)[0]}")
-    figure.suptitle("Prior (grey) and posterior, each scaled to its peak; without truncation")
+        axes.set_title(f"{display_name(entry.name)}:\n{entry.verdict}", fontsize=8)
+        axes.set_xlabel(f"u = {_size(entry.sd, entry.unit)}", fontsize=7)
+    figure.suptitle("Before the readings (grey) and after (line), each scaled to its peak; without the limit C ≥ 0")
     return figure
 
 
@@ -64,17 +65,24 @@ def _bell(value: Array, mean: float, sd: float) -> Array:
 @styled
 def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
     """Share of every source in the variance of every parameter; right: its standard uncertainty."""
-    figure, axes, rows = style.named_rows(list(budgets), 8.6, 1.5)
+    figure = style.new_figure(style.WIDTH, 1.3 + 0.2 * len(budgets))
+    axes, rows = figure.subplots(), np.arange(len(budgets))[::-1]
+    axes.set_yticks(rows, [display_name(name) for name in budgets])
+    axes.set_ylim(-0.6, len(budgets) - 0.4)
     start = np.zeros(len(rows))
     for term, colour in style.term_colours(line.term for budget in budgets.values() for line in budget.contributions).items():
-        share = np.array([own.share(term) for own in budgets.values()])
+        share = np.array([100.0 * own.share(term) for own in budgets.values()])
         if share.max() >= _VISIBLE:
-            axes.barh(rows, share, left=start, color=colour, height=0.72, label=source_words(term))
+            words = source_words(term)
+            axes.barh(rows, share, left=start, color=colour, edgecolor="white", linewidth=0.4, height=0.8, label=words)
+            ink = "white" if style.is_dark(colour) else "black"
+            for k in np.flatnonzero(share > _PER_LETTER * len(words)):  # for grey print
+                axes.text(start[k] + 0.5 * share[k], rows[k], words, color=ink, fontsize=6.5, ha="center", va="center")
             start = start + share
     axes.grid(axis="y", visible=False)
-    axes.set(xlim=(0.0, 1.0), xlabel="share of the variance (1)", title="Uncertainty budgets; right: standard uncertainty u")
+    axes.set(xlim=(0.0, 100.0), xlabel="share of the variance (%)", title="What each uncertainty is made of; right: u")
     style.right_labels(axes, rows, [_size(budget.u, budget.unit) for budget in budgets.values()])
-    figure.legend(loc="outside lower center", ncols=4)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=7)
     return figure
 
 
@@ -85,35 +93,63 @@ def _size(u: float, unit: str) -> str:
 
 # ---- comparison
 
-_TICKS = (-1000, -100, -10, -2, 0, 2, 10, 100, 1000, 10000)
 _DASHES = ("-", "--", ":")
+_NEAR = 20.0
 
 
 @styled
 def evidence(comparison: Comparison) -> Figure:
-    """ln B under every scale of the slopes' prior and every assumption; beside: the evidence of the assumption."""
-    scales = {f"slope scale {own.slope_scale:g}": (own.log_bayes_factor, None) for own in comparison.prior_sensitivity}
-    every = comparison.discrepancy_sensitivity
-    bars = scales | {own.assumption: (own.log_bayes_factor, comparison.gain(own)) for own in every}
-    allowed = dict.fromkeys(scales, True) | {own.assumption: comparison.allowed(own) for own in every}
-    figure = style.new_figure(9.0, 1.4 + 0.24 * max(len(bars), 10))
-    axes, rows = figure.subplots(), np.arange(len(bars))[::-1]
-    axes.barh(
-        rows, [value for value, _ in bars.values()], color=[ACCENT if allowed[name] else LIGHT for name in bars], height=0.7
+    """ln B under every width of the slopes' prior and every assumption, dots with 95 % of the numerical error; right: how well
+    the readings support the assumption. The scale is linear, broken where assumptions that the readings reject lie far out."""
+    scales = [(f"slope scale {own.slope_scale:g}", own.log_bayes_factor, own.error, None) for own in comparison.prior_sensitivity]
+    every = [(own, comparison.gain(own)) for own in comparison.discrepancy_sensitivity]
+    entries = scales + [(own.assumption, own.log_bayes_factor, own.log_bayes_factor_error, gain) for own, gain in every]
+    value = np.array([entry[1] for entry in entries])
+    error = 1.96 * np.nan_to_num([float(entry[2]) for entry in entries], posinf=0.0)
+    allowed = np.array([True] * len(scales) + [comparison.allowed(own) for own, _ in every])
+    near = max(_NEAR, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
+    stretches = [value[value < -near], value[np.abs(value) <= near], value[value > near]]
+    ends = [own for own, there in zip(map(_stretch, stretches), map(len, stretches), strict=True) if there]
+    middle = len(stretches[0]) > 0
+    figure = style.new_figure(style.WIDTH, 1.1 + 0.21 * len(entries))
+    ratios = [2.2 if k == middle else 1.0 for k in range(len(ends))]
+    parts = list(figure.subplots(1, len(ends), squeeze=False, sharey=True, width_ratios=ratios)[0])
+    rows = np.arange(len(entries))[::-1]
+    for k, (axes, limits) in enumerate(zip(parts, ends, strict=True)):
+        for chosen, face in ((allowed, ACCENT), (~allowed, "white")):
+            own = chosen & (value >= limits[0]) & (value <= limits[1])
+            axes.errorbar(value[own], rows[own], xerr=error[own], fmt="o", color=ACCENT, markerfacecolor=face, markersize=4)
+        axes.set_xlim(limits)
+        axes.locator_params(axis="x", nbins=6 if k == middle else 2)
+        axes.xaxis.set_major_formatter(lambda place, _: f"{place:g}".replace("-", "−"))
+        axes.grid(axis="y", visible=False)
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(k == 0)
+        if limits[0] < 0.0 < limits[1]:
+            axes.axvline(0.0, color="black", linewidth=0.8)
+        for end in ([1.0] if k + 1 < len(ends) else []) + ([0.0] if k else []):  # the break
+            axes.plot(
+                end, 0.0, marker=((-0.6, -1.0), (0.6, 1.0)), color="black", markersize=8, transform=axes.transAxes, clip_on=False
+            )
+    parts[0].set_yticks(rows, [entry[0] for entry in entries], fontsize=7)
+    parts[middle].set_xlabel(f"ln B({comparison.sensitivity_of}) (nat)")
+    gains = ["" if gain is None else f"{gain:+.{int(abs(gain) < 100.0)}f}".replace("-", "−") for *_, gain in entries]
+    style.right_labels(parts[-1], rows, gains)
+    figure.suptitle(
+        "Slope scale: sd(slope) (largest − smallest force) / sd(C)\n"
+        "Right: evidence for the assumption (nat); open dots: below −5, the readings reject it"
     )
-    axes.set_xscale("symlog", linthresh=5.0)
-    low, high = axes.get_xlim()
-    low = min(low, -20.0)
-    axes.set(xlim=(low, high), xticks=[tick for tick in _TICKS if low <= tick <= high])
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
-    axes.axvline(0.0, color="black", linewidth=0.9)
-    axes.set_yticks(rows, [name.replace(" with one scale", "") for name in bars])
-    axes.grid(axis="y", visible=False)
-    axes.set_xlabel(f"ln B({comparison.sensitivity_of}) (nat, linear within ±5)")
-    gains = ["" if nats is None else f"{nats:+.{int(abs(nats) < 100.0)}f}".replace("-", "−") for _, nats in bars.values()]
-    style.right_labels(axes, rows, gains)
-    axes.set_title("Slope scale: sd(slope) (F_max − F_min) / sd(C); right: evidence of the assumption (nat), grey below −5")
     return figure
+
+
+def _stretch(values: Array) -> tuple[float, float]:
+    """Limits of a stretch of the scale that shows these values, and zero where that is near."""
+    if not len(values):
+        return 0.0, 0.0
+    low, high = float(values.min()), float(values.max())
+    low, high = (min(low, 0.0), max(high, 0.0)) if min(abs(low), abs(high)) <= _NEAR or low * high < 0.0 else (low, high)
+    room = 0.08 * (high - low) or 0.2 * abs(high) or 1.0
+    return low - room, high + room
 
 
 @styled
@@ -129,7 +165,7 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
         curve = curves[name]
         force = np.array(curve.force_N)
         words = f"{100 * curve.ci_prob:g} %, averaged over slope subsets"
-        band(axes, force, curve.low * factor, curve.high * factor, ACCENT, label=words)
+        band(axes, force, (curve.low * factor, curve.high * factor), ACCENT, label=words)
         tangent = np.gradient(force * curve.mean, force) * factor
         axes.plot(force, tangent, color="black", linewidth=0.9, linestyle=":", label="d(F·C)/dF: for local fits")
 
@@ -148,7 +184,7 @@ def _against_force(comparison: Comparison, names: list[str], what: str, beneath:
     """A panel for every parameter: what ``beneath`` draws, the mean of every model, local fits."""
     first = next(iter(comparison.models.values()))
     force = np.array(next(iter(first.compliance_against_force.values())).force_N)
-    figure, every = panels(len(names), min(len(names), 4), 11.0, 2.4)
+    figure, every = panels(len(names), 3, 1.7, 0.9)
     for axes, name in zip(every, names, strict=True):
         factor, label = style.axis_label(name, first.parameters[name].unit)
         beneath(axes, name, factor)
@@ -159,19 +195,27 @@ def _against_force(comparison: Comparison, names: list[str], what: str, beneath:
         _local(axes, comparison.local_fits, name, factor)
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set(xlabel="force (N)", ylabel=label)
-    style.legend_below(figure, every[0], 5)
-    figure.suptitle(f"{what}; local fits of neighbouring force levels")
+    style.legend_below(figure, every[0], 3)
+    figure.suptitle(f"{what}; local fits of neighbouring forces (arrows: beyond the panel)")
     return figure
 
 
 def _local(axes: Axes, local: pd.DataFrame, name: str, factor: float) -> None:
+    """Draw local fits; least squares beyond what all else takes up stands at the edge, as an arrow."""
     if local.empty:
         return
     rows = local[local["parameter"] == name]
-    force, middle = rows["force_N"], rows["mean"] * factor
-    reach = np.abs([middle - rows["ci_low"] * factor, rows["ci_high"] * factor - middle])
-    axes.errorbar(force, middle, yerr=reach, fmt="o", color="black", markersize=3.5, linewidth=1.0, label="local, posterior")
-    axes.plot(force, rows["least_squares"] * factor, "x", color=PALETTE[1], markersize=5, label="local, least squares")
+    force, middle, other = (rows[key].to_numpy(float) for key in ("force_N", "mean", "least_squares"))
+    reach = np.abs([middle - rows["ci_low"], rows["ci_high"] - middle]) * factor
+    axes.errorbar(
+        force, middle * factor, yerr=reach, fmt="o", color="black", markersize=3, linewidth=1.0, label="local, posterior"
+    )
+    low, high = axes.get_ylim()
+    axes.plot(force, other * factor, "x", color=PALETTE[1], markersize=4, label="local, least squares")
+    for beyond, end, marker in ((other * factor < low, 0.03, "v"), (other * factor > high, 0.97, "^")):
+        foot = axes.get_xaxis_transform()
+        axes.plot(force[beyond], np.full(beyond.sum(), end), marker, color=PALETTE[1], markersize=4, transform=foot)
+    axes.set_ylim(low, high)
 
 
 # ---- calibration
@@ -180,24 +224,24 @@ def _local(axes: Axes, local: pd.DataFrame, name: str, factor: float) -> None:
 @styled
 def rank_ecdf(validation: Validation) -> Figure:
     """Empirical distribution of every quantity's ranks, minus the uniform one, and the band all of them share."""
-    names, columns = validation.names, 6
-    figure, every = panels(len(names), columns, 9.5, 1.35, 0.9, sharex=True, sharey=True)
+    names, columns = validation.names, 4
+    figure, every = panels(len(names), columns, 1.15, 0.7, sharex=True, sharey=True)
     level = np.arange(1, validation.draws + 1) / (validation.draws + 1)
     lower, upper = validation.band
     for k, (axes, name) in enumerate(zip(every, names, strict=True)):
         outside = name in validation.outside
-        band(axes, level, lower - level, upper - level, GREY, 0.25, step="mid")
+        band(axes, level, (lower - level, upper - level), GREY, 0.25, step="mid")
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.plot(level, validation.ecdf(name) - level, color=PALETTE[1] if outside else ACCENT, drawstyle="steps-mid")
         shown = "ln likelihood" if name == LOG_LIKELIHOOD else display_name(name)
-        axes.set_title(f"{shown}: outside" if outside else shown)
+        axes.set_title(f"{shown}: outside" if outside else shown, fontsize=8)
         if k % columns == 0:
             axes.set_ylabel("difference (1)")
         if k + columns >= len(names):
             axes.set_xlabel("rank share (1)")
             axes.tick_params(labelbottom=True)
     figure.suptitle(
-        f"Ranks of the truth among draws, minus uniform: {validation.replicates} simulated campaigns, "
+        f"Ranks of the truth among draws, minus uniform: {validation.replicates} simulated campaigns,\n"
         f"sampler {validation.sampler}; band: {100 * validation.prob:g} % for all together"
     )
     return figure
@@ -207,27 +251,33 @@ def rank_ecdf(validation: Validation) -> Figure:
 
 
 @styled
-def expected_widths(design: Design) -> Figure:
-    """Expected standard uncertainty of every parameter as a share of its prior sd: recommended, baseline, others, floor."""
-    expected = design.expected
-    proper = bool(np.isfinite(next(iter(expected.values())).prior_sd))
-    scale = {name: expected[name].prior_sd if proper else design.baseline[name].sd for name in expected}
-
-    def shares(forecast: Any, size: str = "sd") -> list[float]:
-        return [getattr(forecast[name], size) / scale[name] for name in expected]
-
-    figure, axes, rows = style.named_rows(list(expected), 7.6, 1.2)
-    axes.barh(rows, shares(expected), height=0.62, color=ACCENT, label="recommended")
-    axes.plot(shares(expected, "floor_sd"), rows, "|", color="white", markersize=9, markeredgewidth=1.6)
-    for k, judged in enumerate(design.compared):
-        look: dict[str, Any] = {"marker": "D", "color": PALETTE[k % 6]} if k else {"marker": "o", "color": "black"}
-        axes.plot(shares(judged.expected), rows, linestyle="", markersize=4, label=judged.name, **look)
-    axes.set_yticks(rows, [display_name(name) + ("" if name in design.parameters else " (nuisance)") for name in expected])
-    axes.set_xscale("log")
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter("")
-    axes.grid(axis="y", visible=False)
-    against = "prior sd" if proper else f"that of {design.compared[0].name}"
-    axes.set_xlabel(f"expected u / {against} (1); white: more of the recommended circles would not go below")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
+    """How narrow each interval gets with what: u of every parameter in its unit, ``today`` where it is given (inside units), with
+    the recommended tests, with those compared, and with ever more of the recommended ones; a panel for each parameter."""
+    count = int(design.table["count"].sum())
+    kinds = [("today", GREY)] * bool(today) + [(f"{count} more" if design.augment else f"{count} recommended", ACCENT)]
+    kinds += [(judged.name, LIGHT) for judged in design.compared] + [("ever more of these", "white")]
+    rows = np.arange(len(kinds))[::-1]
+    figure, every = panels(len(design.expected), 3, 0.27 + 0.14 * len(kinds), 0.5, sharey=True)
+    for axes, (name, own) in zip(every, design.expected.items(), strict=True):
+        factor, unit = display_unit(own.unit)
+        sizes = [
+            *([today[name]] if today else []),
+            own.sd,
+            *(judged.expected[name].sd for judged in design.compared),
+            own.floor_sd,
+        ]
+        widths = np.nan_to_num(np.array(sizes) * factor, posinf=0.0)
+        axes.barh(rows, widths, 0.75, color=[colour for _, colour in kinds], edgecolor=GREY, linewidth=0.6)
+        for row, size, width in zip(rows, sizes, widths, strict=True):
+            text = round_uncertainty(size * factor)[0] if np.isfinite(size) else "not determined"
+            axes.text(width + 0.03 * widths.max(), row, text, fontsize=7, va="center")
+        axes.set(xlim=(0.0, 1.35 * widths.max() or 1.0), xticks=[])
+        aim = "" if name in design.parameters else ", not aimed at"
+        axes.set_title(f"{display_name(name)} ({unit}){aim}", fontsize=7, loc="left")
+        axes.spines["bottom"].set_visible(False)
+        axes.tick_params(axis="y", length=0, labelsize=7)
+        axes.grid(visible=False)
+    every[0].set_yticks(rows, [words for words, _ in kinds])
+    figure.suptitle("How narrow each interval gets: expected standard uncertainty u")
     return figure

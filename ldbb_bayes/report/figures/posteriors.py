@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -14,11 +15,19 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ldbb_bayes.analysis.circularity import COMPLIANCE, GEOMETRY, TOGETHER, contribution_paths, first_circle, measured_circularity
+from ldbb_bayes.analysis.circularity import (
+    COMPLIANCE,
+    DRAWS,
+    GEOMETRY,
+    TOGETHER,
+    contribution_paths,
+    first_circle,
+    measured_circularity,
+)
 from ldbb_bayes.analysis.circularity import circularity as quantities
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, priors_of, record_of
+from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, numbers_of, priors_of, record_of
 from ldbb_bayes.inference.predictive import band_um, new_circle_coefficients, residuals_mm, shared_coefficients
 from ldbb_bayes.machine.chain import (
     PLANES,
@@ -31,25 +40,46 @@ from ldbb_bayes.machine.chain import (
     wrench_names,
 )
 from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
-from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
+from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, PALETTE, band, panels, styled
 from ldbb_bayes.result import Array
-from ldbb_bayes.units import display_name, display_unit, inside_name, value_and_uncertainty
+from ldbb_bayes.units import display_name, inside_name, plus_minus, round_like, round_uncertainty
 
 __all__ = [
-    "FIGURES", "circularity", "compliance_against_force", "compliance_atlas", "contributions", "corner", "forest",
+    "FIGURES", "WORDS", "circularity", "compliance_against_force", "compliance_atlas", "contributions", "corner", "forest",
     "geometric_atlas", "parameter_contributions", "residuals", "save_figures", "traces",
 ]  # fmt: skip
 
 # Direct compliances, rotations for moments, scale gains, squareness.
 _CORNER = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
-_DRAWS, _DRAWS_OF_PATHS, _DRAWS_OF_CONTRIBUTIONS = 600, 500, 400
-_MOST_DOTS, _MOST_FORCES = 6000, 10
+_DRAWS, _DRAWS_OF_PATHS, _DRAWS_OF_CURVES = 600, 500, 1500
+_MOST_DOTS, _MOST_FORCES, _MOST_BANDS, _MOST_NAMED = 2400, 6, 12, 9
 _GRID = np.linspace(0.0, 2 * np.pi, 361)
-_SWING = 0.45
+_RISE = 0.45
 _DASHED = (0, (4, 3))
+_BOXED = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85})
+
+
+# What the figures of the sheets say, for another language to say otherwise.
+WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "force": "force (N)",
+        "readings": "dots: readings",
+        "some readings": "dots: 1 in {every} readings",
+        "prediction": "lines: prediction",
+        "band": "shaded: 95 % for a new circle",
+        "rings": "rings: µm from the nominal circle (dashed), magnified {scale} : 1",
+        "rings of several radii": "rings: µm from the nominal circles (dashed)",
+        "dotted": "dotted: counterclockwise",
+        "plane": "plane",
+        "mean": "mean",
+        "interval": "95 % of the posterior",
+        "tested": "tested forces",
+    }
+)
 
 
 # ---- parameters
@@ -57,55 +87,57 @@ _DASHED = (0, (4, 3))
 
 @styled
 def forest(posterior: xr.DataTree) -> Figure:
-    """Every parameter's 50 % and 95 % interval, from its prior mean in units of its prior sd (posterior sd when flat), the prior
-    beside."""
-    group, (prior_sd, prior_mean) = posterior["posterior"], priors_of(posterior)
-    names = list(record_of(posterior)["model"]["groups"])
-    figure, axes, rows = style.named_rows(names, 8.4, 1.1)
-    texts = []
-    for row, name in zip(rows, names, strict=True):
-        draws, prior, middle = np.asarray(group[name]).ravel(), prior_sd[name], prior_mean.get(name, 0.0)
-        scale = float(draws.std()) if prior is None else prior
-        low, first, last, high = (np.quantile(draws, [0.025, 0.25, 0.75, 0.975]) - middle) / scale
-        if prior is not None:
-            before = (np.quantile(np.asarray(posterior["prior"][name]), [0.025, 0.975]) - middle) / scale
-            axes.plot(before, [row, row], color=LIGHT, linewidth=7, solid_capstyle="butt", zorder=1)
-        axes.plot([low, high], [row, row], color=ACCENT, linewidth=1.4, zorder=2)
-        axes.plot([first, last], [row, row], color=ACCENT, linewidth=3.6, solid_capstyle="butt", zorder=3)
-        axes.plot((draws.mean() - middle) / scale, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6, zorder=4)
-        factor, label = display_unit(group[name].attrs["unit"])
-        value, u = value_and_uncertainty(float(draws.mean()) * factor, float(draws.std()) * factor)
-        texts.append(f"{value.replace('-', '−')} ± {u} {label}")
-    flat = all(prior_sd[name] is None for name in names)
-    value = "(value − prior mean)" if any(prior_mean.values()) else "value"
-    axes.set_xlabel(f"{value} / {'posterior' if flat else 'prior'} sd")
-    style.right_labels(axes, rows, texts)
-    grey = "" if flat else "; grey: 95 % of the prior"
-    axes.set_title(f"95 % and 50 % credible intervals{grey}; dot and right: mean, ± 1 sd")
+    """Every parameter's 95 % and 50 % interval in its own unit, a panel for each; faint: 95 % of its prior; right: value ± U."""
+    group, (prior_sd, _) = posterior["posterior"], priors_of(posterior)
+    units = {name: group[name].attrs["unit"] for name in record_of(posterior)["model"]["groups"]}
+    figure, every = style.unit_panels(units, 0.19, 0.35)
+    for axes, factor, label, rows in every:
+        texts = []
+        for row, name in rows:
+            draws = np.asarray(group[name]).ravel()
+            found = numbers_of(draws, 0.95)
+            first, last = np.quantile(draws, [0.25, 0.75]) * factor
+            axes.plot([found["ci_low"] * factor, found["ci_high"] * factor], [row, row], color=ACCENT, linewidth=1.4)
+            axes.plot([first, last], [row, row], color=ACCENT, linewidth=4.0, solid_capstyle="butt")
+            axes.plot(found["mean"] * factor, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6)
+            texts.append(plus_minus(found["mean"], found["sd"], (found["ci_low"], found["ci_high"]), units[name]))
+        axes.axvline(0.0, color=GREY, linewidth=0.8)
+        axes.set_xlim(axes.get_xlim())  # as wide as the readings leave it: a prior may be much wider
+        for row, name in rows:
+            if prior_sd[name] is not None:
+                before = np.quantile(np.asarray(posterior["prior"][name]), [0.025, 0.975]) * factor
+                axes.plot(before, [row, row], color=FAINT, linewidth=0.8, zorder=1)
+        axes.set_xlabel(f"value ({label})")
+        style.right_labels(axes, [row for row, _ in rows], texts)
+    flat = all(prior_sd[name] is None for name in units)
+    title = "95 % and 50 % intervals; dot: mean; right: value ± U (k = 2) or 95 % interval"
+    figure.suptitle(title if flat else f"{title}\nFaint line: 95 % of the prior, as far as the panel goes")
     return figure
 
 
 @styled
-def compliance_against_force(posterior: xr.DataTree) -> Figure:
-    """C(F) of every kept compliance with 50 % and 95 % bands over the tested forces."""
+def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
+    """C(F) of every compliance with its 95 % band over the tested forces; ``words`` as in `WORDS`."""
     bound = bound_of(posterior)
     forces = bound.setting.force_N
-    force = np.linspace(forces.min(), forces.max(), 80) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
-    curves = curves_of(posterior, force)
-    figure, every = panels(len(bound.compliances), min(3, len(bound.compliances)), 9.0, 2.6, 0.3)
+    force = np.linspace(forces.min(), forces.max(), 31) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
+    curves = curves_of(posterior, force, _DRAWS_OF_CURVES)
+    count = len(bound.compliances)
+    figure, every = panels(count, 3, 1.7 if count <= 6 else 1.35, 0.3, sharex=True)
     for j, (axes, kind) in enumerate(zip(every, bound.compliances, strict=True)):
         factor, text = style.axis_label(kind.label, compliance_unit(kind))
         value = curves[:, :, j] * factor
-        for prob, alpha in ((0.95, 0.22), (0.5, 0.4)):
-            low, high = np.quantile(value, [(1 - prob) / 2, (1 + prob) / 2], axis=0)
-            band(axes, force, low, high, ACCENT, alpha, label=f"{100 * prob:g} %")
-        axes.plot(force, value.mean(axis=0), color=ACCENT, label="mean")
+        band(axes, force, np.quantile(value, [0.025, 0.975], axis=0), ACCENT, 0.3, label=words["interval"])
+        axes.plot(force, value.mean(axis=0), color=ACCENT, label=words["mean"])
         foot = axes.get_xaxis_transform()
-        axes.plot(forces, np.zeros_like(forces), "^", color=PALETTE[1], markersize=5, clip_on=False, transform=foot)
+        look: dict[str, Any] = {"color": "black", "markersize": 4, "clip_on": False, "transform": foot}
+        axes.plot(forces, np.zeros_like(forces), "^", label=words["tested"], **look)
         axes.axhline(0.0, color=GREY, linewidth=0.8)
-        axes.set(xlabel="force (N)", ylabel=text)
-    every[0].legend(loc="best")
-    figure.suptitle("Compliance against force (triangles: tested forces)")
+        axes.set_ylabel(text)
+        if j + 3 >= count:
+            axes.set_xlabel(words["force"])
+            axes.tick_params(labelbottom=True)
+    style.legend_below(figure, every[0])
     return figure
 
 
@@ -153,50 +185,78 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
 
 
 @styled
-def traces(posterior: xr.DataTree) -> Figure:
-    """Polar traces of all tests, plane by plane: readings, prediction (machine and shared nuisances) and the 95 % band for a new
-    circle."""
+def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
+    """Polar traces of all tests, plane by plane: readings, prediction (machine, bar and balls), of few tests the 95 % band for a
+    new circle, rings in µm, forces along a scale in the order of the traces; ``words`` as in `WORDS`."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
     rng = np.random.default_rng(0)
     predicted = shared_coefficients(bound, phi, beta).mean(axis=0) @ basis(_GRID).T * 1e3
-    new = new_circle_coefficients(bound, phi, beta, rng)
-    tests = bound.campaign.tests
+    tests, forces = bound.campaign.tests, bound.setting.force_N
     readings = [test.readings_mm() * 1e3 for test in tests]
+    banded, thin = len(tests) <= _MOST_BANDS, float(np.clip(_MOST_BANDS / len(tests), 0.35, 1.0))
+    new = new_circle_coefficients(bound, phi, beta, rng) if banded else np.zeros(0)
     low, high = min(r.min() for r in readings), max(r.max() for r in readings)
     span = max(high - low, 1e-3)
-    zero, step = 1.1 * span - low, _round_step(span / 4.0)
-    rings = zero + np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
-    planes, several = bound.setting.planes, len(bound.setting.both_ways) > 0
-    figure = Figure(figsize=(1.8 + 6.4 * len(planes), 6.6))
-    width = 5.74 / figure.get_figwidth()
-    colours = style.force_colours(bound.setting.force_N.tolist())
+    zero, step = 0.9 * span - low, _round_step(span / 4.0)
+    rings = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+    planes, colours = bound.setting.planes, style.force_colours(forces.tolist())
     every = -(-sum(map(len, readings)) // _MOST_DOTS)
-    lines: dict[str, Any] = {}
+    heads = [_head(bound, plane, every, zero, banded, words) for plane in planes]
+    figure = Figure(figsize=(0.75 + 3.6 * len(planes), 3.5 + 0.12 * max(head.count("\n") + 1 for head in heads)))
+    across, up = figure.get_figwidth(), figure.get_figheight()
     for k, plane in enumerate(planes):
-        axes: Any = figure.add_axes((0.57 / figure.get_figwidth() + k * 1.115 * width, 0.05, width, 0.82), projection="polar")
+        axes: Any = figure.add_axes(((0.4 + 3.6 * k) / across, 0.25 / up, 2.9 / across, 2.9 / up), projection="polar")
         here = [r for r, test in enumerate(tests) if test.plane == plane]
+        both = plane in bound.setting.both_ways
         for r in here:
-            test, (lower, upper) = tests[r], band_um(new[:, r], phi[:, 0], _GRID, rng)
-            line = "--" if test.direction == "CCW" and several else "-"
-            label = f"{test.force_N:g} N" + (f" {test.direction}" if several and test.direction else "")
-            band(axes, _GRID, zero + lower, zero + upper, colours[r], 0.22)
-            axes.plot(test.angles_rad()[::every], zero + readings[r][::every], ".", color=colours[r], markersize=1.6)
-            axes.plot(_GRID, zero + predicted[r], color=colours[r], linewidth=1.1, linestyle=line, label=label)
-        axes.plot(_GRID, np.full_like(_GRID, zero), color="black", linewidth=0.8, linestyle=_DASHED, label="nominal circle")
+            if banded:
+                band(axes, _GRID[::3], zero + band_um(new[:, r], phi[:, 0], _GRID[::3], rng), colours[r], 0.25)
+            dots = slice(None, None, every)
+            axes.plot(tests[r].angles_rad()[dots], zero + readings[r][dots], ".", color=colours[r], markersize=1.4 * thin)
+            dotted = ":" if both and tests[r].direction == "CCW" else "-"
+            axes.plot(_GRID[::2], zero + predicted[r][::2], color=colours[r], linewidth=thin, linestyle=dotted)
+        axes.plot(_GRID[::2], np.full_like(_GRID[::2], zero), color="black", linewidth=0.8, linestyle=_DASHED)
         ends = {0: f"+{PLANES[plane].first}", 90: f"+{PLANES[plane].second}"}
         axes.set_xticks(np.deg2rad(range(0, 360, 45)), [ends.get(angle, f"{angle}°") for angle in range(0, 360, 45)])
-        axes.set_rlim(0.0, zero + high + 0.08 * span)
-        axes.set_rgrids(rings.tolist(), [""] * len(rings))
-        dots = "Readings (dots" if every == 1 else f"Every {every}. reading (dots"
-        radii = {tests[r].circle.radius_mm for r in here}
-        scale = f"radial magnification {max(radii) * 1e3 / zero:.0f} : 1" if len(radii) == 1 else "circles of several radii"
-        where = f"Plane {plane}: " if len(planes) > 1 else ""
-        title = f"{where}{dots}), prediction (lines), 95 % band for a new circle\nrings every {step:g} µm, {scale}"
-        axes.set_title(title, pad=22)
-        lines |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(lines.values(), lines.keys(), loc="center left", bbox_to_anchor=(1.06, 0.5))
+        axes.tick_params(pad=0)
+        axes.set_rlim(0.0, zero + high + 0.06 * span)
+        axes.set_rgrids((zero + rings).tolist(), [""] * len(rings))
+        for ring, unit in zip(rings, [""] * (len(rings) - 1) + [" µm"], strict=True):
+            text = f"{ring:g}{unit}".replace("-", "−")
+            axes.text(np.deg2rad(247.5), zero + ring, text, fontsize=7, ha="center", va="center", zorder=5, bbox=_BOXED)
+        axes.set_title(heads[k], fontsize=7, pad=8)
+    levels = np.unique(forces)
+    mean = [np.mean([r.mean() for r, own in zip(readings, forces, strict=True) if own == force]) for force in levels[[0, -1]]]
+    _force_scale(figure, levels, bool(mean[-1] >= mean[0]), words["force"])
     return figure
+
+
+def _head(bound: BoundModel, plane: str, every: int, zero: float, banded: bool, words: Mapping[str, str]) -> str:
+    """What the marks of one plane mean, in lines that its circle is wide enough for."""
+    radii = {radius for radius, own in zip(bound.setting.radius_mm, bound.setting.plane, strict=True) if own == plane}
+    said = [words["readings" if every == 1 else "some readings"].format(every=every), words["prediction"]]
+    said += [words[key] for key, there in (("dotted", plane in bound.setting.both_ways), ("band", banded)) if there]
+    scale = words["rings" if len(radii) == 1 else "rings of several radii"].format(scale=f"{max(radii) * 1e3 / zero:.0f}")
+    lines = [f"{words['plane']} {plane}", ", ".join(said), scale.replace(" : ", "\N{NO-BREAK SPACE}:\N{NO-BREAK SPACE}")]
+    return "\n".join(textwrap.fill(line, 64) for line in lines[len(bound.setting.planes) == 1 :])
+
+
+def _force_scale(figure: Figure, forces: Array, outward: bool, label: str) -> None:
+    """Draw a colour for every force, from the innermost trace (below) to the outermost, with at most nine of them named."""
+    across, count = figure.get_figwidth(), len(forces)
+    axes = figure.add_axes((1.0 - 0.55 / across, 0.14, 0.14 / across, 0.56))
+    rows = np.arange(count) if outward else np.arange(count)[::-1]
+    colours, gap = style.force_colours(forces.tolist()), 0.5 * (count <= _MOST_BANDS)
+    axes.barh(rows, np.ones(count), 1.0, color=colours, edgecolor="white", linewidth=gap)
+    shown = np.unique(np.linspace(0, count - 1, _MOST_NAMED).round().astype(int))
+    axes.yaxis.tick_right()
+    axes.set(xlim=(0.0, 1.0), ylim=(-0.5, count - 0.5), xticks=[])
+    axes.set_yticks(rows[shown], [f"{force:.4g}" for force in forces[shown]])
+    axes.tick_params(length=0, pad=2, labelsize=7)
+    axes.set_title(label, fontsize=7)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
 
 
 def _round_step(size: float) -> float:
@@ -206,30 +266,32 @@ def _round_step(size: float) -> float:
 
 @styled
 def residuals(posterior: xr.DataTree) -> Figure:
-    """Reading minus prediction (machine and shared nuisances) against angle."""
+    """Reading minus prediction (machine, bar and balls) against angle, of ten tests at most."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
     rest = [r * 1e3 for r in residuals_mm(bound, shared_coefficients(bound, phi, beta).mean(axis=0))]
     tests, colours = bound.campaign.tests, style.force_colours(bound.setting.force_N.tolist())
     shown = np.unique(np.linspace(0, len(rest) - 1, 10).astype(int)).tolist()
-    figure, every = panels(len(shown), 1, 9.0, 0.72, 1.2, sharex=True, sharey=True)
+    figure, every = panels(len(shown), 1, 0.6, 0.9, sharex=True, sharey=True)
     limit = 1.05 * max(np.abs(r).max() for r in rest)
+    step = _round_step(0.7 * limit)
     for axes, r in zip(every, shown, strict=True):
         angle = np.mod(tests[r].angle_deg, 360.0)
         order = np.argsort(angle)
-        axes.plot(angle[order], rest[r][order], color=colours[r], linewidth=0.7)
+        axes.plot(angle[order], rest[r][order], color=colours[r], linewidth=0.6)
         axes.set_ylabel(f"{tests[r].name}\n(µm)", rotation=0, ha="right", va="center")
-    every[-1].set_ylim(-limit, limit)
+        axes.set(ylim=(-limit, limit), yticks=(-step, 0.0, step))
     style.angle_axis(every[-1], 45)
-    figure.suptitle("Residual against angle (each circle's own shift and discrepancy left in)")
+    few = "" if len(shown) == len(rest) else f", {len(shown)} of {len(rest)} tests"
+    figure.suptitle(f"Reading minus prediction{few}; each circle's own shift and discrepancy are left in")
     return figure
 
 
-_PANELS: tuple[tuple[dict[str, str], str], ...] = (
-    ({"G": "G"}, "Circular deviation (µm)"),
-    ({"F_max": "F_max", "F_min": "F_min"}, "Radial deviation (µm)"),
-    ({"squareness": "squareness"}, "Squareness (µm/m)"),
-    ({"scale_mismatch": "scale mismatch"}, "Scale mismatch (µm/m)"),
+_PANELS: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("G",), "G (µm)"),
+    (("F_max", "F_min"), "F_max, F_min (µm)"),
+    (("squareness",), "squareness (µm/m)"),
+    (("scale_mismatch",), "scale mismatch (µm/m)"),
 )
 
 
@@ -239,81 +301,101 @@ def circularity(posterior: xr.DataTree) -> Figure:
     readings themselves, balls and bar included."""
     bound = bound_of(posterior)
     top = float(bound.setting.force_N.max())
-    table = quantities(posterior, np.linspace(0.0, top, 25).tolist(), draws=_DRAWS_OF_PATHS)
+    table = quantities(posterior, np.linspace(0.0, top, 13).tolist(), draws=_DRAWS_OF_PATHS)
     measured, _ = measured_circularity(posterior)
     planes = bound.setting.planes
-    figure, every = panels(4 * len(planes), 2, 9.6, 2.6, 0.3)
+    figure, every = panels(4 * len(planes), 2, 1.8, 0.3)
     for k, (axes, (names, label)) in enumerate(zip(every, _PANELS * len(planes), strict=True)):
         plane = planes[k // 4]
         own = table[table["plane"] == plane]
         # Other radii have other paths: only readings of the circle that is drawn.
         read = measured[(measured["plane"] == plane) & (measured["radius_mm"] == own["radius_mm"].iloc[0])]
-        for (name, words), colour in zip(names.items(), PALETTE, strict=False):
+        for name, colour in zip(names, PALETTE, strict=False):
             rows = own[own["quantity"] == name]
-            band(axes, rows["force_N"], rows["ci_low"], rows["ci_high"], colour)
-            axes.plot(rows["force_N"], rows["median"], color=colour, label=words)
-            axes.plot(read["force_N"], read[name].astype(float), "x", color=colour, markersize=5)
+            band(axes, rows["force_N"], (rows["ci_low"], rows["ci_high"]), colour)
+            axes.plot(rows["force_N"], rows["median"], color=colour)
+            axes.plot(read["force_N"], read[name].astype(float), "x", color=colour, markersize=4)
         axes.set(xlabel="force (N)", ylabel=label, xlim=(-0.02 * top, 1.02 * top))
-        if len(names) > 1:
-            axes.legend()
         if len(planes) > 1:
             axes.set_title(f"Plane {plane}")
-    figure.suptitle("The machine's path, 95 % band; crosses: the readings, balls and bar included")
+    figure.suptitle("The machine's path: median and 95 % band; crosses: the readings, balls and bar included")
     return figure
+
+
+_SOURCES = {TOGETHER: ("black", "-"), COMPLIANCE: (PALETTE[0], "--"), GEOMETRY: (PALETTE[1], ":")}
 
 
 @styled
 def contributions(posterior: xr.DataTree) -> Figure:
-    """Compliance, geometry and both against angle at every force, with 95 % bands; offsets of the tool ball left out (Fig. 8)."""
+    """Compliance, geometry and both against angle, a panel for each of up to six forces, with 95 % bands and the peak to peak of
+    both; offsets of the tool ball left out (Fig. 8)."""
     bound = bound_of(posterior)
-    beta, _ = draws_of(posterior, bound, _DRAWS_OF_CONTRIBUTIONS)
     forces = distinct_forces(bound.setting.force_N)
     forces = forces[np.unique(np.linspace(0, len(forces) - 1, _MOST_FORCES).round().astype(int))]
     planes = bound.setting.planes
-    figure, every = panels(3 * len(planes), 3, 9.6, 3.0, sharey="row")
-    for k, plane in enumerate(planes):
-        row, circle = every[3 * k : 3 * k + 3], first_circle(bound, plane)
-        for force, colour in zip(forces, style.force_colours(forces.tolist()), strict=True):
-            paths = contribution_paths(bound, circle, float(force), beta)
-            for axes, source in zip(row, (TOGETHER, COMPLIANCE, GEOMETRY), strict=True):
-                if source in paths and (source != GEOMETRY or force == forces[-1]):
-                    _path(axes, paths[source], colour if source != GEOMETRY else "black", f"{force:g} N")
-        where = f" in plane {plane}" if len(planes) > 1 else ""
-        for axes, title in zip(row, (f"Both{where}", f"Compliance{where}", f"Geometry{where}, at any force"), strict=True):
-            axes.set_title(title)
-            style.angle_axis(axes)
-        row[0].set_ylabel("contribution (µm)")
-    style.legend_below(figure, every[1])
+    cases = [(plane, float(force)) for plane in planes for force in forces]
+    figure, every = panels(len(cases), 3, 1.5, 0.6, sharex=True, sharey=True)
+    for axes, (plane, force) in zip(every, cases, strict=True):
+        drawn = _paths(posterior, bound, plane, force, *_SOURCES)
+        for source, (colour, line) in _SOURCES.items():
+            if source in drawn:
+                _path(axes, drawn[source], colour, linestyle=line, label=source)
+        where = f"{plane}, " if len(planes) > 1 else ""
+        axes.set_title(f"{where}{force:g} N: {_swing(drawn[TOGETHER])}", fontsize=8)
+    _outer(every, 3)
+    style.legend_below(figure, every[0])
+    figure.suptitle(_HEAD.format("of both together"))
     return figure
 
 
 @styled
 def parameter_contributions(posterior: xr.DataTree) -> Figure:
-    """Every compliance (with its slope) and every geometric error at the highest force, with 95 % bands (Figs. 9 and 10)."""
+    """Every compliance (with its slope) and every geometric error at the highest force, with 95 % bands and their peak to peak
+    (Figs. 9 and 10)."""
     bound = bound_of(posterior)
-    beta, _ = draws_of(posterior, bound, _DRAWS_OF_CONTRIBUTIONS)
     force, planes = float(bound.setting.force_N.max()), bound.setting.planes
-    drawn = []
-    for plane in planes:
-        paths = contribution_paths(bound, first_circle(bound, plane), force, beta)
-        where = f", {plane}" if len(planes) > 1 else ""
-        drawn += [(f"{display_name(name)}{where}", own) for name, own in paths.items() if name.startswith(("C_", "E_"))]
-    figure, every = panels(len(drawn), 5, 10.4, 1.6, sharex=True)
-    for k, (axes, (name, own)) in enumerate(zip(every, drawn, strict=True)):
-        _path(axes, own, ACCENT if name.startswith("C_") else PALETTE[2], name)
-        axes.set(title=name, ylabel="" if k % 5 else "contribution (µm)")
-        if k + 5 >= len(drawn):
-            axes.tick_params(labelbottom=True)
-    every[0].set(xlim=(0.0, 360.0), xticks=range(0, 361, 90))
-    figure.supxlabel(f"angle of the bar (°), at {force:g} N", fontsize=9)
+    cases = [
+        (f"{display_name(name)}{f', {plane}' if len(planes) > 1 else ''}", name, path)
+        for plane in planes
+        for name, path in _paths(posterior, bound, plane, force, *bound.names).items()
+    ]
+    figure, every = panels(len(cases), 4, 1.25, 0.5, sharex=True)
+    for axes, (shown, name, path) in zip(every, cases, strict=True):
+        _path(axes, path, ACCENT if name.startswith("C_") else PALETTE[1])
+        axes.set_title(f"{shown}\n{_swing(path)}", fontsize=8)
+    _outer(every, 4)
+    figure.suptitle(f"At {force:g} N. {_HEAD.format('of each alone')}")
     return figure
 
 
-def _path(axes: Axes, path: Array, colour: Any, label: str) -> None:
-    closed = np.concatenate([path, path[:, :1]], axis=1)
-    low, high = np.quantile(closed, [0.025, 0.975], axis=0)
-    band(axes, np.arange(361), low, high, colour)
-    axes.plot(np.arange(361), closed.mean(axis=0), color=colour, label=label)
+_HEAD = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % interval"
+
+
+def _outer(every: Sequence[Axes], columns: int) -> None:
+    for k, axes in enumerate(every):
+        axes.set(xlim=(0.0, 360.0), xticks=(0, 180, 360), ylabel="" if k % columns else "reading (µm)")
+        axes.tick_params(labelbottom=k + columns >= len(every))
+        if k // columns == (len(every) - 1) // columns:
+            axes.set_xlabel("angle (°)")
+
+
+def _paths(posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, *only: str) -> Mapping[str, Array]:
+    """Paths on the first circle of a plane, (draws, 360) [µm], all or only these: of the very draws of
+    `analysis.circularity.contributions`."""
+    return contribution_paths(bound, first_circle(bound, plane), force_N, draws_of(posterior, bound, DRAWS)[0], only)
+
+
+def _swing(path: Array) -> str:
+    """Peak to peak of paths, median and 95 % interval, as `analysis.circularity.contributions` has it: 17.2 [11.5, 39.8] µm."""
+    low, median, high = np.quantile(np.ptp(path, axis=1), [0.025, 0.5, 0.975])
+    _, decimals = round_uncertainty((high - low) / 4.0)
+    return f"{round_like(median, decimals)} [{round_like(low, decimals)}, {round_like(high, decimals)}] µm"
+
+
+def _path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
+    closed = np.append(path, path[:, :1], axis=1)
+    band(axes, np.arange(0, 361, 3), np.quantile(closed[::5, ::3], [0.025, 0.975], axis=0), colour)
+    axes.plot(np.arange(0, 361, 2), closed[:, ::2].mean(axis=0), color=colour, **look)
 
 
 # ---- atlases
@@ -328,12 +410,9 @@ def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     kept = kept_compliances(machine, where)
     colour = {name: PALETTE[k % len(PALETTE)] for k, members in enumerate(kept.sets) for name in members}
     columns = dict(zip(names, wrench_jacobian(machine, where, _GRID).T, strict=True))
-    figure = _atlas(columns, colour, {name.label for name in kept.names}, set(kept.null), 6)
-    figure.suptitle(
-        f"{machine.topology}, plane {machine.plane}: patterns of the {len(names)} joint compliances. One colour: proportional, "
-        "only their sum can be identified. Bold: kept"
-    )
-    return figure
+    title = f"{machine.topology}, plane {machine.plane}: patterns of the {len(names)} joint compliances\n"
+    title += "One colour: proportional, only their sum can be identified. Bold: kept"
+    return _atlas(columns, colour, {name.label for name in kept.names}, set(kept.null), title)
 
 
 @styled
@@ -343,25 +422,25 @@ def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     machine = Machine(machine.topology, where.plane, machine.frames_mm)
     names = [name.label for name in geometric_names(machine)]
     columns = dict(zip(names, geometric_jacobian(machine, where, _GRID).T, strict=True))
-    figure = _atlas(columns, dict.fromkeys(names, ACCENT), set(names), set(), 4)
-    figure.suptitle(f"{machine.topology}, plane {machine.plane}: patterns of the geometric errors")
-    return figure
+    title = f"{machine.topology}, plane {machine.plane}: patterns of the geometric errors"
+    return _atlas(columns, dict.fromkeys(names, ACCENT), set(names), set(), title)
 
 
-def _atlas(columns: Mapping[str, Array], colour: Mapping[str, str], bold: set[str], null: set[str], width: int) -> Figure:
-    figure, every = panels(len(columns), width, 1.65 * width, 1.9, 0.5, subplot_kw={"projection": "polar"})
+def _atlas(columns: Mapping[str, Array], colour: Mapping[str, str], bold: set[str], null: set[str], title: str) -> Figure:
+    figure, every = panels(len(columns), 4, 1.7, 0.7, subplot_kw={"projection": "polar"})
     axes: Any
     for axes, (name, values) in zip(every, columns.items(), strict=True):
         peak = float(np.abs(values).max())
         swing = values / peak if name not in null and peak > 0.0 else np.zeros_like(values)
         axes.plot(_GRID, np.ones_like(_GRID), color=GREY, linewidth=0.8, linestyle=_DASHED)
-        axes.plot(_GRID, 1.0 + _SWING * swing, color=colour.get(name, GREY), linewidth=2.0 if name in bold else 1.1)
-        axes.set_rlim(0.0, 1.0 + 1.1 * _SWING)
+        axes.plot(_GRID, 1.0 + _RISE * swing, color=colour.get(name, GREY), linewidth=2.0 if name in bold else 1.1)
+        axes.set_rlim(0.0, 1.0 + 1.1 * _RISE)
         axes.set_rticks([])
         axes.spines["polar"].set_visible(False)
         axes.set_xticks(np.deg2rad([0, 90, 180, 270]), ["", "", "", ""])
         note = " (no effect)" if name in null else ""
         axes.set_title(display_name(name) + note, fontweight="bold" if name in bold else "normal", pad=4)
+    figure.suptitle(title)
     return figure
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
-from typing import Any, ParamSpec, cast
+from typing import Any, ParamSpec, TypeAlias, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -15,15 +15,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ldbb_bayes.campaign.campaign import distinct_forces
-from ldbb_bayes.result import Array
 from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
 P = ParamSpec("P")
 
+WIDTH = 6.3  # inch: letters of 8 points stay readable where a screen is 390 pixels wide
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-ACCENT, GREY, LIGHT = PALETTE[0], "#8C8C8C", "#D9D9D9"
+ACCENT, GREY, FAINT, LIGHT = PALETTE[0], "#8C8C8C", "#B8B8B8", "#D9D9D9"
 # One colour per source of uncertainty in every figure; a user's own terms take the spare ones in turn.
 _TERM_COLOURS = {
     "BallForm": PALETTE[1],
@@ -61,8 +61,8 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     def inner(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(cast("Any", _STYLE)):
             figure = draw(*args, **kwargs)
-            if figure.get_layout_engine() is not None:  # once, not with every file
-                figure.draw_without_rendering()
+            if (engine := figure.get_layout_engine()) is not None:  # once, not with every file
+                engine.execute(figure)
                 figure.set_layout_engine("none")
             return figure
 
@@ -75,10 +75,10 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
-    """One colour per force, light to dark in order of force."""
+    """One colour per force, light to dark in order of force; the lightest still stands out from paper, in grey too."""
     levels = distinct_forces(forces_N)
     places = np.searchsorted(levels, forces_N, side="right") - 1
-    return [mpl.colormaps["viridis"](0.9 - 0.85 * place / max(len(levels) - 1, 1)) for place in places]
+    return [mpl.colormaps["viridis"](0.72 - 0.72 * place / max(len(levels) - 1, 1)) for place in places]
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
@@ -87,25 +87,38 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
     return factor, f"{display_name(name)} ({label})"
 
 
-def panels(count: int, columns: int, width: float, height: float, extra: float = 0.6, **shared: Any) -> tuple[Figure, list[Axes]]:
+def panels(count: int, columns: int, height: float, extra: float = 0.6, **shared: Any) -> tuple[Figure, list[Axes]]:
     """Return a figure with ``count`` panels, at most ``columns`` in a row of ``height`` inches."""
+    columns = min(count, columns)
     rows = -(-count // columns)
-    figure = new_figure(width, extra + height * rows)
+    figure = new_figure(WIDTH, extra + height * rows)
     every = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
-    for k, axes in enumerate(every):
-        axes.set_visible(k < count)
+    for axes in every[count:]:
+        axes.remove()
+    for axes in every[:count]:
         if axes.name == "rectilinear":
             axes.locator_params(nbins=5)
     return figure, every[:count]
 
 
-def named_rows(names: Sequence[str], width: float, extra: float, each: float = 0.27) -> tuple[Figure, Axes, Array]:
-    """Return a figure with one row for every parameter, from top to bottom, and the heights of the rows."""
-    figure = new_figure(width, extra + each * len(names))
-    axes, rows = figure.subplots(), np.arange(len(names))[::-1]
-    axes.set_yticks(rows, [display_name(name) for name in names])
-    axes.set_ylim(-0.7, len(names) - 0.3)
-    return figure, axes, rows
+Rows: TypeAlias = list[tuple[float, str]]
+
+
+def unit_panels(units: Mapping[str, str], each: float, extra: float) -> tuple[Figure, list[tuple[Axes, float, str, Rows]]]:
+    """Return a figure with a panel for every unit for reading: axes, factor, unit, heights and names of its parameters' rows."""
+    groups: dict[tuple[float, str], list[str]] = {}
+    for name, unit in units.items():
+        groups.setdefault(display_unit(unit), []).append(name)
+    sizes = [len(names) + 0.2 for names in groups.values()]
+    figure, found = new_figure(WIDTH, extra + each * sum(sizes) + 0.4 * len(groups)), []
+    every = figure.subplots(len(groups), 1, squeeze=False, height_ratios=sizes)[:, 0]
+    for axes, ((factor, unit), names) in zip(every, groups.items(), strict=True):
+        rows = [float(len(names) - 1 - k) for k in range(len(names))]
+        axes.set_yticks(rows, [display_name(name) for name in names])
+        axes.set_ylim(-0.6, len(names) - 0.4)
+        axes.grid(axis="y", visible=False)
+        found.append((axes, factor, unit, list(zip(rows, names, strict=True))))
+    return figure, found
 
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
@@ -124,9 +137,14 @@ def term_colours(terms: Iterable[str]) -> dict[str, str]:
     return ours | dict(zip(strangers, cycle(_SPARE), strict=False))
 
 
-def band(axes: Axes, x: Any, low: Any, high: Any, colour: Any, alpha: float = 0.2, **more: Any) -> None:
+def is_dark(colour: str) -> bool:
+    """Whether white letters read better on a colour than black ones."""
+    return float(np.dot(mpl.colors.to_rgb(colour), (0.2126, 0.7152, 0.0722))) < 0.45
+
+
+def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **more: Any) -> None:
     """Shade what lies between two curves."""
-    axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0, **more)
+    axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **more)
 
 
 def angle_axis(axes: Axes, step: int = 90) -> None:
