@@ -48,27 +48,21 @@ def average(
 ) -> xr.DataTree:
     """Average the posterior over models and over what else explains a change with force.
 
+    InputError for a plan, a flat prior, models that are not nested, or too few draws.
+
     Parameters
     ----------
     models : mapping of name to HybridModel
         For example constant and linear: the parameters of one are those of the largest, some fixed at zero.
-    campaign : Campaign
-        With readings.
-    draws : int
-        In four chains; each model has its share of them.
-    evidences : Evidences, optional
-        Those that `compare` was given: the models it weighed are not worked out again.
+    campaign : with readings.
+    draws : in four chains; each model has its share of them.
+    evidences : those that `compare` was given: the models it weighed are not worked out again.
 
     Returns
     -------
     xarray.DataTree
         As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which model a draw is of; the record
         lists them (``averaged``) with rivals, log evidence and probability. Priors are averaged too.
-
-    Raises
-    ------
-    InputError
-        For a plan, a flat prior, models that are not nested, or too few draws.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     check_campaign(campaign)

@@ -161,28 +161,18 @@ def validate(
 ) -> Validation:
     """Simulate, infer, rank: hyper-parameters and parameters from their priors, every replicate.
 
+    InputError for a flat prior, an unknown sampler, or numbers out of range.
+
     Parameters
     ----------
-    model : HybridModel
-        With proper priors.
-    plan : Campaign
-        Forces, angles, clockings; readings are ignored.
-    replicates, draws : int
-        Simulated campaigns, and independent posterior draws of each.
+    model : with proper priors.
+    plan : forces, angles, clockings; readings are ignored.
+    replicates, draws : simulated campaigns, and independent posterior draws of each.
     sampler : {"independent", "joint"}
-    generator : HybridModel, optional
-        What the readings are drawn from; default ``model``. Another one shows what a wrong model does.
-    prob : float
-        Probability of the band, simultaneous over ranks and quantities.
-    executor : concurrent.futures.Executor, optional
-        Runs the replicates, one BLAS thread each; default: here, one after the other. The result does not depend on it.
-    progress : callable, optional
-        Called with the number of replicates done and their total.
-
-    Raises
-    ------
-    InputError
-        For a flat prior, an unknown sampler, or numbers out of range.
+    generator : what the readings are drawn from; default ``model``. Another one shows what a wrong model does.
+    prob : probability of the band, simultaneous over ranks and quantities.
+    executor : runs the replicates, one BLAS thread each; default: here, one after the other. The result does not depend on it.
+    progress : called with the number of replicates done and their total.
     """
     _check(model, generator, replicates, draws, sampler, prob)
     bound = model.bind(plan)

@@ -162,11 +162,9 @@ def circularity(
 
     Parameters
     ----------
-    forces_N : sequence of float
-        Default: 0 (geometry alone) and the tested forces.
+    forces_N : default: 0 (geometry alone) and the tested forces.
     ci_prob : float
-    draws : int
-        Of the posterior, evenly picked.
+    draws : of the posterior, evenly picked.
 
     Returns
     -------
@@ -289,8 +287,7 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
 
     Parameters
     ----------
-    force_N : float, optional
-        Default: the highest tested.
+    force_N : default: the highest tested.
     ci_prob : float
 
     Returns

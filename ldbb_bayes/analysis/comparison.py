@@ -242,10 +242,7 @@ class Comparison(Result):
 def read_comparison(path: Path) -> Comparison:
     """Return the comparison in a folder written by ``ldbb-bayes compare --out``, or in its comparison.json.
 
-    Raises
-    ------
-    InputError
-        When the file is missing, damaged, or not one of ours.
+    InputError when the file is missing, damaged, or not one of ours.
     """
     return read_result(path, "comparison", "compare", Comparison.from_dict)
 
@@ -264,27 +261,18 @@ def compare(
 ) -> Comparison:
     """Compare models of one campaign.
 
+    InputError for fewer than two models, two that are the same, an improper prior, or a plan.
+
     Parameters
     ----------
     models : mapping of name to HybridModel
         At least two. Sensitivity is of the second over the first.
-    evidence_only : bool
-        Only evidence and what it hangs on, three times as fast: no test left out, no slope subsets, no local fits.
-    tolerance : float
-        Error asked of every log evidence [nat].
-    ci_prob : float
-        Probability of the bands of C(F) and of the intervals of local fits.
-    seed : int
-        Of replicates and bands.
-    progress : callable, optional
-        Called with the steps done and their number.
-    evidences : Evidences, optional
-        Nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance is the one asked for.
-
-    Raises
-    ------
-    InputError
-        For fewer than two models, two that are the same, an improper prior, or a plan.
+    evidence_only : only evidence and what it hangs on, three times as fast: no test left out, no slope subsets, no local fits.
+    tolerance : error asked of every log evidence [nat].
+    ci_prob : probability of the bands of C(F) and of the intervals of local fits.
+    seed : of replicates and bands.
+    progress : called with the steps done and their number.
+    evidences : nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance is the one asked for.
     """
     check_probability(ci_prob)
     evidences = _checked(models, campaign, evidences or Evidences(campaign, tolerance=tolerance))

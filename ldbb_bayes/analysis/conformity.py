@@ -160,22 +160,16 @@ def conformity(
 ) -> dict[str, Conformity]:
     """Decide whether a machine conforms.
 
+    InputError for an unknown name, a number without its unit or with one of another kind, or limits the wrong way round.
+
     Parameters
     ----------
-    posterior : DataTree
-        From `average`, `sample` or `load`.
+    posterior : from `average`, `sample` or `load`.
     tolerances : mapping of name to str or Tolerance, optional
         Default: those of the campaign. Names are parameters, ``stiffness_X`` (1/C_XXX), and G, F_max and F_min of the machine's
         path, with the plane where there are several (``G_YZ``).
-    force_N : float, optional
-        At which compliances, stiffnesses and the path are stated; default: the model's reference force, where C(F) is C.
-    confidence : float
-        Probability that a decision asks for.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, a number without its unit or with one of another kind, or limits the wrong way round.
+    force_N : at which compliances, stiffnesses and the path are stated; default: the model's reference force, where C(F) is C.
+    confidence : probability that a decision asks for.
     """
     require(0.5 < confidence < 1.0, f"confidence must lie between 0.5 and 1, got {confidence}. For 95 % give 0.95.")
     bound = bound_of(posterior)

@@ -116,12 +116,12 @@ def differences(
 ) -> pd.DataFrame:
     """Every parameter of ``other`` less that of ``posterior``.
 
+    InputError for other machines, or a flat prior with ``same_instrument``.
+
     Parameters
     ----------
-    posterior, other : DataTree
-        Of machines with the same topology, planes and joint frames.
-    same_instrument : bool
-        Whether bar, balls, mount and force device were the same.
+    posterior, other : of machines with the same topology, planes and joint frames.
+    same_instrument : whether bar, balls, mount and force device were the same.
     ci_prob : float
 
     Returns
@@ -130,11 +130,6 @@ def differences(
         One row per parameter both have, offsets of the tool ball left out: unit, first, second (means, at the first one's
         reference force), difference, sd, ci_low, ci_high, probability_of_increase. ``attrs["conflict"]``: of one instrument, the
         coefficient in which the campaigns disagree most about it, and the p-value of that (Bonferroni); else None.
-
-    Raises
-    ------
-    InputError
-        For other machines, or a flat prior with ``same_instrument``.
     """
     check_probability(ci_prob)
     one, two = bound_of(posterior), bound_of(other)

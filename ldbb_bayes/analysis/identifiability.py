@@ -339,8 +339,7 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
 
     Parameters
     ----------
-    circles : sequence of Circle
-        Default: R = 150 mm about the frames' origin in every plane. Patterns are those of the first circle of each plane.
+    circles : default: R = 150 mm about the frames' origin in every plane. Patterns are those of the first circle of each plane.
     """
     circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
     largest = max(abs(x) for circle in circles for x in circle.centre_mm)

@@ -60,27 +60,21 @@ def belonging(
 ) -> pd.DataFrame:
     """Which tests do not belong with the others, under one or several models of a campaign of at least two tests.
 
+    InputError for fewer than two tests, a plan, or an improper prior.
+
     Parameters
     ----------
     models : mapping of name to HybridModel
         Weighted by what the other tests say of them.
-    seed : int
-        Of the replicates.
-    tolerance : float
-        Error of every log evidence [nat].
-    replicates : int, optional
-        Circles drawn in the place of each test; no p-value is smaller than one over their number. Default 20,000, more from 50
-        tests on.
+    seed : of the replicates.
+    tolerance : error of every log evidence [nat].
+    replicates : circles drawn in the place of each test; no p-value is smaller than one over their number. Default 20,000, more
+        from 50 tests on.
 
     Returns
     -------
     DataFrame
         One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the p-values by Fourier order.
-
-    Raises
-    ------
-    InputError
-        For fewer than two tests, a plan, or an improper prior.
     """
     check_campaign(campaign)
     require(len(campaign.tests) > 1, "a campaign must have at least two tests to compare them, got one. Add tests.")

@@ -260,12 +260,12 @@ _TOLERANCE, _SPARE, _COMPONENTS = 1e-2, 1e-3, 2048
 def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95, seed: int = 0) -> pd.DataFrame:
     """Fit constant compliance and geometry to every pair of neighbouring force levels.
 
+    InputError for one force level, a plan, or a flat prior.
+
     Parameters
     ----------
-    model : HybridModel
-        Nuisances and priors; its degree is set to 0. What belongs to the campaign (two balls, Ĉ) stays the campaign's.
-    ci_prob : float
-        Probability of the equal-tailed credible intervals.
+    model : nuisances and priors; its degree is set to 0. What belongs to the campaign (two balls, Ĉ) stays the campaign's.
+    ci_prob : probability of the equal-tailed credible intervals.
 
     Returns
     -------
@@ -273,11 +273,6 @@ def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95,
         One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's tests), tests, parameter, unit,
         least_squares, least_squares_u (white noise alone; not a number where the pair does not determine it), mean, sd, ci_low,
         ci_high; in inside units.
-
-    Raises
-    ------
-    InputError
-        For one force level, a plan, or a flat prior.
     """
     check_campaign(campaign)
     check_comparable(model, campaign)

@@ -418,39 +418,25 @@ def batch(
     """Fit every campaign by itself, each into one row of a table; a campaign that cannot be fitted is a row that says why.
 
     Every row is kept as it comes. Whatever stops a batch (Ctrl-C, kill -9, a full disk), the same call with ``resume`` goes on
-    with what is left, to the very same table.
+    with what is left, to the very same table. InputError for no campaigns, a batch in ``out`` that may not be touched or is
+    another one, a place that cannot be written, or without pyarrow.
 
     Parameters
     ----------
-    campaigns : iterable of path
-        See `gather`: campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, and lists of them (``@FILE``).
-    out : path
-        Folder for the rows and the table.
-    model : HybridModel, optional
-        Default: linear in force.
+    campaigns : see `gather`: campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, and lists of them
+        (``@FILE``).
+    out : folder for the rows and the table.
+    model : default: linear in force.
     sampler, seed, ess, ci_prob
         As for `sample` and `summarize`: the numbers are theirs.
-    executor : concurrent.futures.Executor or callable, optional
-        Where campaigns are fitted; default: here, one after the other. See `ldbb_bayes.jobs`. What starts one, such as
+    executor : where campaigns are fitted; default: here, one after the other. See `ldbb_bayes.jobs`. What starts one, such as
         `process_executor` itself, is called once ``out`` is this run's, which it stays until the workers have ended.
-    compare : bool
-        Weigh linear compliance against constant by their evidences.
-    table : mapping, optional
-        Fields of `Campaign` for tidy CSVs: what campaign.toml would say.
-    certificates : mapping, optional
-        Fields of `Instrument` for all campaigns, instead of what campaign.toml says of them.
-    resume, retry : bool
-        Go on with what an earlier run left (with nothing there, begin); also do again what failed.
-    force : bool
-        Replace an earlier batch in ``out``.
-    progress : callable, optional
-        Called with the numbers of campaigns done with, of all, and of those that failed.
-
-    Raises
-    ------
-    InputError
-        For no campaigns, a batch in ``out`` that may not be touched or is another one, a place that cannot be written, or
-        without pyarrow.
+    compare : weigh linear compliance against constant by their evidences.
+    table : fields of `Campaign` for tidy CSVs: what campaign.toml would say.
+    certificates : fields of `Instrument` for all campaigns, instead of what campaign.toml says of them.
+    resume, retry : go on with what an earlier run left (with nothing there, begin); also do again what failed.
+    force : replace an earlier batch in ``out``.
+    progress : called with the numbers of campaigns done with, of all, and of those that failed.
     """
     check_pyarrow()
     check_sampler(sampler)

@@ -109,12 +109,12 @@ def read_batch(
 ) -> pd.DataFrame:
     """Return the rows of one batch, or of several below one another.
 
+    InputError naming the file, when it is missing, unfinished, damaged or no batch.
+
     Parameters
     ----------
-    path : path or sequence of paths
-        The folder a batch was written to, its campaigns.parquet, or several of either.
-    columns : sequence of str, optional
-        Those to read, in that order; default: all.
+    path : the folder a batch was written to, its campaigns.parquet, or several of either.
+    columns : those to read, in that order; default: all.
 
     Returns
     -------
@@ -126,11 +126,6 @@ def read_batch(
         every parameter and hyper-parameter NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad;
         ``attrs["units"]``); gaussian_… as `SufficientStatistics`, the covariance as its lower triangle, row by row. What a
         campaign does not have is missing.
-
-    Raises
-    ------
-    InputError
-        Naming the file, when it is missing, unfinished, damaged or no batch.
     """
     check_pyarrow()
     import pyarrow as pa

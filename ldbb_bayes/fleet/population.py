@@ -350,24 +350,18 @@ def population(
 ) -> Population:
     """The population that the machines of a batch come from, the next machine, and which machines do not belong.
 
+    InputError for rows that are no batch's, fewer than two machines, machines with other joints, or options out of range.
+
     Parameters
     ----------
-    rows : DataFrame
-        Of `read_batch`: one row per campaign; campaigns without machine_id count as machines of their own. Which of them count,
-        and ``exclude``, ``since`` and ``include_misfits``: see `choose`.
+    rows : of `read_batch`: one row per campaign; campaigns without machine_id count as machines of their own. Which of them
+        count, and ``exclude``, ``since`` and ``include_misfits``: see `choose`.
     parameters, reference_force_N, one_instrument
         See `fleet_statistics`; default: all constant compliances at the median of the campaigns' forces, one bar.
-    spread_scale : float
-        Prior of each spread: HalfNormal(spread_scale · default prior sd of the parameter), see `reference_sd`.
+    spread_scale : prior of each spread: HalfNormal(spread_scale · default prior sd of the parameter), see `reference_sd`.
     ci_prob : float
     seed : int
-    progress : callable, optional
-        Told of machines that are left out by drawing anew: done and total.
-
-    Raises
-    ------
-    InputError
-        For rows that are no batch's, fewer than two machines, machines with other joints, or options out of range.
+    progress : told of machines that are left out by drawing anew: done and total.
     """
     check_probability(ci_prob)
     if not 0.0 < spread_scale < np.inf:

@@ -357,29 +357,20 @@ def trend(
 ) -> Trend:
     """Parameters of one machine over time: has one of them changed, which, when and by how much?
 
+    InputError for fewer than two campaigns, several machines and none chosen, dates of some campaigns only, options out of range.
+
     Parameters
     ----------
-    rows : DataFrame
-        Of `read_batch`; which of them count, and ``exclude``, ``since`` and ``include_misfits``: see `choose`.
-    machine : str, optional
-        Needed where the rows are of several.
+    rows : of `read_batch`; which of them count, and ``exclude``, ``since`` and ``include_misfits``: see `choose`.
+    machine : needed where the rows are of several.
     parameters, reference_force_N, one_instrument
         See `fleet_statistics`; default: all constant compliances at the median of the campaigns' forces, one bar.
-    change_scale : float
-        Standard deviation of a change, in units of the parameter's default prior sd: 2e-5 mm/N of C_XXX.
-    repeatability : float
-        Scale of the half-normal density of r, what the machine changes from campaign to campaign, in the same units: 1e-6 mm/N
-        of C_XXX, 2 % of a usual 5e-5 mm/N.
-    probability : float
-        Of a change, before the readings.
-    threshold : float
-        Probability above which a change counts as found.
+    change_scale : standard deviation of a change, in units of the parameter's default prior sd: 2e-5 mm/N of C_XXX.
+    repeatability : scale of the half-normal density of r, what the machine changes from campaign to campaign, in the same units:
+        1e-6 mm/N of C_XXX, 2 % of a usual 5e-5 mm/N.
+    probability : of a change, before the readings.
+    threshold : probability above which a change counts as found.
     ci_prob : float
-
-    Raises
-    ------
-    InputError
-        For fewer than two campaigns, several machines and none chosen, dates of some campaigns only, options out of range.
     """
     check_probability(ci_prob)
     for name, value, most in (

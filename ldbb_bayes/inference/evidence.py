@@ -46,15 +46,11 @@ _DRAWS, _SAME = 16_384, 1e-12
 def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1e-3) -> Evidence:
     """The exact log evidence by quadrature over the hyper-parameters, truncation included.
 
+    InputError for a flat prior, whose evidence is undefined, a plan, or a tolerance that is not positive.
+
     Parameters
     ----------
-    tolerance : float
-        Error asked for [nat]; ``error`` of the result says what was reached.
-
-    Raises
-    ------
-    InputError
-        For a flat prior, whose evidence is undefined, a plan, or a tolerance that is not positive.
+    tolerance : error asked for [nat]; ``error`` of the result says what was reached.
     """
     check_comparable(model, campaign)
     require(tolerance > 0, f"tolerance must be a positive number of nats, got {tolerance}. For example 1e-3.")
@@ -75,10 +71,7 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
 def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
     """ln of the Bayes factor of a model over another, and its error [nat].
 
-    Raises
-    ------
-    InputError
-        When the two are of different readings.
+    InputError when the two are of different readings.
     """
     require(
         evidence.sha256 == other.sha256,
@@ -108,24 +101,19 @@ def marginals(
 ) -> pd.DataFrame:
     """The posterior's marginals by quadrature.
 
+    InputError for a plan, or a probability or tolerance out of range.
+
     Parameters
     ----------
-    ci_prob : float
-        Probability of the equal-tailed credible interval.
-    tolerance : float
-        Relative error of the integrals behind means and standard deviations.
-    seed : int
-        Of the points behind the quantiles; where a compliance is bounded their standard error is half a per cent of probability.
+    ci_prob : probability of the equal-tailed credible interval.
+    tolerance : relative error of the integrals behind means and standard deviations.
+    seed : of the points behind the quantiles; where a compliance is bounded their standard error is half a per cent of
+        probability.
 
     Returns
     -------
     DataFrame
         Columns unit, mean, sd, median, ci_low, ci_high; one row per parameter and hyper-parameter, in mm, N, rad.
-
-    Raises
-    ------
-    InputError
-        For a plan, or a probability or tolerance out of range.
     """
     require(not campaign.is_plan, "marginals must be asked of a campaign with readings, got a plan. Run the tests or simulate.")
     require(0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")

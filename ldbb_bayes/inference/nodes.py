@@ -34,10 +34,8 @@ class HyperPosterior:
     Parameters
     ----------
     bound : BoundModel
-    truncated : bool
-        Include P(T | y, φ), the probability of physical compliances (whether or not the model imposes them).
-    seed : int
-        Of the starting points of the search and of the quasi-random points of P(T | y, φ).
+    truncated : include P(T | y, φ), the probability of physical compliances (whether or not the model imposes them).
+    seed : of the starting points of the search and of the quasi-random points of P(T | y, φ).
     near : ndarray, shape (h,), optional
         Free coordinates of the mode of a density much like this one; saves the search for it.
     """

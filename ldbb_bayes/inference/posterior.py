@@ -415,10 +415,8 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
 
     Parameters
     ----------
-    posterior : DataTree
-        From `sample` or `load`.
-    ci_prob : float
-        Probability of the equal-tailed credible interval.
+    posterior : from `sample` or `load`.
+    ci_prob : probability of the equal-tailed credible interval.
 
     Returns
     -------

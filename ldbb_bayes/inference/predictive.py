@@ -456,21 +456,15 @@ def least_squares(
 ) -> LeastSquares:
     """Estimate compliances, slopes and geometric errors by the pseudoinverse (Eq. 31).
 
+    InputError for a plan, or fewer than degree + 2 force levels.
+
     Parameters
     ----------
-    campaign : Campaign
-        With readings.
+    campaign : with readings.
     degree : {0, 1, 2}
         Compliance constant, linear (Eq. 33) or quadratic in force.
-    reference_force_N : float, optional
-        F0; default: mid-range of the campaign's forces. 0 gives Eq. 33 literally.
-    fixed : tuple of str
-        Parameters held at zero.
-
-    Raises
-    ------
-    InputError
-        For a plan, or fewer than degree + 2 force levels.
+    reference_force_N : F0; default: mid-range of the campaign's forces. 0 gives Eq. 33 literally.
+    fixed : parameters held at zero.
     """
     check_campaign(campaign)
     if campaign.is_plan:

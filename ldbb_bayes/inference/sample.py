@@ -218,32 +218,25 @@ def sample(
 ) -> xr.DataTree:
     """Sample the posterior of compliances, slopes, geometric errors and hyper-parameters.
 
+    InputError for a plan, an unknown sampler, or a model that the campaign cannot carry.
+
     Parameters
     ----------
     model : HybridModel
-    campaign : Campaign
-        With readings.
+    campaign : with readings.
     sampler : {"joint", "independent"}
         ``joint``: emcee over everything but the nuisances, which are integrated out. ``independent``: independent draws from
         weighted nodes over the hyper-parameters; where these cannot be trusted ``joint`` takes over and the record says so.
     seed : int
-    ensembles, walkers : int
-        At least 4 independent ensembles; walkers each.
-    rule : StoppingRule
-        When to stop; by default every parameter has bulk and tail ESS ≥ 1000 and R-hat ≤ 1.01.
-    progress : callable, optional
-        Called with a `Progress` at every look.
+    ensembles, walkers : at least 4 independent ensembles; walkers each.
+    rule : when to stop; by default every parameter has bulk and tail ESS ≥ 1000 and R-hat ≤ 1.01.
+    progress : called with a `Progress` at every look.
 
     Returns
     -------
     xarray.DataTree
         ArviZ's layout: posterior, prior, sample_stats, log_prior, log_likelihood (per test, conditional on the other tests),
         observed_data, constant_data, provenance. All numbers in mm, N, rad.
-
-    Raises
-    ------
-    InputError
-        For a plan, an unknown sampler, or a model that the campaign cannot carry.
     """
     check_sampler(sampler)
     require(not campaign.is_plan, "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")

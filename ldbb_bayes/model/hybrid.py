@@ -190,19 +190,14 @@ class HybridModel(Result):
     ) -> Simulation:
         """Simulate the readings of a plan (or replace those of a campaign).
 
+        InputError for unknown names, negative hyper-parameters, or a flat prior without parameters.
+
         Parameters
         ----------
-        parameters : mapping, optional
-            True values in inside units; what it leaves out is zero. Default: one draw from the prior, inside the truncation.
-        hyper_um : mapping, optional
-            True hyper-parameters [µm]; what it leaves out is drawn from its prior.
-        exact : bool
-            Geometric errors through the exact forward model (Eq. 1-14) instead of the linear one.
-
-        Raises
-        ------
-        InputError
-            For unknown names, negative hyper-parameters, or a flat prior without parameters.
+        parameters : true values in inside units; what it leaves out is zero. Default: one draw from the prior, inside the
+            truncation.
+        hyper_um : true hyper-parameters [µm]; what it leaves out is drawn from its prior.
+        exact : geometric errors through the exact forward model (Eq. 1-14) instead of the linear one.
         """
         rng = np.random.default_rng(seed)
         bound = self.bind(plan)
@@ -280,10 +275,8 @@ class BoundModel:
 
     Parameters
     ----------
-    keep : sequence of str, optional
-        Names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay those of the whole campaign.
-    pilot : Campaign, optional
-        Of a plan: the campaign whose F0, force range and Ĉ are used instead of the plan's own.
+    keep : names of the tests to use. F0, force range, truncation, Ĉ and the two-ball rule stay those of the whole campaign.
+    pilot : of a plan: the campaign whose F0, force range and Ĉ are used instead of the plan's own.
 
     Attributes
     ----------

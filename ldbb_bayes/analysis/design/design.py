@@ -182,34 +182,24 @@ def design(
 
     Everything is of the linear Gaussian model, averaged over the hyper-parameters: their posterior given the pilot, or their
     prior when the pilot is a plan. Criteria and evidence leave the truncation aside, expected sd are inside it. F0, force range
-    and Ĉ are the pilot's: analyse the plan with `Design.model`.
+    and Ĉ are the pilot's: analyse the plan with `Design.model`. InputError for unknown names, or tests that leave parameters
+    undetermined.
 
     Parameters
     ----------
-    pilot : Campaign
-        A campaign already run, or a plan.
-    tests : int
-        Number of circles; default: as many as the pilot has.
-    forces_N : sequence of float, optional
-        Levels to choose from; default: the pilot's range in steps of 1 N.
-    clockings_deg, radii_mm, directions : sequences
-        Clockings (work ball, tool ball), radii and directions of travel (CW, CCW) to choose from; default: balls not turned, the
-        rest as in the pilot. Where both directions may be chosen, hysteresis counts for every design.
+    pilot : a campaign already run, or a plan.
+    tests : number of circles; default: as many as the pilot has.
+    forces_N : levels to choose from; default: the pilot's range in steps of 1 N.
+    clockings_deg, radii_mm, directions : clockings (work ball, tool ball), radii and directions of travel (CW, CCW) to choose
+        from; default: balls not turned, the rest as in the pilot. Where both directions may be chosen, hysteresis counts for
+        every design.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
         Default: ``eig`` with proper priors, ``d`` with flat ones.
-    parameters : sequence of str
-        Parameters of interest, all others nuisances; default: all that the criterion is about.
-    augment : bool
-        The pilot's tests count as run: ``tests`` is how many are added.
+    parameters : parameters of interest, all others nuisances; default: all that the criterion is about.
+    augment : the pilot's tests count as run: ``tests`` is how many are added.
     against : mapping of name to campaign or plan
         Designs to be judged beside.
-    slope_size : float
-        Size of the slopes that are to be found [prior sd].
-
-    Raises
-    ------
-    InputError
-        For unknown names, or tests that leave parameters undetermined.
+    slope_size : size of the slopes that are to be found [prior sd].
     """
     check_campaign(pilot)
     number = len(pilot.tests) if tests is None else tests
