@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from functools import cache
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.campaign.layout import ROLES, UNITS, Layout, Notes, plain, unit_named
-from ldbb_bayes.campaign.spreadsheet import Sheet, could_be_thousands, is_missing, looks_like_number, number
+from ldbb_bayes.campaign.spreadsheet import Rows, Sheet, could_be_thousands, is_missing, looks_like_number, number
 from ldbb_bayes.errors import InputError, nearest, require
 
-__all__ = ["Heading", "Said", "directions_said", "find_headings", "load_in_name", "note_heading", "said_above", "unit_of"]
+__all__ = [
+    "Heading", "Said", "directions_said", "find_headings", "load_in_name", "note_heading", "said_above",
+    "said_elsewhere", "unit_of",
+]  # fmt: skip
 
 # Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make one.
 _LONGEST, _LONGEST_NAME, _LARGEST_ABOVE, _BLOCK = 300, 200, 1000, 9
@@ -23,6 +29,7 @@ _BETWEEN = r"[\s:=;,|]"
 # A number, not the beginning of a clock, a date or a longer number.
 _WHOLE = r"(?![\d:/]|[.,]\d|[\-−]\d|\s\d{3}(?!\d))"
 _MM_PER_MIN = {"mm/min": 1.0, "m/min": 1e3, "inch/min": 25.4, "in/min": 25.4, "ipm": 25.4, "mm/s": 60.0, "mm/sec": 60.0}
+_OF_PART = r"(?:machine|work(?:piece)?|part|maschinen|werkstück)"
 # By word: the unit meant where none is named, and all units with what one is in ours.
 _SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
     "force_N": (
@@ -36,16 +43,42 @@ _SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
     "start_deg": (r"(?:start(?:ing)? angle|start|startwinkel)(?: at)?", "deg", UNITS["angle"]),
     "overshoot_deg": (r"(?:angular overshoot|overshoot|run-in|überlauf)(?: angle)?", "deg", UNITS["angle"]),
     "resolution_um": (r"(?:resolution|auflösung)", "", UNITS["reading"]),  # never without its unit
+    "temperature_C": (rf"(?:{_OF_PART}[ -]?)?temp(?:erature?|\.)?", "", {"°C": 1.0, "C": 1.0, "degC": 1.0}),  # likewise
 }
 _CELL, _IS = r"(?:^|[;,|\t])\s*", r"\s*(?:[:=]\s*[;,|\t]?|[;,|\t](?=[^;,|\t]*\d))\s*"
 _PLANE = r"([XYZ][-/]?[XYZ])(?![\w/+-]|\s*(?:[,&]|and|or|und|oder)\s*[XYZ]{2}\b)"
-_DATE = r"(\d{4}-\d\d-\d\d|\d\d?\.\d\d?\.\d{4})(?!\d)"
+_MONTH = r"[A-Za-zä]{3,9}\.?"
+_DAY, _END = r"\d\d?", r"\s?\d{4}"
+_DATE = rf"(\d{{4}}[-/]\d\d[-/]\d\d|{_DAY}\.\s?(?:{_DAY}\.|{_MONTH}){_END}|(?:{_DAY}[- ]{_MONTH}-?|{_MONTH} {_DAY},){_END})(?!\d)"
+_MONTHS = ("jan", "feb", "mar mär", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt", "nov", "dec dez")
+_NO = r"(?:no\.?|nr\.?|number|nummer|id)"
+_SERIAL = rf"(?:serial[ -]?{_NO}|serien[ -]?{_NO}|fabrik[ -]?{_NO})"
+_MACHINE = r"(?:machine(?: tool)?|(?:werkzeug)?maschinen?)"
+_BAR = r"(?:(?:loaded )?(?:double )?ball ?bar|l?dbb|qc20(?:-w)?|messgerät|kugelstab|kreisformmessgerät|instrument)"
+# Before what names things in words of its own, in a cell or line.
+_NAMES = {
+    "machine_id": rf"{_MACHINE}[ -]?{_NO}|inventar[ -]?{_NO}|inventory {_NO}",
+    "machine_type": rf"{_MACHINE}(?:[ -]?(?:type|typ|model|modell|name))?",
+    "serial_number": rf"(?:{_MACHINE}[ -]?)?{_SERIAL}|s/n",
+    "operator": r"operator|bediener(?:in)?|prüfer(?:in)?|messtechniker(?:in)?|inspector|(?:tested|measured|inspected) by"
+    r"|(?:geprüft|gemessen) von",
+    "place": r"place|location|site|(?:mess|stand|aufstell(?:ungs)?)?ort|werk|halle",
+    "ball_bar": rf"{_BAR}(?:[ -](?:type|typ|{_SERIAL}|{_NO}|serial))?",
+    "force_device": r"force (?:device|sensor|transducer|gauge)|load cell|(?:pressure )?regulator|druckregler"
+    r"|kraft(?:aufnehmer|sensor|messgerät|messdose)",
+}
+_AND_CALIBRATED = (
+    r"(?:last |letzte )?(?:calibrat(?:ed|ion)(?: date)?|kalibriert|kalibrier(?:ung|datum|ungsdatum))(?: (?:am|on|vom))?"
+)
+_VALUE = rf"{_CELL}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
 # What is said in words.
 _IN_WORDS = {
     "plane": rf"\b(?:plane|\w*ebene)\b(?:\s*[\[(][^\])]*[\])])?{_BETWEEN}{{0,4}}{_PLANE}|(?<![\w/+-]){_PLANE}[ -](?:plane|ebene)",
-    "machine_id": rf"{_CELL}(?:machine|maschine)(?: (?:id|no\.?|number|name))?{_IS}(\w(?:[^;,|\t]|,\s)*)",
     "date": rf"{_CELL}(?:(?:measurement|test|mess|prüf)[ -]?)?(?:date|datum){_BETWEEN}{{0,4}}{_DATE}",
+    "ball_bar_calibrated": rf"{_CELL}(?:{_BAR}[ -:,]{{0,3}})?{_AND_CALIBRATED}{_BETWEEN}{{0,4}}{_DATE}",
+    **{key: _VALUE % words for key, words in _NAMES.items()},
 }
+_KEY = re.compile("|".join((*_NAMES.values(), "date|datum|plane|ebene", _AND_CALIBRATED)), re.IGNORECASE)
 # Whether readings are free of the mount's deflection: of such words alone, lest it be another compensation.
 _READINGS = re.compile(r"\b(?:readings?|messwerte?|values|deviations?|mount(?:ing)?|deflection)\b", re.IGNORECASE)
 _FILLING = re.compile(rf"{_READINGS.pattern}|\b(?:are|is|the|for|of|its|already|yet)\b|\W+", re.IGNORECASE)
@@ -74,7 +107,7 @@ _CLOCK_HAND = r"(?:ent)?gegen(?:[ _-]de[nm])?[ _-]?uhrzeigersinn|(?:im[ _-])?uhr
 _SENSES = rf"({_CLOCK_HAND}|ccw|cw|(?:counter|anti|contra)[^a-z0-9]{{0,3}}clock[-_ ]?wise|clock[-_ ]?wise)(?![a-z])"
 _SENSE = re.compile(rf"(?<![a-zA-Z]){_SENSES}", re.IGNORECASE)
 _DIRECTION = re.compile(r"\b(?:direction|dir|\w*richtung|sense)\b(.*)", re.IGNORECASE)
-Lines = Sequence[tuple[int, str]]
+Lines = Sequence[tuple[int | str, str]]
 
 
 @dataclass(frozen=True)
@@ -83,7 +116,7 @@ class Said:
 
     value: Any
     unit: str
-    line: int
+    line: int | str
 
 
 def said_above(above: Lines) -> dict[str, list[Said]]:
@@ -107,18 +140,42 @@ def said_above(above: Lines) -> dict[str, list[Said]]:
 
 
 def _said_in_words(text: str) -> Iterator[tuple[str, str]]:
-    """Plane, machine, date [ISO 8601], and whether readings are raw or compensated."""
+    """Plane, date [ISO 8601], names of machine, people and instruments, and whether readings are raw or compensated."""
     for key, pattern in _IN_WORDS.items():
         for match in re.finditer(pattern, text, re.IGNORECASE):
             value = next(filter(None, match.groups())).strip()
             value = re.sub("[-/]", "", value.upper()) if key == "plane" else value
-            value = "-".join(part.zfill(2) for part in reversed(value.split("."))) if key == "date" else value
-            if not is_missing(value):
+            value = _iso(value) if key in ("date", "ball_bar_calibrated") else value
+            if key in _NAMES:
+                value = (
+                    ""
+                    if _KEY.fullmatch(value) or _is_header(value)
+                    else re.split(rf",\s*{_AND_CALIBRATED}", value, flags=re.I)[0]
+                )
+            if value.isprintable() and not is_missing(value or "-"):
                 yield key, value
     for part in (text, *re.split(r"[;|\t]|,(?!\s)", text)):
         rest = " ".join(_FILLING.sub(" ", part.casefold()).split())
         if _READINGS.search(part) or (part == text and "ompens" in rest):
             yield from (("mount", name) for name, pattern in _MOUNT.items() if re.fullmatch(pattern, rest))
+
+
+def _iso(text: str) -> str:
+    """A date as ISO 8601; empty for one that the calendar lacks."""
+    parts = [part for part in re.split(r"[-/., ]+", text.casefold()) if part]
+    parts = [parts[1], parts[0], parts[2]] if parts[0].isalpha() else parts
+    if parts[1].isalpha():
+        parts[1] = next((str(k) for k, names in enumerate(_MONTHS, start=1) if parts[1][:3] in names), "0")
+    year, month, day = map(int, parts if len(parts[0]) == 4 else reversed(parts))
+    try:
+        return date(year, month, day).isoformat()
+    except ValueError:
+        return ""
+
+
+def _is_header(cell: str) -> bool:
+    """Whether a cell names a column."""
+    return any(_called(unit_of(cell)[0], role) for role in ROLES)
 
 
 @cache
@@ -297,7 +354,7 @@ class Heading:
     headers: list[str]  # as the file has them
     units: list[str]  # that each header names, or empty
     roles: dict[str, int]  # column of each role, from 0
-    above: list[tuple[int, str]]  # lines above the header, with their numbers
+    above: list[tuple[int | str, str]]  # lines above the header, with their numbers
     readings: list[int]  # where each column of readings is a test of its own, all of them; else the one, or none
     label: str = ""  # of one of several such tests
 
@@ -335,12 +392,17 @@ def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
             units, first = [unit and unit_of(f"{name} [{unit}]")[1] for name, unit in named], first + 1
         while first < block and all(_RULE.fullmatch(cell) for cell in rows[first][1]):
             first += 1
-    above = [(line, (sheet.separator or ";").join(cells)) for line, cells in rows[max(first - _LARGEST_ABOVE, 0) : last]]
+    above: list[tuple[int | str, str]] = [*_texts(sheet, rows[max(first - _LARGEST_ABOVE, 0) : last])]
     roles, readings = _columns_of(f"{sheet.place}, line {line}" if line else sheet.place, layout, headers)
     for c in readings:
         if units[c] == unit_of(headers[c])[1]:  # the load in the name of a column, and the load's unit, are not of its readings
             units[c] = unit_of(f"reading {_IN_NAME.sub('', headers[c][:_LONGEST])}")[1]
     return Heading(line, first, headers, units, roles, above, readings)
+
+
+def _texts(sheet: Sheet, rows: Rows) -> Iterator[tuple[int, str]]:
+    """Lines as text, with their numbers."""
+    return ((line, (sheet.separator or ";").join(cells)) for line, cells in rows)
 
 
 def _block(sheet: Sheet, layout: Layout) -> int:
@@ -433,17 +495,67 @@ def _units_alone(cells: Sequence[str]) -> list[str]:
     return [known[k] or inside[k] for k in range(len(cells))]
 
 
-def find_headings(sheets: Sequence[Sheet], layout: Layout, notes: Notes) -> list[tuple[Sheet, Heading]]:
-    """Sheets with their headings; of several in a workbook those without a table are left out, and told."""
+def find_headings(
+    sheets: Sequence[Sheet], layout: Layout, notes: Notes, matched: Collection[Path] = ()
+) -> tuple[list[tuple[Sheet, Heading]], list[Sheet]]:
+    """Return the sheets with their headings, and those left out, which is told: one of several in a workbook, or a file that a
+    pattern ``matched``, without a table of angles and readings."""
     found: list[tuple[Sheet, Heading]] = []
+    left: list[tuple[Sheet, InputError | Heading]] = []
+    several = {sheet.path for sheet, other in pairwise(sheets) if sheet.path == other.path} if not layout.sheets else set()
     for sheet in sheets:
         try:
-            found.append((sheet, _find_heading(sheet, layout)))
-        except _NoTableError:
-            if len(sheets) == 1 or layout.sheets or (sheet is sheets[-1] and not found):
+            heading = _find_heading(sheet, layout)
+        except InputError as error:
+            none = isinstance(error, _NoTableError) or not any(_names_readings(cells) for _, cells in sheet.rows[:_LARGEST_ABOVE])
+            if not none or sheet.path not in {*several, *matched}:
                 raise
-            notes.add(sheet.place, "left out", "the sheet", "it holds no table", "--sheets")
-    return found if len(found) > 1 else [(replace(sheet, only=True), heading) for sheet, heading in found]
+            left.append((sheet, error))
+            continue
+        there = bool(heading.readings) and bool({"angle", "time"} & heading.roles.keys())
+        if there or sheet.path not in {*several, *matched}:
+            found.append((sheet, heading))
+        else:
+            left.append((sheet, heading))
+    if not found:
+        found, refused = [(own, why) for own, why in left if isinstance(why, Heading)], [why for _, why in left]
+        if not found:
+            raise next(why for why in reversed(refused) if isinstance(why, InputError))
+        left = []
+    for sheet, _ in left:
+        notes.add(
+            sheet.place,
+            "left out",
+            "the sheet" if sheet.name else "the file",
+            "it holds no table of angles and readings",
+            "--sheets",
+        )
+    paths = [sheet.path for sheet, _ in found]
+    found = [(replace(sheet, only=True) if paths.count(sheet.path) == 1 else sheet, heading) for sheet, heading in found]
+    return found, [sheet for sheet, _ in left]
+
+
+def _names_readings(cells: Sequence[str]) -> bool:
+    """Whether a row names angle or time, and reading."""
+    names = [unit_of(cell)[0] for cell in cells if cell and not looks_like_number(cell)]
+    return all(any(_called(name, role) for name in names for role in roles) for roles in (("angle", "time"), ("reading",)))
+
+
+def said_elsewhere(sheets: Iterable[Sheet], names: Collection[str]) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Lines of sheets without a table: those above any header, which speak of all tests; and of each row with one of these
+    names, which speaks of that test, its cells as ``header: cell``."""
+    of_all, of_one, wanted = [], [], {plain(name) for name in names}
+    for sheet in sheets:
+        header: list[str] = []
+        for line, cells in sheet.rows[:_LARGEST_ABOVE]:
+            where = f"{line} of {sheet.place}"
+            if wanted & {plain(cell) for cell in cells if cell}:
+                of_one += [(where, f"{name}: {cell}") for name, cell in zip(header, cells, strict=False) if name and cell]
+            elif _names_columns(cells) and any(map(_is_header, cells)):
+                header = list(cells)
+            elif not header:
+                of_all.append((where, (sheet.separator or ";").join(cells)))
+    return of_all, of_one
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -> None:

@@ -7,6 +7,8 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import takewhile
 from pathlib import Path, PureWindowsPath
 from typing import Annotated, Any
 
@@ -15,9 +17,19 @@ from numpy.typing import NDArray
 from pydantic import PlainSerializer
 
 from ldbb_bayes.campaign import spreadsheet
-from ldbb_bayes.campaign.campaign import PER_TEST, Campaign, CircularTest, MountCompensation
-from ldbb_bayes.campaign.headers import Heading, Said, directions_said, find_headings, load_in_name, note_heading, said_above
+from ldbb_bayes.campaign.campaign import LABELS, PER_TEST, Campaign, CircularTest, MountCompensation
+from ldbb_bayes.campaign.headers import (
+    Heading,
+    Said,
+    directions_said,
+    find_headings,
+    load_in_name,
+    note_heading,
+    said_above,
+    said_elsewhere,
+)
 from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes
+from ldbb_bayes.campaign.preview import resolution_of
 from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.machine.chain import PLANES
@@ -33,13 +45,21 @@ _LARGEST_SPAN_RAD = 7.0
 _LARGEST_DEVIATION_MM, _NEAR_RADIUS, _SMALLEST_RADIUS_MM, _LARGEST_IN_MM = 1.5, 0.05, 20.0, 0.5
 # A recording of more turns holds laps, or run-in and run-out.
 _MORE_THAN_A_TURN = 1.02
+# Arcs of which two make a circle; what may differ between them.
+_HALF_DEG, _OF_A_FILE = (150.0, 240.0), ("name", "time_s", "temperature_C")
+# Steps of readings that a readout may have [µm], at most this share of their span.
+_STEPS_UM, _LARGEST_STEP = (0.001, 5.0), 0.1
 # Shares by which a value may be rounded: in a line, in a name.
 _IN_LINE, _IN_NAME = 1e-3, 0.02
 _UNIT = {"force_N": "N", "pressure_bar": "bar", "radius_mm": "mm", "feed_mm_per_min": "mm/min"}
+_UNIT |= {"resolution_um": "µm"}
 _LOADS = {"force_N": ("force", "forces_N"), "pressure_bar": ("pressure", "pressures_bar")}
 # What lines above a table say of the campaign, and what says otherwise.
 _OF_CAMPAIGN = {"plane": "--plane", "resolution_um": "--resolution-um", "mount": "--raw, or --mount-um-per-bar"}
-_OF_CAMPAIGN |= {"machine_id": "machine_id in Python", "date": "date in Python"}
+_OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {key: f"--{key.replace('_', '-')}" for key in LABELS}
+# Of these each test may say its own; of people, places and instruments all are named.
+_OF_EACH, _OF_SEVERAL = ("plane", "date"), ("operator", "place", "ball_bar", "force_device")
+_MAY_DIFFER = (*_OF_SEVERAL, "ball_bar_calibrated", "feed_mm_per_min")
 _SENSES = dict.fromkeys(("CLOCKWISE", "-", "G2", "G02"), "CW")
 _SENSES |= dict.fromkeys(("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03"), "CCW")
 
@@ -97,8 +117,8 @@ class _Table:
         sources = (self.stated.get(key), getattr(self.layout, key, None), self.campaign.get(key))
         return next((value for value in sources if value is not None), None)
 
-    def circle(self, loads: dict[str, float]) -> CircularTest:
-        """The circular test: load, direction, angles, readings, laps."""
+    def circle(self, loads: dict[str, float]) -> _Circle:
+        """The fields of the circular test: load, direction, angles, readings, laps."""
         if loads:
             self.stated = {key: value for key, value in self.stated.items() if key not in _LOADS} | loads
         self.fields |= {key: value for key, value in self.stated.items() if key not in ("file", "start_deg")}
@@ -110,9 +130,7 @@ class _Table:
         angle, reading = self._angle(), self._reading()
         with placed(self.place):
             angle, reading = self._laps(angle, reading)
-        with placed(self.sheet.place):
-            fields = {key: value for key, value in self.fields.items() if value is not None}
-            return CircularTest(angle_deg=angle, reading_um=reading, **fields)
+        return _Circle(self, {key: value for key, value in self.fields.items() if value is not None}, angle, reading)
 
     def name_of_file(self, stem: str) -> str:
         """A test's name is a file's: signs that cannot stand in one are replaced."""
@@ -292,8 +310,62 @@ class _Table:
         return angle, reading
 
 
-def _tests_in(sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[str, Any], notes: Notes) -> Iterator[_Table]:
-    """The tests of one sheet, in the order of their first rows."""
+@dataclass
+class _Circle:
+    """A circular test as its file has it, before it is one: half of it may stand in another."""
+
+    table: _Table
+    fields: dict[str, Any]
+    angle_deg: Array
+    reading_um: Array
+
+    def test(self) -> CircularTest:
+        with placed(self.table.sheet.place):
+            return CircularTest(angle_deg=self.angle_deg, reading_um=self.reading_um, **self.fields)
+
+    @property
+    def arc_deg(self) -> float:
+        return float(np.ptp(self.angle_deg))
+
+    def completed_by(self, other: _Circle) -> bool:
+        """Whether both are arcs of one force and direction, run the same way, that together make a circle."""
+        mine, theirs = ({k: v for k, v in own.fields.items() if k not in _OF_A_FILE} for own in (self, other))
+        ways = [own.angle_deg[-1] > own.angle_deg[0] for own in (self, other)]
+        arcs = all(_HALF_DEG[0] <= own.arc_deg <= _HALF_DEG[1] for own in (self, other))
+        if not arcs or mine != theirs or ways[0] != ways[1]:
+            return False
+        around = np.sort(np.mod(np.concatenate([self.angle_deg, other.angle_deg]), _TURN))
+        largest = float(np.diff(np.append(around, around[0] + _TURN)).max())
+        return largest <= 3.0 * max(float(np.median(np.abs(np.diff(own.angle_deg)))) for own in (self, other))
+
+    def joined(self, other: _Circle) -> _Circle:
+        """Both as one test, its angles running on."""
+        on = other.angle_deg + _TURN * round((self.angle_deg[-1] - other.angle_deg[0]) / _TURN)
+        names = [str(own.fields["name"]) for own in (self, other)]
+        alike = "".join(a for a, _ in takewhile(lambda pair: pair[0] == pair[1], zip(*names, strict=False)))
+        name = alike.rstrip(" _-.,+(") or names[0]
+        because = "of one force and direction, together they make a circle"
+        self.table.notes.add(
+            "", "half circles", f"{names[0]!r} and {names[1]!r} are one test", because, "setup of a [[test]] in --layout"
+        )
+        angle, reading = np.concatenate([self.angle_deg, on]), np.concatenate([self.reading_um, other.reading_um])
+        return replace(self, fields=self.fields | {"name": name}, angle_deg=angle, reading_um=reading)
+
+
+def _stitched(circles: Sequence[_Circle]) -> list[_Circle]:
+    """Circles, two halves of one joined where the first stands."""
+    left, made = list(circles), []
+    while left:
+        first = left.pop(0)
+        half = next((k for k, own in enumerate(left) if first.completed_by(own)), None)
+        made.append(first if half is None else first.joined(left.pop(half)))
+    return made
+
+
+def _tests_in(
+    sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[str, Any], notes: Notes, left_out: Sequence[Sheet]
+) -> Iterator[_Table]:
+    """The tests of one sheet, in the order of their first rows; with what the sheets left out say of them."""
     rows = sheet.rows[heading.first :]
     while rows and not any(spreadsheet.looks_like_number(cell) or spreadsheet.is_missing(cell) for cell in rows[-1][1]):
         rows.pop()  # what is no row of numbers may only stand below the table
@@ -315,7 +387,7 @@ def _tests_in(sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[
     groups: dict[str, list[int]] = {}
     for k, label in enumerate(labels):
         groups.setdefault(label, []).append(k)
-    per_test, above = _per_test(sheet, heading, columns, labels, notes), said_above(heading.above)
+    per_test = _per_test(sheet, heading, columns, labels, notes)
     for own in heading.each():
         for c in own.readings:
             numbers["reading"] = numbers_of(sheet.place, heading.column("reading", c), lines, columns[c], decimal)
@@ -329,7 +401,13 @@ def _tests_in(sheet: Sheet, heading: Heading, layout: Layout, campaign: Mapping[
                 for key, c in per_test.items()
             }
             part = {role: values[mine] for role, values in numbers.items()}
-            yield _Table(sheet, own, name, at, part, words, above, layout, stated, campaign, notes, fields)
+            of_all, of_one = said_elsewhere(left_out, [label or sheet.name or sheet.path.stem, sheet.path.name])
+            all_said = {
+                key: said for key, said in said_above(of_all).items() if key in (*_OF_CAMPAIGN, "radius_mm", "temperature_C")
+            }
+            heard = replace(own, above=[*own.above, *of_one])
+            above = all_said | said_above(heard.above)
+            yield _Table(sheet, heard, name, at, part, words, above, layout, stated, campaign, notes, fields)
 
 
 def _names(sheet: Sheet, label: str) -> list[str]:
@@ -403,23 +481,25 @@ def import_campaign(
     `Campaign`. An `InputError` names the file, the line and the cure.
     """
     layout, notes = layout or Layout(), Notes()
-    paths = matching([files] if isinstance(files, str | os.PathLike) else files)
+    given = [files] if isinstance(files, str | os.PathLike) else files
+    paths, named = matching(given), {Path(file) for file in given}
     tests: list[CircularTest] = []
-    tables = []
-    for path in paths:
-        sheets = read_sheets(path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets)
-        for sheet, heading in find_headings(sheets, layout, notes):
-            tables += list(_tests_in(sheet, heading, layout, campaign, notes))
+    tables: list[_Table] = []
+    read = partial(read_sheets, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets)
+    sheets = [sheet for path in paths for sheet in read(path)]
+    found, left_out = find_headings(sheets, layout, notes, set(paths) - named)
+    for sheet, heading in found:
+        tables += list(_tests_in(sheet, heading, layout, campaign, notes, left_out))
         if len(tables) > LARGEST_TESTS:
-            raise InputError(f"{path}: a campaign must have at most {LARGEST_TESTS} tests, got more. Import fewer at once.")
+            raise InputError(f"{sheet.path}: a campaign must have at most {LARGEST_TESTS} tests, got more. Import fewer at once.")
     loads = {key: values for key, (_, name) in _LOADS.items() if (values := getattr(layout, name))}
     for key, values in loads.items():
         listed = ", ".join(table.own_name for table in tables)[:_LONGEST_LIST]
         got = f"{_option(key)} must hold one number for each test, got {len(values)} for {len(tables)} tests ({listed})"
         require(len(values) == len(tables), f"{got}. Give all, in the order of files and sheets.")
     _take_said(campaign, tables)
-    for k, table in enumerate(tables):
-        test = table.circle({key: values[k] for key, values in loads.items()})
+    circles = _stitched([table.circle({key: own[k] for key, own in loads.items()}) for k, table in enumerate(tables)])
+    for test, table in ((circle.test(), circle.table) for circle in circles):
         if table.label and test.name in [own.name for own in tests]:
             name = table.name_of_file(f"{table.sheet.own_name or table.sheet.path.stem} {test.name}")
             table.note("name of the test", name, f"{test.name!r} stands elsewhere too", "a [[test]] in --layout")
@@ -433,6 +513,7 @@ def import_campaign(
     for entry in layout.test:
         if entry.file not in used:
             notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], "no file, sheet or label of that name", "--layout")
+    _take_resolution(campaign, tests, notes)
     unsaid = _note_machine(campaign, tests, notes)
     campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
     return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid)
@@ -470,34 +551,64 @@ def _naturally(name: object) -> list[Any]:
 
 
 def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
-    """Fill what nothing gives from the lines above the tables: the plane of each test, the rest of all; of dates the first."""
+    """Fill what nothing gives from the lines above the tables: plane and temperature of each test, the rest of all; of dates of
+    measurement the first."""
     for key, option in _OF_CAMPAIGN.items():
         found: dict[Any, str] = {}
         for table in tables:
-            lines = table.above.get(key, ())
-            said = {own.value if isinstance(own.value, str) else round(own.value, 9): own.line for own in lines}
-            own = {value: f"line {line} of {table.sheet.place}" for value, line in said.items()}
-            sure = table.stated.get(key) or table.fields.get(key) or campaign.get(key)
+            lines = [own for own in table.above.get(key, ()) if own.value == own.value]
+            said = {own.value if isinstance(own.value, str) else round(own.value, 9): f"line {own.line}" for own in lines}
+            own = {value: line if " of " in line else f"{line} of {table.sheet.place}" for value, line in said.items()}
+            sure = table.stated.get(key) or table.fields.get(key) or table.given(key)
             if sure is not None:
                 sure = ("raw", "compensated")[sure.compensated] if isinstance(sure, MountCompensation) else sure
                 own.pop(sure, None)
                 got = f"{sure} as given and raw in {own.get('raw')}"
                 require("raw" not in own, f"{table.place}: {key} must be said once, got {got}. Correct the line, or give --raw.")
                 for value in own:
-                    table.note(key, f"{sure}, as given", f"line {said[value]} says {value}", option)
+                    table.note(key, f"{sure}, as given", f"{said[value]} says {value}", option)
                 continue
             found |= own
-            all_said = own if key in ("plane", "date") else found
-            if len(all_said) > 1 or (key == "plane" and own.keys() - PLANES.keys()):
-                must = "said once" if len(all_said) > 1 else f"one of {', '.join(PLANES)}"
+            all_said = own if key in _OF_EACH else found
+            several = len(all_said) > 1 and key not in _MAY_DIFFER
+            if several or (key == "plane" and own.keys() - PLANES.keys()):
+                must = "said once" if several else f"one of {', '.join(PLANES)}"
                 got = " and ".join(f"{value} in {where}" for value, where in all_said.items())
                 raise InputError(f"{table.place}: {key} must be {must}, got {got}. Correct the lines, or give {option}.")
             for value in own:
-                table.note(key, f"{value:g} µm" if key == "resolution_um" else value, f"line {said[value]}", option)
+                table.note(key, f"{value:g} {_UNIT[key]}" if key in _UNIT else value, said[value], option)
                 table.fields |= {key: value} if key == "plane" else {}
         if found and (key != "plane" or ({table.fields.get(key) for table in tables} == set(found) and len(found) == 1)):
-            value = min(found)
-            campaign[key] = MountCompensation(compensated=value == "compensated") if key == "mount" else value
+            _take(campaign, key, list(found))
+    campaign.setdefault("machine_id", campaign.get("serial_number") or campaign.get("machine_type"))
+    for table in tables:
+        for heat in table.above.get("temperature_C", ())[:1]:
+            if "temperature_C" not in table.stated and table.fields.get("temperature_C") is None:
+                table.fields["temperature_C"] = heat.value
+                table.note("temperature_C", f"{heat.value:g} °C", f"line {heat.line}", "a [[test]] in --layout")
+
+
+def _take(campaign: dict[str, Any], key: str, found: list[Any]) -> None:
+    """What was said of a field: of people, places and instruments all, of calibrations the last, of other dates the first."""
+    if key == "mount":
+        campaign[key] = MountCompensation(compensated=found == ["compensated"])
+    elif key in _OF_SEVERAL:
+        campaign[key] = ", ".join(found)
+    elif key != "feed_mm_per_min" or len(found) == 1:
+        campaign[key] = max(found) if key == "ball_bar_calibrated" else min(found)
+
+
+def _take_resolution(campaign: dict[str, Any], tests: Sequence[CircularTest], notes: Notes) -> None:
+    """The smallest step of the readings, where they have one that a readout may have."""
+    if "resolution_um" in campaign:
+        return
+    steps = [(resolution_of(test.reading_um), float(np.ptp(test.reading_um))) for test in tests]
+    likely = [step for step, span in steps if step and _STEPS_UM[0] <= step <= min(_STEPS_UM[1], _LARGEST_STEP * span)]
+    if likely and len(likely) == len(tests):
+        campaign["resolution_um"] = float(f"{min(likely):.3g}")
+        notes.add(
+            "", "resolution_um", f"{campaign['resolution_um']:g} µm", "the smallest step of the readings", "--resolution-um"
+        )
 
 
 def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], notes: Notes) -> tuple[str, ...]:

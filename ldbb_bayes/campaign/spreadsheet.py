@@ -18,8 +18,8 @@ from ldbb_bayes.files import LARGEST_TABLE_BYTES, bytes_of
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "Sheet", "columns_of", "constant", "could_be_thousands", "decimal_mark", "is_clock", "is_missing", "looks_like_number",
-    "number", "numbers_of", "read_sheets", "read_strict_table", "seconds_of",
+    "Rows", "Sheet", "columns_of", "constant", "could_be_thousands", "decimal_mark", "is_clock", "is_missing",
+    "looks_like_number", "number", "numbers_of", "read_sheets", "read_strict_table", "seconds_of",
 ]  # fmt: skip
 
 Rows = list[tuple[int, list[str]]]

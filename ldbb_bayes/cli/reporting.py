@@ -121,7 +121,8 @@ def _answered(campaign: lb.Campaign, unsaid: set[str]) -> lb.Campaign:
 class Given:
     """What is read: paths, and what options say of tables, of their campaign and of the instrument."""
 
-    paths: Sequence[Path]
+    files: Sequence[Path]  # as they are given
+    paths: Sequence[Path]  # * and ? expanded
     layout: lb.Layout
     table: dict[str, Any]
     certificates: dict[str, Any]
@@ -170,7 +171,7 @@ class Given:
             neither = f"{first} must hold {TOML_NAME} or posterior.nc, got neither. Name the tables in it: {first}/*"
             require(not first.is_dir(), neither)
             instrument = lb.Instrument(**self.certificates)
-            imported = lb.import_campaign(self.paths, layout=self.layout, **self.table, instrument=instrument)
+            imported = lb.import_campaign(self.files, layout=self.layout, **self.table, instrument=instrument)
             campaign = imported.campaign
         got = "got a plan. Ask ldbb-bayes identify or design, or run it"
         require(not campaign.is_plan, f"{first} must have readings to be reported, {got}.")
@@ -366,7 +367,7 @@ def report(
     from ldbb_bayes.inference.posterior import check_probability
 
     check_probability(asked["ci_prob"])
-    source, ours = Given(matching(files), layout, table, certificates), figure_names()
+    source, ours = Given(files, matching(files), layout, table, certificates), figure_names()
     got = f"got {model.degree}. Leave --degree out; or fit it, and report the fit"
     require(model.degree == 1, f"report must weigh constant and linear compliance, --degree 1, {got}.")
     if figures is not None:

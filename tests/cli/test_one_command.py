@@ -1,0 +1,118 @@
+"""``report FILE…`` and what it rests on: files as they are found to a page in one command, nothing edited."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import Invoke
+from openpyxl import Workbook
+
+import ldbb_bayes as lb
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "studies" / "10_files"))
+import awkward
+
+FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
+HEAD = (("Maschine", "DMG Mori DMU 50"), ("Seriennummer", "1139-4711"), ("Bediener", "Jörg Müller"), ("Datum", "20.11.2026"),
+        ("Temperatur", "21,4 °C"), ("Vorschub", "2000 mm/min"), ("Messgerät", "QC20-W Nr. K12345"),
+        ("kalibriert am", "05.01.2026"), ("Ebene", "XY"))  # fmt: skip
+NAMED = {"machine_type": "DMG Mori DMU 50", "serial_number": "1139-4711", "machine_id": "1139-4711", "operator": "Jörg Müller",
+         "date": "2026-11-20", "ball_bar": "QC20-W Nr. K12345", "ball_bar_calibrated": "2026-01-05", "feed_mm_per_min": 2000.0,
+         "plane": "XY"}  # fmt: skip
+
+
+def circles(*forces_N: float) -> list[lb.CircularTest]:
+    """As awkward writes them, of a machine whose compliance shows; steps of 0.1 µm."""
+    angle = np.arange(0.0, 360.0, 2.0)
+    theta = np.deg2rad(angle)
+    shape = 8.0 * np.cos(2.0 * theta) - 3.0 * np.sin(theta) + 0.4 * np.random.default_rng(1).standard_normal(len(angle))
+    bend = 54e-3 * np.cos(theta) ** 2 + 39e-3 * np.sin(theta) ** 2 - 2.33e-2
+    return [lb.CircularTest(f, angle, np.round(shape + f * bend, 1), name=f"{f:g} N", direction="CCW") for f in forces_N]
+
+
+def german(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}".replace(".", ",")
+
+
+def book(folder: Path) -> list[str]:
+    """Six sheets, the first of them an overview that says what the others are; decimal commas, as text."""
+
+    def fill(own: Workbook) -> None:
+        sheet = own.active
+        sheet.title = "Übersicht"
+        for row in (*HEAD, (), ("Blatt", "Prüfkraft [N]", "Richtung", "größte Abweichung [µm]")):
+            sheet.append(row)
+        for k, test in enumerate(circles(*FORCES_N[1:]), start=1):
+            sheet.append([f"Versuch {k}", test.force_N, "gegen den Uhrzeigersinn", float(np.abs(test.reading_um).max())])
+            page = own.create_sheet(f"Versuch {k}")
+            page.append(["Winkel [°]", "Messwert [mm]"])
+            for a, r in zip(test.angle_deg, test.reading_um, strict=True):
+                page.append([german(a, 1), german(r * 1e-3, 4)])
+
+    (folder / "Messung.xlsx").write_bytes(awkward.workbook(fill))
+    return [str(folder / "Messung.xlsx")]
+
+
+def windows(folder: Path) -> list[str]:
+    """CSVs in Windows-1252 with a preamble, named by a pattern as cmd.exe hands it on; a note lies beside them."""
+    above = [f"{name}: {said}" for name, said in HEAD]
+    how = awkward.Writing(";", ",", ("Winkel [°]", "Abweichung [µm]"), above, digits=(1, 1), encoding="cp1252", end="\r\n")
+    (folder / "Läufe").mkdir()
+    for test in circles(*FORCES_N):
+        (folder / "Läufe" / f"Lauf {test.name}.csv").write_bytes(how.table(test))
+    (folder / "Läufe" / "~$Lauf 5 N.csv").write_bytes(b"\0")
+    (folder / "Läufe" / "Lauf, Bemerkungen.csv").write_text("Spindel warm; nichts auffällig\n", encoding="utf-8")
+    return [f"{folder}/Läufe/Lauf*.csv"]
+
+
+def instrument(folder: Path) -> list[str]:
+    """Text of an instrument: time and radius of each circle, with run-in and run-out."""
+    head = ("QC20-W capture", "Machine: DMG Mori DMU 50", "Machine serial no: 1139-4711", "Operator: Jörg Müller",
+            "Date: 20-Nov-2026", "Ball bar: QC20-W Nr. K12345", "Last calibration: 2026-01-05", "Plane: XY", "Radius: 150.0000 mm",
+            "Feed rate: 2000.0 mm/min", "Start angle: 0 deg", "Angular overshoot: 44 deg", "Machine temp: 21.4 °C")  # fmt: skip
+    for test in circles(*FORCES_N):
+        turn = np.arange(-22, 180 + 22)
+        seconds = np.deg2rad(2.0) * 150.0 / (2000.0 / 60.0) * (turn + 22.0)
+        rows = [f"{t:.6f}\t{r:.4f}" for t, r in zip(seconds, 150.0 + 1e-3 * test.reading_um[turn % 180], strict=True)]
+        lines = [*head, f"Force: {test.force_N:g} N", "Direction: CCW", "", "Time (s)\tRadius (mm)", *rows]
+        (folder / f"run {test.name}.txt").write_text("\n".join(lines), encoding="utf-8")
+    return [str(folder / "run ??? N.txt"), str(folder / "run 36 N.txt")]
+
+
+def halves(folder: Path) -> list[str]:
+    """Half circles, a file each, angles of both from their own beginning to their own end."""
+    how = awkward.Writing(";", ".", ("angle (deg)", "reading (um)"), [f"{name}: {said}" for name, said in HEAD], digits=(1, 1))
+    for test in circles(*FORCES_N):
+        for part, kept in (("first", np.arange(91)), ("second", np.arange(90, 181) % 180)):
+            rows = [f"{a:.1f};{r:.1f}" for a, r in zip(test.angle_deg[kept], test.reading_um[kept], strict=True)]
+            lines = [*(f"{name}: {said}" for name, said in HEAD), "angle (deg);reading (um)", *rows]
+            (folder / f"{test.name} {part} half.csv").write_text("\n".join(lines), encoding="utf-8")
+    return [str(folder / "*half.csv")]
+
+
+CASES: dict[str, Callable[[Path], list[str]]] = {own.__name__: own for own in (book, windows, instrument, halves)}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke) -> None:
+    """Forces, readings, resolution, and everything that the certificate names; nothing but machine and mount is assumed of them."""
+    given = CASES[name](tmp_path)
+    record = json.loads(invoke("import", *given, "--out", tmp_path / "c", "--json")[1])
+    campaign, wanted = lb.read_campaign(tmp_path / "c"), circles(*(FORCES_N[1:] if name == "book" else FORCES_N))
+    assert {key: getattr(campaign, key) for key in NAMED} == NAMED
+    assert (campaign.resolution_um, {test.temperature_C for test in campaign.tests}) == (0.1, {21.4})
+    assert sorted(campaign.forces_N) == [test.force_N for test in wanted]
+    for own in campaign.tests:
+        (test,) = [test for test in wanted if test.force_N == own.force_N]
+        around, kept = np.unique(np.mod(np.round(own.angle_deg, 2), 360.0), return_index=True)
+        np.testing.assert_allclose(around, test.angle_deg, atol=0.02)
+        np.testing.assert_allclose(np.asarray(own.reading_um)[kept], test.reading_um, atol=1e-9)
+        assert (own.direction, own.arc_deg) == ("CCW" if name in ("book", "instrument") else None, 360.0)
+    left_out = [own for own in record["assumptions"] if own["what"] == "left out"]
+    assert len(left_out) == {"book": 1, "windows": 1}.get(name, 0)
+    assert set(record["unsaid"]) == {"topology", "mount"} | ({"radius_mm"} if name != "instrument" else set())
