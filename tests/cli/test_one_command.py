@@ -100,7 +100,7 @@ CASES: dict[str, Callable[[Path], list[str]]] = {own.__name__: own for own in (b
 
 @pytest.mark.parametrize("name", CASES)
 def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke) -> None:
-    """Forces, readings, resolution, and everything that the certificate names; nothing but machine and mount is assumed of them."""
+    """Forces, readings, resolution, and everything that the certificate names; only machine and mount are assumed."""
     given = CASES[name](tmp_path)
     record = json.loads(invoke("import", *given, "--out", tmp_path / "c", "--json")[1])
     campaign, wanted = lb.read_campaign(tmp_path / "c"), circles(*(FORCES_N[1:] if name == "book" else FORCES_N))
