@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
     from ldbb_bayes.campaign.campaign import Ball
     from ldbb_bayes.campaign.importing import Imported
-    from ldbb_bayes.report.findings import Compared, Recommended
     from ldbb_bayes.report.page import Document
 
 __all__ = ["MACHINES", "figure_names", "report"]
 
 _FORMATS = ("svg", "png", "pdf")
-TOML_NAME = "campaign.toml"
+TOML_NAME, AVERAGED_NAME = "campaign.toml", "averaged.nc"
+BESIDE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
 
 
 class MachineType(NamedTuple):
@@ -187,7 +187,7 @@ class Given:
 
 # ---- the report of files
 
-_STEPS = {"constant": 1.0, "linear": 1.0, "compare": 12.0, "next tests": 3.0, "page": 8.0}
+_STEPS = {"constant": 1.0, "linear": 1.0, "compare": 12.0, "average": 1.0, "next tests": 3.0, "page": 8.0}
 Begin = Callable[[str], Callable[..., None] | None]
 Reported = tuple["Document", tuple[Any, ...], bool]
 
@@ -204,33 +204,42 @@ def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.Hy
     from ldbb_bayes.report.page import REPORT_FILES
 
     output.out = output.out or source.folder()
-    output.check(*RESULT_FILES, *REPORT_FILES, "campaign", "comparison.json", "design.json")
+    output.check(*RESULT_FILES, *REPORT_FILES, *BESIDE)
     campaign, imported = source.campaign(ask=ask)
     with options.step_progress(output.quiet, **_STEPS) as begin:
-        fits, comparison, design = _worked(campaign, model, begin, asked)
+        fits, worked = _worked(campaign, model, begin, asked)
         linear = fits["linear"]
         result = full_result(linear, asked["ci_prob"])
         with staged_folder(output.out, force=output.force, ours=output.files) as staging:
-            _write_beside(staging, fits, result, imported, {"comparison.json": comparison, "design.json": design})
-            document = lb.write_report(
-                linear, staging, ci_prob=asked["ci_prob"], comparison=comparison, recommended=design, progress=begin("page")
-            )
-    parts = _said(campaign, imported, result, linear, comparison, design)
+            _write_beside(staging, linear, result, imported, worked)
+            document = lb.write_report(linear, staging, **worked, **_of_page(asked), progress=begin("page"))
+    parts = _said(campaign, imported, fits, worked, asked["ci_prob"])
     return document, parts, all(record_of(own)["sampler"]["converged"] for own in fits.values())
+
+
+def _of_page(asked: dict[str, Any]) -> dict[str, Any]:
+    """What is asked of the page alone."""
+    return {key: asked[key] for key in ("ci_prob", "language", "annex", "force_N") if key in asked}
 
 
 def _worked(
     campaign: lb.Campaign, model: lb.HybridModel, begin: Begin, asked: dict[str, Any]
-) -> tuple[dict[str, xr.DataTree], Compared, Recommended]:
-    """Fits of constant and linear compliance, how they compare, and the tests to run next; or why there are none."""
+) -> tuple[dict[str, xr.DataTree], dict[str, Any]]:
+    """Fits of constant and linear compliance; how they compare, their average, the tests to run next, or why not."""
+    from ldbb_bayes.inference.evidence import Evidences
+
     models, fits, seed = {"constant": model.with_degree(0), "linear": model}, {}, asked["seed"]
     for name, own in models.items():
         begin(name)
         fits[name] = lb.sample(own, campaign, sampler="independent", seed=seed)
-    weigh = partial(lb.compare, models, campaign, ci_prob=asked["ci_prob"], seed=seed, progress=begin("compare"))
-    comparison = _or_reason(weigh)
+    both, told = {"evidences": Evidences(campaign), "seed": seed}, begin("compare")
+    comparison = _or_reason(partial(lb.compare, models, campaign, ci_prob=asked["ci_prob"], progress=told, **both))
+    begin("average")
+    averaged = _or_reason(partial(lb.average, models, campaign, **both))
     begin("next tests")
-    return fits, comparison, _or_reason(partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed))
+    design = _or_reason(partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed))
+    averaged = None if isinstance(averaged, str) else averaged
+    return fits, {"comparison": comparison, "recommended": design, "averaged": averaged}
 
 
 def _or_reason(work: Callable[[], Any]) -> Any:
@@ -242,38 +251,42 @@ def _or_reason(work: Callable[[], Any]) -> Any:
 
 
 def _write_beside(
-    folder: Path, fits: dict[str, xr.DataTree], result: dict[str, Any], imported: Imported | None, kept: dict[str, Any]
+    folder: Path, fit: xr.DataTree, result: dict[str, Any], imported: Imported | None, worked: dict[str, Any]
 ) -> None:
     """What stands beside the page: the fit, the campaign as it was understood, comparison and design."""
     from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
     from ldbb_bayes.campaign.layout import layout_to_toml
     from ldbb_bayes.inference.posterior import campaign_of
 
-    write_result(fits["linear"], result, folder)
+    write_result(fit, result, folder)
+    if worked["averaged"] is not None:
+        lb.save(worked["averaged"], folder / AVERAGED_NAME)
     (folder / "campaign").mkdir()
-    write_campaign_into(campaign_of(fits["linear"]), folder / "campaign")
+    write_campaign_into(campaign_of(fit), folder / "campaign")
     if imported is not None:
         options.write_files(folder / "campaign", {IMPORT_NAME: layout_to_toml(imported.layout)})
+    kept = {"comparison.json": worked["comparison"], "design.json": worked["recommended"]}
     found = {name: {"schema": 1, **lb.with_words(own)} for name, own in kept.items() if not isinstance(own, str)}
     options.write_files(folder, found)
 
 
 def _said(
-    campaign: lb.Campaign,
-    imported: Imported | None,
-    result: dict[str, Any],
-    posterior: xr.DataTree,
-    comparison: Compared,
-    design: Recommended,
+    campaign: lb.Campaign, imported: Imported | None, fits: dict[str, xr.DataTree], worked: dict[str, Any], ci_prob: float
 ) -> tuple[Any, ...]:
-    """What is printed: what was assumed, what looks odd, the results, constant or linear, what to run next."""
+    """What is printed: what was assumed, what looks odd, the results but for slopes, constant or linear, what to run next."""
     from ldbb_bayes.report import text, wording
+    from ldbb_bayes.report.findings import full_result
 
-    assumed = text.parts_of(imported) if imported else ()
-    seen = lb.preview(campaign)
+    comparison, design, averaged = worked["comparison"], worked["recommended"], worked["averaged"]
+    result, verdicts = full_result(fits["linear"] if averaged is None else averaged, ci_prob), lb.verdicts(fits["linear"])
+    constant = lb.verdicts(fits["constant"])
+    shown = {name: own for name, own in result["parameters"].items() if name in constant}
+    table = text.results_table(result | {"parameters": shown}, verdicts)
+    head = "Linear compliance:" if averaged is None else "Averaged over constant and linear compliance, by their probabilities:"
     weighed = comparison if isinstance(comparison, str) else wording.comparison_sentences(comparison)[0]
     planned = design if isinstance(design, str) else f"Run next: {', '.join(test.name for test in design.plan().tests)}"
-    return (*assumed, *wording.preview_sentences(seen), text.results_table(result, lb.verdicts(posterior)), weighed, planned)
+    assumed = text.parts_of(imported) if imported else ()
+    return (*assumed, *wording.preview_sentences(lb.preview(campaign)), head, table, weighed, planned)
 
 
 # ---- the report of fits
@@ -291,7 +304,9 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
     if there is not None and not output.force:
         raise InputError(f"{folder / there} must not exist, got an earlier report. Choose another --out or pass --force.")
     check_folder(folder)
-    comparison, design = (asked.get(name) for name in ("comparison", "design"))
+    own = paths[0] if paths[0].is_dir() else paths[0].parent
+    kept = [own if (own / f"{name}.json").exists() else None for name in ("comparison", "design")]
+    comparison, design = asked.get("comparison", kept[0]), asked.get("design", None if "tests" in asked else kept[1])
     if design is not None and "tests" in asked:
         raise InputError("--tests must not go with --design, got both. The design says how many.")
     if asked["same_instrument"] and len(paths) == 1:
@@ -302,9 +317,11 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
             first,
             folder,
             beside_it=_named(first, others, paths[1:]),
-            **{key: asked[key] for key in ("ci_prob", "tests", "same_instrument") if key in asked},
+            **{key: asked[key] for key in ("tests", "same_instrument") if key in asked},
+            **_of_page(asked),
             comparison=None if comparison is None else lb.read_comparison(comparison),
             recommended=None if design is None else lb.read_design(design),
+            averaged=lb.load(own / AVERAGED_NAME) if (own / AVERAGED_NAME).exists() else None,
             progress=progress,
         )
     return document, (), record_of(first)["sampler"]["converged"]
@@ -334,6 +351,9 @@ _REPORT = group(
     design=option(Path, "Of a fit: the --out folder of an earlier design after the same readings.", metavar="DIR"),
     tests=option(int, "Circles to recommend. Default: as many as were run.", min=1, max=300),
     same_instrument=option(bool, "Fits beside one another share bar, balls, mount and force device.", False),
+    language=option(str, "Of the two sheets: en or de.", "en", metavar="en|de"),
+    annex=option(bool, "Print all that follows the two sheets too.", False),
+    force_N=option(float, "Force (N) at which the sheets state stiffness. Default: the middle of those tested.", min=0.0),
     ci=options.CI,
     seed=options.SEED,
 )

@@ -73,7 +73,7 @@ def windows(folder: Path) -> list[str]:
 def instrument(folder: Path) -> list[str]:
     """Text of an instrument: time and radius of each circle, with run-in and run-out."""
     head = ("QC20-W capture", "Machine: DMG Mori DMU 50", "Machine serial no: 1139-4711", "Operator: Jörg Müller",
-            "Date: 20-Nov-2026", "Ball bar: QC20-W Nr. K12345", "Last calibration: 2026-01-05", "Plane: XY", "Radius: 150.0000 mm",
+            "Date: 20-Nov-2026", "Ball bar: QC20-W Nr. K12345", "Last calibration: 2026-01-05", "Plane: XY", "Radius: 150 mm",
             "Feed rate: 2000.0 mm/min", "Start angle: 0 deg", "Angular overshoot: 44 deg", "Machine temp: 21.4 °C")  # fmt: skip
     for test in circles(*FORCES_N):
         turn = np.arange(-22, 180 + 22)
@@ -86,7 +86,6 @@ def instrument(folder: Path) -> list[str]:
 
 def halves(folder: Path) -> list[str]:
     """Half circles, a file each, angles of both from their own beginning to their own end."""
-    how = awkward.Writing(";", ".", ("angle (deg)", "reading (um)"), [f"{name}: {said}" for name, said in HEAD], digits=(1, 1))
     for test in circles(*FORCES_N):
         for part, kept in (("first", np.arange(91)), ("second", np.arange(90, 181) % 180)):
             rows = [f"{a:.1f};{r:.1f}" for a, r in zip(test.angle_deg[kept], test.reading_um[kept], strict=True)]
