@@ -78,25 +78,15 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class ComparedModel:
-    """One of the models.
-
-    Attributes
-    ----------
-    elpd_lofo, elpd_lofo_se : float
-        Sum of the leave-one-force-out log densities and its standard error over the tests [nat]; not a number for one test.
-    rmse_um : float
-        Eq. 34 of the posterior mean prediction, machine and shared nuisances.
-    least_squares_rmse_um : float
-        Eq. 34 of the paper's least squares (Eq. 31) at the same degree; not a number where the forces do not determine it.
-    """
+    """One of the models."""
 
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    elpd_lofo: Number
-    elpd_lofo_se: Number
-    rmse_um: float
-    least_squares_rmse_um: Number
+    elpd_lofo: Number  # sum of the leave-one-force-out log densities [nat]; not a number for one test
+    elpd_lofo_se: Number  # its standard error over the tests
+    rmse_um: float  # Eq. 34 of the posterior mean prediction, machine and shared nuisances
+    least_squares_rmse_um: Number  # Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
     degree: int
     parameters: dict[str, Estimate]
     compliance_against_force: dict[str, Curve]
@@ -104,17 +94,10 @@ class ComparedModel:
 
 @dataclass(frozen=True, eq=False)
 class ComparedTest:
-    """One test, left out.
-
-    Attributes
-    ----------
-    lofo_log_density : dict of model to float
-        ln p(y_r | y_−r), exact [nat].
-    lofo_p_value, lofo_family_wise_p_value, lofo_worst_order, lofo_p_value_by_order, flag : as in `Outlier`
-    """
+    """One test, left out; p-values, worst order and flag as in `Outlier`."""
 
     force_N: float
-    lofo_log_density: dict[str, float]
+    lofo_log_density: dict[str, float]  # by model: ln p(y_r | y_−r), exact [nat]
     lofo_p_value: float
     lofo_family_wise_p_value: float
     lofo_worst_order: int
@@ -146,52 +129,26 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Result):
-    """Models of one campaign compared; logarithms are natural, parameters in inside units.
-
-    Attributes
-    ----------
-    log_bayes_factor, log_bayes_factor_error : dict of "model/first model" to float
-        [nat].
-    explanations : Explanations, optional
-        Where the second model is the first with slopes, and has rivals of slopes.
-    sensitivity_of : str
-        Second model over the first, as both sensitivities are.
-    prior_sensitivity_crossings : tuple of float
-        Slope scales at which the log Bayes factor changes sign.
-    discrepancy_sensitivity : tuple of Assumed
-        Ideas of how circles differ from one another, that of the models first, white noise alone last.
-    slopes : dict of compliance to VaryingSlope
-        Empty where no model has slopes, or evidence alone was asked for.
-    slope_subsets : tuple of SlopeSubset
-        The most probable first; not all of them where there are too many.
-    compliance_against_force : dict of compliance to Curve
-        Averaged over the subsets.
-    tests : dict of name to ComparedTest
-        Empty for one test.
-    tolerance, largest_error : float
-        Asked of every log evidence, and the largest seen [nat].
-    by_emcee : int
-        How many evidences emcee and bridge sampling took over, the weights of the nodes not to be trusted.
-    """
+    """Models of one campaign compared; logarithms are natural, parameters in inside units."""
 
     campaign: Readings
     models: dict[str, ComparedModel]
-    log_bayes_factor: dict[str, float]
+    log_bayes_factor: dict[str, float]  # by "model/first model"
     log_bayes_factor_error: dict[str, Finite]
     elpd_difference: dict[str, Difference]
-    sensitivity_of: str
+    sensitivity_of: str  # second model over the first, as both sensitivities are
     prior_sensitivity: tuple[ScaledSlopes, ...]
-    prior_sensitivity_crossings: tuple[float, ...]
-    discrepancy_sensitivity: tuple[Assumed, ...]
-    slopes: dict[str, VaryingSlope]
-    slope_subsets: tuple[SlopeSubset, ...]
-    compliance_against_force: dict[str, Curve]
-    tests: dict[str, ComparedTest]
+    prior_sensitivity_crossings: tuple[float, ...]  # slope scales at which the log Bayes factor changes sign
+    discrepancy_sensitivity: tuple[Assumed, ...]  # ideas of how circles differ, the models' first, white noise alone last
+    slopes: dict[str, VaryingSlope]  # by compliance; empty where no model has slopes, or evidence alone was asked for
+    slope_subsets: tuple[SlopeSubset, ...]  # the most probable first; not all of them where there are too many
+    compliance_against_force: dict[str, Curve]  # averaged over the subsets
+    tests: dict[str, ComparedTest]  # empty for one test
     local_fits: Records
-    tolerance: float
-    largest_error: Finite
-    by_emcee: int = 0
-    explanations: Explanations | None = None
+    tolerance: float  # asked of every log evidence [nat]
+    largest_error: Finite  # that was seen
+    by_emcee: int = 0  # evidences that emcee and bridge sampling took over, the weights of the nodes not to be trusted
+    explanations: Explanations | None = None  # where the second model is the first with slopes, and has rivals of slopes
 
     @property
     def pair(self) -> tuple[str, str]:

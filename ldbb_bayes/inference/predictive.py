@@ -427,22 +427,13 @@ _SINGULAR = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares(Result):
-    """A least-squares estimate and how well it fits.
+    """A least-squares estimate and how well it fits."""
 
-    Attributes
-    ----------
-    table : DataFrame
-        One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the residuals, as if they were white
-        noise; not a number where the readings do not determine the parameters), in inside units.
-    quality : FitQuality
-        RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35).
-    predicted_um : dict of test to ndarray, shape (n,) [µm]
-        In the order of the test's readings.
-    """
-
+    # One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the residuals, as if they were white
+    # noise; not a number where the readings do not determine the parameters), in inside units.
     table: ByRow
-    quality: FitQuality
-    predicted_um: dict[str, Numbers]
+    quality: FitQuality  # RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35)
+    predicted_um: dict[str, Numbers]  # by test, in the order of its readings
 
     @property
     def estimate(self) -> dict[str, float]:
