@@ -88,30 +88,24 @@ class Beside:
 
 
 PICTURES: Mapping[str, tuple[Callable[..., Figure], str]] = {
-    "traces": (figures.traces, "Readings, prediction (machine and shared nuisances), and the 95 % band for a new circle."),
-    "forest": (figures.forest, "Every parameter in units of its prior standard deviation, beside its prior."),
-    "compliance_against_force": (figures.compliance_against_force, "Compliance over the tested forces, 50 % and 95 % bands."),
-    "evidence": (figures.evidence, "ln B against the scale of slopes and under other assumptions."),
+    "traces": (figures.traces, "Readings and prediction (machine, bar and balls), ring by ring."),
+    "forest": (figures.forest, "Every parameter in its own unit, with 50 % and 95 % intervals."),
+    "compliance_against_force": (figures.compliance_against_force, "Compliance over the tested forces, mean and 95 % band."),
+    "evidence": (figures.evidence, "ln B against the width of the slopes' prior and under other assumptions."),
     "compliance_with_local_fits": (figures.compliance_with_local_fits, "Compliance by every model and by local fits."),
     "budget": (figures.budget_bars, "Uncertainty budgets: share of every source in the variance of every parameter."),
     "circularity": (figures.circularity, "Circular-test quantities as functions of force; crosses: of the readings themselves."),
-    "contributions": (
-        figures.contributions,
-        "What compliance and geometry contribute (Fig. 8 of the paper), tool offsets left out.",
-    ),
-    "parameter_contributions": (
-        figures.parameter_contributions,
-        "What every parameter contributes (Figs. 9 and 10 of the paper).",
-    ),
+    "contributions": (figures.contributions, "What compliance and geometry contribute to the readings, tool offsets left out."),
+    "parameter_contributions": (figures.parameter_contributions, "What every parameter contributes to the readings."),
     "expected_widths": (figures.expected_widths, "How narrow each interval gets with the circles recommended."),
     "residuals": (figures.residuals, "Reading minus prediction; each circle's own shift and discrepancy left in."),
 }
 
 
-def picture(key: str, subject: Any, caption: str = "") -> Picture:
+def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Picture:
     """Return a figure of the page, drawn."""
     draw, words = PICTURES[key]
-    return Picture(key, caption or words, draw(subject))
+    return Picture(key, caption or words, draw(subject, **options))
 
 
 # ---- sections, in the order of the page
@@ -246,7 +240,8 @@ def plan(found: Findings) -> Iterator[Part]:
         yield f"No tests are recommended: {chosen}"
         return
     yield from parts_of(chosen)
-    yield picture("expected_widths", chosen)
+    today = {name: entry["sd"] for name, entry in found.result["parameters"].items()}
+    yield picture("expected_widths", chosen, today=today)
 
 
 def fit(found: Findings) -> Iterator[Part]:

@@ -292,7 +292,7 @@ def _first(own: Numbers) -> Iterator[Block]:
     yield words("notes.U", percent=words.number(f"{100 * found.ci_prob:g}"))
     missing = [f"{one.words} ({one.symbol}): {remark(one, words)}" for one in own.parameters.values() if one.undetermined]
     more = [words("sheet.continued", count=str(len(missing) - 12))] if len(missing) > 12 else []
-    traces = picture("traces", found.posterior, caption=words("sheet.traces"))
+    traces = picture("traces", found.posterior, words("sheet.traces"), words=words.table["figures"])
     yield Pair(traces, words("sheet.undetermined"), (*missing[:12], *more) if missing else (words("sheet.all_determined"),))
     yield _basis(found, words)
     yield Fields(tuple((words(f"fields.{key}"), "") for key in ("signed", "checked")), tall=True)
@@ -303,7 +303,7 @@ def _second(own: Numbers) -> Iterator[Block]:
     yield _table(own, "", [*own.parameters.values(), *own.path.values()], "u")
     percent = words.number(f"{100 * found.ci_prob:g}")
     yield words("notes.u", percent=percent, force=words.number(f"{own.force_N:.4g}"))
-    yield picture("compliance_against_force", found.numbers, caption=words("sheet.curve"))
+    yield picture("compliance_against_force", found.numbers, words("sheet.curve"), words=words.table["figures"])
     provenance = found.result["provenance"]
     yield words(
         "notes.provenance",

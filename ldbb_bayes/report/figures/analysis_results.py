@@ -262,7 +262,7 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
     for axes, (name, own) in zip(every, design.expected.items(), strict=True):
         factor, unit = display_unit(own.unit)
         sizes = [
-            *([today[name]] if today else []),
+            *([today.get(name, np.nan)] if today else []),
             own.sd,
             *(judged.expected[name].sd for judged in design.compared),
             own.floor_sd,
@@ -270,7 +270,7 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
         widths = np.nan_to_num(np.array(sizes) * factor, posinf=0.0)
         axes.barh(rows, widths, 0.75, color=[colour for _, colour in kinds], edgecolor=GREY, linewidth=0.6)
         for row, size, width in zip(rows, sizes, widths, strict=True):
-            text = round_uncertainty(size * factor)[0] if np.isfinite(size) else "not determined"
+            text = round_uncertainty(size * factor)[0] if np.isfinite(size) else "–"
             axes.text(width + 0.03 * widths.max(), row, text, fontsize=7, va="center")
         axes.set(xlim=(0.0, 1.35 * widths.max() or 1.0), xticks=[])
         aim = "" if name in design.parameters else ", not aimed at"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 import textwrap
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -63,23 +65,9 @@ _DASHED = (0, (4, 3))
 _BOXED = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85})
 
 
+_CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
 # What the figures of the sheets say, for another language to say otherwise.
-WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        "force": "force (N)",
-        "readings": "dots: readings",
-        "some readings": "dots: 1 in {every} readings",
-        "prediction": "lines: prediction",
-        "band": "shaded: 95 % for a new circle",
-        "rings": "rings: µm from the nominal circle (dashed), magnified {scale} : 1",
-        "rings of several radii": "rings: µm from the nominal circles (dashed)",
-        "dotted": "dotted: counterclockwise",
-        "plane": "plane",
-        "mean": "mean",
-        "interval": "95 % of the posterior",
-        "tested": "tested forces",
-    }
-)
+WORDS: Mapping[str, str] = MappingProxyType(tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"])
 
 
 # ---- parameters
@@ -235,9 +223,9 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
 def _head(bound: BoundModel, plane: str, every: int, zero: float, banded: bool, words: Mapping[str, str]) -> str:
     """What the marks of one plane mean, in lines that its circle is wide enough for."""
     radii = {radius for radius, own in zip(bound.setting.radius_mm, bound.setting.plane, strict=True) if own == plane}
-    said = [words["readings" if every == 1 else "some readings"].format(every=every), words["prediction"]]
-    said += [words[key] for key, there in (("dotted", plane in bound.setting.both_ways), ("band", banded)) if there]
-    scale = words["rings" if len(radii) == 1 else "rings of several radii"].format(scale=f"{max(radii) * 1e3 / zero:.0f}")
+    said = [words["readings" if every == 1 else "some_readings"].format(every=every), words["prediction"]]
+    said += [words[key] for key, there in (("counterclockwise", plane in bound.setting.both_ways), ("band", banded)) if there]
+    scale = words["rings" if len(radii) == 1 else "rings_of_several_radii"].format(scale=f"{max(radii) * 1e3 / zero:.0f}")
     lines = [f"{words['plane']} {plane}", ", ".join(said), scale.replace(" : ", "\N{NO-BREAK SPACE}:\N{NO-BREAK SPACE}")]
     return "\n".join(textwrap.fill(line, 64) for line in lines[len(bound.setting.planes) == 1 :])
 
