@@ -210,7 +210,7 @@ class Term:
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
     instrument: ClassVar[bool] = False  # it belongs to bar, balls, mount or force device, and is the same wherever these are
     common: ClassVar[bool] = False  # fleets take its coefficient as one, the same in all campaigns of one instrument
-    on_demand: ClassVar[bool] = True  # models have it only when asked to
+    on_demand: ClassVar[bool]  # models have it only when asked to; so they have terms of your own
 
     def __init_subclass__(cls) -> None:
         other = Term.kinds.get(cls.__name__)
@@ -219,6 +219,7 @@ class Term:
         spaced = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
         cls.stem = vars(cls).get("stem", spaced.replace(" ", "_"))
         cls.words = vars(cls).get("words", spaced)
+        cls.on_demand = vars(cls).get("on_demand", cls.__module__ != __name__)
         Term.kinds[cls.__name__] = cls
 
     def __post_init__(self) -> None:
@@ -336,7 +337,6 @@ class BallForm(Term):
     calibration = "a calibration of the balls' form"
     remedy = "Clock both balls (not by 180° alone), or measure a second radius."
     instrument = True
-    on_demand = False
 
     @property
     def scales(self) -> tuple[Scale, ...]:
@@ -416,11 +416,7 @@ class MachinePattern(Term):
 
     stem = "pattern"
     remedy = "Run more circles with the balls clocked."
-    on_demand = False
-
-    @property
-    def scales(self) -> tuple[Scale, ...]:
-        return Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY
+    scales = (Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         if not setting.clocked:
@@ -447,7 +443,6 @@ class BarLength(Term):
     calibration = "a calibration of the bar's length"
     remedy = "Calibrate the bar's length."
     instrument = True
-    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         names, own = zip(*((f"bar_length{radius}", own) for _, radius, own in setting.each("radius")), strict=True)
@@ -484,7 +479,6 @@ class Mount(Term):
     remedy = "Measure the mount's deflection."
     instrument = True
     common = True
-    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         relative = _expanded(setting.instrument.mount_U_percent, self.relative_sd, 0.01)
@@ -525,7 +519,6 @@ class ForceError(Term):
     remedy = "Calibrate the force."
     instrument = True
     common = True
-    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         deflection, sd = (setting.wrench @ setting.compliance_estimate)[:, :, None], self._sds(setting.instrument)
@@ -570,7 +563,6 @@ class JointLoad(Term):
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
     remedy = "Measure the axis' deflection under its own load."
-    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         found = []
@@ -606,7 +598,6 @@ class Position(Term):
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
     remedy = "Run circles at several centres."
-    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         force, found = setting.force_N[:, None], []
@@ -634,7 +625,6 @@ class Angle(Term):
     calibration = "a check of the angle's reference"
     remedy = "Check the angle's reference and the lag of the trace."
     instrument = True
-    on_demand = False
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         slope = derivative(setting.fitted)
@@ -662,7 +652,6 @@ class SetupShift(Term):
     moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
-    on_demand = False
 
     @property
     def scales(self) -> tuple[Scale, ...]:
@@ -683,11 +672,7 @@ class Discrepancy(Term):
 
     decay: float = 1.0
     remedy = "Run more circles: what differs from one to the next averages out."
-    on_demand = False
-
-    @property
-    def scales(self) -> tuple[Scale, ...]:
-        return (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
+    scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
@@ -702,7 +687,6 @@ class CircleScale(Term):
     stem = "lambda"
     words = "scale of a circle"
     remedy = "Repeat the odd circle."
-    on_demand = False
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         names = dict.fromkeys(name for name in setting.circle.tolist() if name)
@@ -726,7 +710,6 @@ class Hysteresis(Term):
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
-    on_demand = False
 
     @property
     def scales(self) -> tuple[Scale, ...]:
@@ -778,6 +761,7 @@ class Drift(Term):
     over: Covariate = "time"
     length_um: float = 2.0
     centre_um: float = 5.0
+    on_demand = True
     remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
