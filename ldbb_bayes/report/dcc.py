@@ -14,13 +14,13 @@ from typing import Any
 import jinja2
 import numpy as np
 import xarray as xr
-from scipy.special import chdtri
 
 import ldbb_bayes as lb
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.posterior import campaign_of, result_json
 from ldbb_bayes.report.findings import fit_in_words
 from ldbb_bayes.report.wording import verdict_words
+from ldbb_bayes.result import Array
 from ldbb_bayes.units import display_name
 
 __all__ = ["dcc_xml", "dsi_unit", "write_dcc"]
@@ -75,13 +75,23 @@ def dcc_xml(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> str:
         verdict=fit_in_words(posterior)["verdict"],
         parameters=[*_parameters(posterior, result["parameters"], draws, f"ci{100 * ci_prob:g}")],
         covariance=columns,
-        factor=float(np.sqrt(chdtri(len(units), 1.0 - ci_prob))),
+        factor=_coverage_factor(draws, covariance, ci_prob),
+        models=len(result.get("averaged", {}).get("models", ())),
         ci_prob=ci_prob,
     )
 
 
+def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
+    """Of the ellipsoid that holds this share of the draws; a parameter that is the same in all of them has no part in it."""
+    sd = np.sqrt(np.diag(covariance))
+    scaled, scale = draws - draws.mean(axis=1, keepdims=True), np.where(sd > 0.0, sd, 1.0)
+    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True)
+    scaled /= scale[:, None]
+    return float(np.sqrt(np.quantile(np.sum(scaled * (inverse @ scaled), axis=0), probability)))
+
+
 def _parameters(
-    posterior: xr.DataTree, entries: Mapping[str, Mapping[str, Any]], draws: np.ndarray, interval: str
+    posterior: xr.DataTree, entries: Mapping[str, Mapping[str, Any]], draws: Array, interval: str
 ) -> Iterator[dict[str, Any]]:
     """What the file says of every parameter; ``within``: the share of the draws in mean ± U."""
     verdicts = lb.verdicts(posterior)

@@ -22,6 +22,7 @@ from ldbb_bayes.analysis.differences import differences
 from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of, result_json
 from ldbb_bayes.report import wording
+from ldbb_bayes.report.dcc import write_dcc
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find
 from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
 from ldbb_bayes.report.sheets import Pair, ReportSheet, Usability, pdf_of, sheets, words_of
@@ -161,7 +162,7 @@ def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
 
 _NAMES = "results covariance correlation budget circularity measured_circularity contributions measured_pairs differences"
 _TABLES = tuple(f"{name}.csv" for name in _NAMES.split())
-REPORT_FILES = ("report.html", "report.pdf", "report.json", "tables")
+REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 
 def check_folder(folder: Path) -> None:
@@ -189,7 +190,7 @@ def write_report(
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Write report.html, report.pdf (its two sheets), report.json and tables (CSV) into a folder.
+    """Write report.html, report.pdf (its two sheets), dcc.xml (their numbers), report.json and tables (CSV) into a folder.
 
     Parameters
     ----------
@@ -263,6 +264,7 @@ def write_report(
     write_whole(folder / "report.json", record.encode())
     write_whole(folder / "report.html", page.encode())
     write_whole(folder / "report.pdf", paper)
+    write_dcc(found.numbers, folder / "dcc.xml", ci_prob=ci_prob)
     return document
 
 

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from reports import SCRIPT, awkward, fitted
+from scipy.stats import chi2
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.posterior import result_json
@@ -60,6 +61,8 @@ def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path
     draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in expected])
     matrix = [float(one.text or "") for cell in root.iter(f"{SI}covarianceXMLList") for one in cell.iter(f"{SI}valueXMLList")]
     np.testing.assert_array_equal(np.reshape(matrix, [len(expected)] * 2), np.cov(draws))
+    (factor,) = map(float, words(root, "coverageFactorXMLList"))
+    assert factor**2 == pytest.approx(chi2.ppf(0.9, len(expected)), rel=0.05)  # as of a normal distribution, nearly
     text = (tmp_path / "dcc.xml").read_text("utf-8")
     for said in (*stated.values(), "20.5 20.5", "no calibration certificate", "kein Kalibrierschein", "\\degreecelsius"):
         assert said[:10].replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;") in text
