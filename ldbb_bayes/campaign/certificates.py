@@ -148,7 +148,10 @@ class CalibrationCertificate:
         return found[0]
 
     def _label(self, *used: CertifiedQuantity) -> str:
-        text = f"{self.path.name}, DCC {self.identifier}: {', '.join(one.title for one in used)}"
+        holders = (next((f"{name}: " for name in reversed(one.within) if one.name and "_" not in name), "") for one in used)
+        text = (
+            f"{self.path.name}, DCC {self.identifier}: {', '.join(h + one.title for h, one in zip(holders, used, strict=True))}"
+        )
         return "".join(sign if sign.isprintable() else " " for sign in text)[:200]
 
     def _nothing(self, what: str, keys: str) -> InputError:

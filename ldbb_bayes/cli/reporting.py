@@ -378,7 +378,7 @@ def report(
 ) -> None:
     """From files to a page and a PDF for signing, in one go: reads, checks, fits, compares, and designs the next tests.
 
-    Asks at most three questions where a terminal can answer them. Writes report.html, report.pdf, dcc.xml, report.json, tables (CSV),
+    Asks at most three questions where a terminal can answer them. Writes report.html, report.pdf, report.json, dcc.xml, tables,
     the campaign as it was understood, and the fit into FILE_report beside the first. Of a fit, the page goes into its own folder.
     Exit code 1 when a fit missed its target; the page then says so at its top.
     """

@@ -392,7 +392,10 @@ def _entries(found: Findings, words: Words) -> Iterator[tuple[str, str]]:
         ("force", instrument.force_U_percent or instrument.force_linearity_percent or instrument.force_random_N),
         ("angle", instrument.angle_U_deg),
     ):
-        (stated if given else assumed).append(words(f"entries.{key}"))
+        named = next(
+            (f" ({own.split(': ')[0][:32]})" for what, own in instrument.certificates.items() if what.startswith(key)), ""
+        )
+        (stated if given else assumed).append(words(f"entries.{key}") + named * bool(given))
     yield words("fields.certificates"), ", ".join(stated) or words("entries.none")
     yield words("fields.assumed"), ", ".join(assumed) or words("entries.none")
 

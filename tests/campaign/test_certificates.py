@@ -31,10 +31,14 @@ def test_a_german_certificate(tmp_path: Path) -> None:
     """A bar 0.8 µm too long reads 0.8 µm too small; U = 0.9 µm (k = 3) is 0.6 µm (k = 2)."""
     found = lb.read_dcc(SCHEIN)
     assert (found.identifier, len(found.quantities)) == ("K-2026-0815", 8)
-    assert found.fields("bar") == {"length_error_um": -0.8, "U_um": 0.6, "certificate": f"{NAME}Messwert"}
-    named = f"{NAME}Kraft, Linearitätsabweichung"
+    assert found.fields("bar") == {
+        "length_error_um": -0.8,
+        "U_um": 0.6,
+        "certificate": f"{NAME}Längenabweichung vom Nennmaß: Messwert",
+    }
+    named = f"{NAME}Prüfkraft: Kraft, Prüfkraft: Linearitätsabweichung"
     assert found.fields("force") == {"U_percent": 0.5, "linearity_percent": 0.6, "certificate": named}
-    assert found.fields("ball") == {"sphericity_um": 0.15, "certificate": f"{NAME}Ebene 2"}
+    assert found.fields("ball") == {"sphericity_um": 0.15, "certificate": f"{NAME}Rundheitsabweichung / Roundness: Ebene 2"}
     indication = changed(tmp_path, ("Längenabweichung vom Nennmaß", "Error of indication"))
     assert lb.read_dcc(indication).fields("bar")["length_error_um"] == 0.8
     length = changed(tmp_path, ("Längenabweichung vom Nennmaß", "Length"), (">0.8<", ">150000.8<"))
@@ -47,8 +51,8 @@ def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
     (folder := tmp_path / "a").mkdir(), (plain := tmp_path / "b").mkdir()
     shutil.copy(SCHEIN, write(folder, TOML.replace("[[test]]", f"{tables}[[test]]", 1)))
     stated = lb.read_campaign(folder).instrument
-    ball = lb.Ball(sphericity_um=0.15, certificate=f"{NAME}Ebene 2")
-    bar, force = f"{NAME}Messwert", f"{NAME}Kraft, Linearitätsabweichung"
+    ball = lb.Ball(sphericity_um=0.15, certificate=f"{NAME}Rundheitsabweichung / Roundness: Ebene 2")
+    bar, force = f"{NAME}Längenabweichung vom Nennmaß: Messwert", f"{NAME}Prüfkraft: Kraft, Prüfkraft: Linearitätsabweichung"
     expected = lb.Instrument(ball, ball, -0.8, 0.6, None, 0.5, 0.6, bar_certificate=bar, force_certificate=force)
     assert stated == expected
     assert lb.read_campaign(lb.write_campaign(lb.read_campaign(folder), tmp_path / "c")).instrument == expected
@@ -56,7 +60,7 @@ def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
     shown = [CliRunner().invoke(app, ["check", *args]).stdout for args in ([str(folder)], [str(write(plain)), *options])]
     tables = [text[text.index("A fit will take for granted") :] for text in shown]
     assert tables[0] == tables[1]
-    assert f"Certificate of the bar: {NAME}Messwert" in tables[0]
+    assert f"Certificate of the bar: {NAME}Längenabweichung vom Nennmaß: Messwert" in tables[0]
     assert lb.read_campaign(folder, certificates={"bar_U_um": 2.0}).instrument.bar_certificate is None
     made = CliRunner().invoke(app, ["simulate", str(plain), "--out", str(tmp_path / "d"), *options])
     assert (made.exit_code, lb.read_campaign(tmp_path / "d").instrument) == (0, expected)
