@@ -10,6 +10,7 @@ import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from operator import methodcaller
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from ldbb_bayes.analysis.sensitivity import (
     SlopeSubset,
     VaryingSlope,
     averaged_curves,
+    changed,
+    count_subsets,
     discrepancy_assumptions,
     explanations,
     local_fits,
@@ -46,8 +49,9 @@ from ldbb_bayes.units import ranked
 __all__ = ["SLOPE_SCALES", "ComparedModel", "ComparedTest", "Comparison", "Sign", "compare", "read_comparison"]
 
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-_REJECTED = 5.0
+_REJECTED, _FAR = 5.0, 10.0
 _QUALITY_DRAWS = 1000
+_SPARE, _POINTS = 1e-4, 256
 _FINEST, _COARSEST = 1e-4, 1.0
 
 
@@ -145,8 +149,8 @@ class Comparison(Result):
     compliance_against_force: dict[str, Curve]  # averaged over the subsets
     tests: dict[str, ComparedTest]  # empty for one test
     local_fits: Records
-    tolerance: float  # asked of every log evidence [nat]
-    largest_error: Finite  # that was seen
+    tolerance: float  # asked of every log evidence [nat]; a tenth of a nat of assumptions that the readings reject by ten
+    largest_error: Finite  # that was seen, of these assumptions aside
     by_emcee: int = 0  # evidences that emcee and bridge sampling took over, the weights of the nodes not to be trusted
     explanations: Explanations | None = None  # where the second model is the first with slopes, and has rivals of slopes
 
@@ -239,31 +243,32 @@ def compare(
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
     linear = largest.with_degree(min(largest.degree, 1))
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
-    by_scale = {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales}
-    discrepancies = discrepancy_assumptions(pair.values())
+    by_scale = changed(pair.values(), {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales})
+    discrepancies = changed(pair.values(), discrepancy_assumptions(pair.values()))
     wishes = (len(campaign.tests) > 1, linear.degree > 0, campaign.force_levels > 1)
     several, subsets, windows = (not evidence_only and wanted for wanted in wishes)
     rivals = pair[second].rivals != () and pair[first] == pair[second].with_degree(0) != pair[second]
     if progress is not None:
         total = len(models) * (1 + several * len(campaign.tests)) + 2 * (len(by_scale) + len(discrepancies))
+        total += rivals * 2 ** (1 + len(pair[second].rivals)) + (count_subsets(linear, campaign) if subsets else 0)
         steps = itertools.count(1)
-        evidences.progress = lambda: progress(min(next(steps), total), total)
+        evidences.progress = lambda: progress(next(steps), total)
 
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
-    left = {
-        name: leave_one_out(nodes, tolerance=tolerance, progress=evidences.progress) if several else {}
-        for name, nodes in weighed.items()
-    }
+    left = leave_one_out(weighed, tolerance=tolerance, progress=evidences.progress) if several else {}
     others = [name for name in models if name != first]
     factors = {f"{name}/{first}": log_bayes_factor(weighed[name].evidence, weighed[first].evidence) for name in others}
-    scaled, circles = (under(pair, changes, evidences) for changes in (by_scale, discrepancies))
+    least = max(weighed[name].evidence.log_value for name in pair) - _FAR
+    scaled = under(pair, by_scale, evidences.of)
+    circles = under(pair, discrepancies, partial(evidences.unless_rejected, least))
     if (explained := explanations(pair, evidences) if rivals else None) is not None:
         circles = (*circles[:1], explained.averaged, explained.alone, *circles[1:])
     slopes, found, curves = slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
+    evidences.progress = lambda: None
     every = evidences.every + [own.evidence for others in left.values() for own in others.values()]
     # ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,).
     densities = {
-        name: nodes.evidence.log_value - np.array([others.evidence.log_value for others in left[name].values()])
+        name: nodes.evidence.log_value - np.array([others.evidence.log_value for others in left.get(name, {}).values()])
         for name, nodes in weighed.items()
     }
     return Comparison(
@@ -332,7 +337,7 @@ def _models(weighed: Mapping[str, Nodes], densities: Mapping[str, Array], seed: 
         bound = nodes.bound
         beta, phi = nodes.draw(_QUALITY_DRAWS, np.random.default_rng(seed))
         elpd, elpd_se = _sum_over_tests(densities[name])
-        moments = zip(bound.parameters, *nodes.moments(), strict=True)
+        moments = zip(bound.parameters, *nodes.moments(spare=_SPARE, points=_POINTS), strict=True)
         compared[name] = ComparedModel(
             log_evidence=nodes.evidence.log_value,
             log_evidence_error=nodes.evidence.error,

@@ -31,7 +31,7 @@ __all__ = ["FALSE_ALARMS", "Outlier", "belonging", "outliers"]
 FALSE_ALARMS = 0.02
 _REPLICATES = 20_000
 _EACH = 400
-_CLOSER, _TOGETHER, _MORE = 0.05, 5, 2
+_CLOSER, _TOGETHER, _MORE, _FEWER_TOGETHER = 0.05, 5, 2, 2
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def belonging(
     )
     evidences = Evidences(campaign, tolerance=tolerance)
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
-    left = {name: leave_one_out(nodes, tolerance=tolerance) for name, nodes in weighed.items()}
+    left = leave_one_out(weighed, tolerance=tolerance)
     judged = outliers(weighed, left, seed=seed, tolerance=tolerance, replicates=replicates)
     rows = {}
     for test in campaign.tests:
@@ -117,7 +117,7 @@ def outliers(
             break
         flagged[worst], reached = replace(rest[worst], family_wise_p_value=family, flag=True), family
         models = {model: by_test[worst] for model, by_test in left.items()}
-        left = {model: leave_one_out(nodes, tolerance=tolerance) for model, nodes in models.items()}
+        left = leave_one_out(models, tolerance=tolerance)
     adjusted = np.maximum(holm(np.array([own.p_value for own in rest.values()])), reached)
     rest = {name: replace(own, family_wise_p_value=float(p)) for (name, own), p in zip(rest.items(), adjusted, strict=True)}
     return {name: (flagged | rest)[name] for name in names}
@@ -143,7 +143,7 @@ def _against_the_others(
         return _compared(observed, np.concatenate(circles))
 
     first = seen(size, _TOGETHER)
-    return first if first.p_value > _CLOSER else seen(_MORE * size, 1)
+    return first if first.p_value > _CLOSER else seen(_MORE * size, _FEWER_TOGETHER)
 
 
 def _compared(observed: Array, replicates: Array) -> Outlier:

@@ -15,7 +15,7 @@ the two are one only where compliance is constant.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import methodcaller
 
@@ -36,8 +36,8 @@ from ldbb_bayes.result import Array, Finite, Numbers
 from ldbb_bayes.units import ranked
 
 __all__ = [
-    "WHITE_NOISE", "Assumed", "Curve", "Explanations", "SlopeSubset", "VaryingSlope", "averaged_curves", "count_subsets",
-    "discrepancy_assumptions", "explanations", "local_fits", "slope_subsets", "under",
+    "WHITE_NOISE", "Assumed", "Curve", "Explanations", "SlopeSubset", "VaryingSlope", "averaged_curves", "changed",
+    "count_subsets", "discrepancy_assumptions", "explanations", "local_fits", "slope_subsets", "under",
 ]  # fmt: skip
 
 Change = Callable[[HybridModel], HybridModel]
@@ -53,7 +53,7 @@ _DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
     ("without set-up shift", SetupShift, None),
     ("circles of one scatter", CircleScale, None),
 )
-_DRAWS = 8000
+_DRAWS = 4000
 _POINTS = 41
 _EVERY, _SEARCHED = 729, 100
 
@@ -82,15 +82,21 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
     return changes | {WHITE_NOISE: methodcaller("without", "truncation", *(kind.key() for kind in Term.kinds.values()))}
 
 
-def under(pair: Mapping[str, HybridModel], changes: Mapping[str, Change], evidences: Evidences) -> tuple[Assumed, ...]:
-    """Return the two models compared under every assumption that leaves a difference between them."""
+def changed(pair: Iterable[HybridModel], changes: Mapping[str, Change]) -> dict[str, tuple[HybridModel, ...]]:
+    """Return the two models under every assumption that leaves a difference between them."""
+    both = {label: tuple(map(change, pair)) for label, change in changes.items()}
+    return {label: models for label, models in both.items() if models[0] != models[1]}
+
+
+def under(
+    names: Iterable[str], assumptions: Mapping[str, Sequence[HybridModel]], weigh: Callable[..., Sequence[Nodes]]
+) -> tuple[Assumed, ...]:
+    """Return the two models compared under every assumption."""
     assumed = []
-    for label, change in changes.items():
-        first, second = (change(model) for model in pair.values())
-        if first != second:
-            one, two = (nodes.evidence for nodes in evidences.of(first, second))
-            values = dict(zip(pair, (one.log_value, two.log_value), strict=True))
-            assumed.append(Assumed(label, *log_bayes_factor(two, one), values))
+    for label, models in assumptions.items():
+        one, two = (nodes.evidence for nodes in weigh(*models))
+        values = dict(zip(names, (one.log_value, two.log_value), strict=True))
+        assumed.append(Assumed(label, *log_bayes_factor(two, one), values))
     return tuple(assumed)
 
 
@@ -253,7 +259,8 @@ def averaged_curves(weighed: Sequence[Nodes], share: Array, seed: int, ci_prob: 
     }
 
 
-_TOLERANCE, _SPARE, _COMPONENTS = 1e-2, 1e-3, 2048
+# As exact as a figure needs: sd within 2 %.
+_TOLERANCE, _SPARE, _POINTS_INSIDE, _COMPONENTS = 5e-2, 1e-3, 128, 2048
 
 
 @one_blas_thread
@@ -287,7 +294,7 @@ def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95,
         bound = whole.keeping(names)
         posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=near)
         near, nodes = posterior.plain.mode, posterior.nodes(_TOLERANCE)
-        mean, sd = nodes.moments(spare=_SPARE)
+        mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
         window = replace(campaign.select(names), foreseen=campaign.scope)
         squares = least_squares(window, fixed=constant.fixed).table

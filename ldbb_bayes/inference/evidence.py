@@ -6,7 +6,7 @@ their set-up shift and discrepancy and are not independent facts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.integrals import Integral
+from ldbb_bayes.inference.integrals import CHUNK, Integral
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes, TooRoughError, draw_jointly
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import mixture_moments
@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 Array = NDArray[Any]
-_NEARLY_ONE = 0.1
+_NEARLY_ONE, _ROUGH = 0.1, 0.1
 _DRAWS, _SAME = 16_384, 1e-12
 
 
@@ -135,10 +135,18 @@ def marginals(
 
 
 class Evidences:
-    """Nodes and evidences of the models of one campaign, each with this error [nat]; ``progress`` is called after each."""
+    """Nodes and evidences of the models of one campaign, or of the tests to ``keep`` of it, each with this error [nat];
+    ``progress`` is called after each."""
 
-    def __init__(self, campaign: Campaign, *, tolerance: float = 1e-2, progress: Callable[[], object] = lambda: None) -> None:
-        self.campaign, self.tolerance, self.progress = campaign, tolerance, progress
+    def __init__(
+        self,
+        campaign: Campaign,
+        *,
+        tolerance: float = 1e-2,
+        progress: Callable[[], object] = lambda: None,
+        keep: Sequence[str] | None = None,
+    ) -> None:
+        self.campaign, self.tolerance, self.progress, self._keep = campaign, tolerance, progress, keep
         self._weighed: dict[str, Nodes] = {}
         self._relatives: dict[str, _Relatives] = {}
         self._modes: dict[tuple[Hyper, ...], Array] = {}
@@ -158,11 +166,26 @@ class Evidences:
             self.progress()
         return [self._weighed[key] for key in keys]
 
+    def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
+        """As `of`, but to a coarse tolerance, and not among `every`, where all log evidences lie below a bound."""
+        rough = [] if {*map(model_to_toml, models)} <= {*self._weighed} else self._rough.of(*models)
+        if not rough or max(nodes.evidence.log_value + nodes.error for nodes in rough) > below:
+            return self.of(*models)
+        for _ in models:
+            self.progress()
+        return rough
+
+    @cached_property
+    def _rough(self) -> Evidences:
+        found = Evidences(self.campaign, tolerance=max(self.tolerance, _ROUGH), keep=self._keep)
+        found._modes = self._modes
+        return found
+
     def _weigh(self, model: HybridModel) -> Nodes:
         check_comparable(model, self.campaign)
-        posterior = _posterior(model, self.campaign)
-        names = posterior.bound.hyper_prior.names
-        posterior = _posterior(model, self.campaign, near=self._modes.get(names)) if names in self._modes else posterior
+        bound = BoundModel(model, self.campaign, keep=self._keep)
+        names = bound.hyper_prior.names
+        posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=self._modes.get(names))
         # What models that are one Gaussian given φ have in common: all but slopes, their rivals and truncation.
         key = model_to_toml(model.without("truncation").with_slope_scale(1.0).with_degree(0).with_rivals())
         if key not in self._relatives:
@@ -213,10 +236,13 @@ class _Relatives:
     @cached_property
     def _given(self) -> tuple[Array, Array]:
         """Mean (p, n) and covariance (p, p, n) of the coefficients at the nodes."""
-        bound = self._bound
-        _, given = bound.collapsed.conditional(bound.hyper_prior.phi(self._integral.free), last=len(bound.coefficients))
-        mean = given.mean.T + np.pad(bound.centre, (len(bound.coefficients) - len(bound.names), 0))[:, None]
-        return mean, np.ascontiguousarray(np.moveaxis(given.covariance, 0, -1))
+        bound, free, p = self._bound, self._integral.free, len(self._bound.coefficients)
+        mean, covariance = np.empty((p, len(free))), np.empty((p, p, len(free)))
+        for start in range(0, len(free), CHUNK):
+            part = slice(start, start + CHUNK)
+            _, given = bound.collapsed.conditional(bound.hyper_prior.phi(free[part]), last=p)
+            mean[:, part], covariance[..., part] = given.mean.T, np.moveaxis(given.covariance, 0, -1)
+        return mean + np.pad(bound.centre, (p - len(bound.names), 0))[:, None], covariance
 
     def _changed(self, bound: BoundModel, own: list[int], nodes: Array) -> tuple[Array, Array, Array]:
         """ln of the ratio of the densities p(y | φ), shape (n,), and of ``own`` coefficients mean and covariance under the other
@@ -236,15 +262,20 @@ class _Relatives:
         return log_ratio, mean[: len(own)], covariance[: len(own), : len(own)]
 
 
-def leave_one_out(nodes: Nodes, *, tolerance: float = 1e-2, progress: Callable[[], object] = lambda: None) -> dict[str, Nodes]:
-    """Every test's name to the nodes of the other tests, from those of all; for campaigns of at least two tests."""
-    others, names = {}, nodes.bound.test_names
-    for name in names:
-        rest = nodes.bound.keeping([other for other in names if other != name])
-        near = nodes.posterior.plain.mode
-        others[name] = HyperPosterior(rest, truncated=nodes.posterior.truncated, near=near).nodes(tolerance)
-        progress()
-    return others
+def leave_one_out(
+    weighed: Mapping[str, Nodes], *, tolerance: float = 1e-2, progress: Callable[[], object] = lambda: None
+) -> dict[str, dict[str, Nodes]]:
+    """Of every model, by name, every test's name to the nodes of the other tests, from those of all; for at least two tests."""
+    bounds = [nodes.bound for nodes in weighed.values()]
+    tests = bounds[0].test_names
+    left: dict[str, dict[str, Nodes]] = {name: {} for name in weighed}
+    for test in tests:
+        rest = [other for other in tests if other != test]
+        evidences = Evidences(bounds[0].campaign, tolerance=tolerance, progress=progress, keep=rest)
+        evidences._modes = {nodes.bound.hyper_prior.names: nodes.posterior.plain.mode for nodes in weighed.values()}
+        for name, nodes in zip(weighed, evidences.of(*(bound.model for bound in bounds)), strict=True):
+            left[name][test] = nodes
+    return left
 
 
 def probabilities(log_evidence: Array) -> Array:

@@ -162,9 +162,9 @@ def integrate(
     return found if found.trusted else bridge_sample(log_density, found, seed=seed)
 
 
-def in_chunks(log_density: LogDensity, points: Array) -> Array:
+def in_chunks(log_density: LogDensity, points: Array, most: int = CHUNK) -> Array:
     """Return a log density at any number of points, evaluated a few hundred at a time."""
-    return np.concatenate([log_density(part) for part in np.array_split(points, max(1, -(-len(points) // CHUNK)))])
+    return np.concatenate([log_density(part) for part in np.array_split(points, max(1, -(-len(points) // most)))])
 
 
 _BEYOND, _MEAN_OF_TWO, _CANCELS, _DECLINE, _LOOSE = 3.0, 0.25, 0.02, 0.35, 1e-2

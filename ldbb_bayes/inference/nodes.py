@@ -95,6 +95,7 @@ class HyperPosterior:
     ) -> Nodes:
         """Nodes of a density without truncation times P(T | y, φ), or of one ``bounded`` times what the bound is too large by;
         ``orthant`` of an index of them, where known. Nodes share points: their errors add up."""
+        most = CHUNK if orthant is None else 4 * CHUNK
         orthant = orthant or (lambda index: self.given(integral.free[index])[1].orthant)
         error = np.zeros(len(integral.free))
 
@@ -103,7 +104,7 @@ class HyperPosterior:
             value, error[index] = own.log_probability(max(tolerance / 4.0, _FINEST), seed=self._seed)
             return value - own.log_bound if bounded else value
 
-        found = integral.times(partial(in_chunks, factor), min(tolerance / _OF_TOLERANCE, _SPARED))
+        found = integral.times(partial(in_chunks, factor, most=most), min(tolerance / _OF_TOLERANCE, _SPARED))
         return Nodes(self, found, float(found.weight @ np.where(found.weight > 0.0, error, 0.0)))
 
     @cached_property
@@ -224,10 +225,11 @@ class Nodes:
         free = self.integral.pick(size, rng)
         return draw_parameters_given(self.posterior, free, rng), self.bound.hyper_prior.phi(free)
 
-    def moments(self, *, spare: float = _SPARE) -> tuple[Array, Array]:
-        """Mean and sd of β, each (p,): those given φ, averaged over the nodes but for a share ``spare`` of the integral."""
+    def moments(self, *, spare: float = _SPARE, points: int = 512) -> tuple[Array, Array]:
+        """Mean and sd of β, each (p,): those given φ, truncated from so many points, averaged over the nodes but for a share
+        ``spare`` of the integral."""
         free, weight = self.integral.heaviest(spare)
-        every, variance = self._given(free, lambda orthant: orthant.moments()[:2])
+        every, variance = self._given(free, lambda orthant: orthant.moments(points)[:2])
         mean = weight @ every
         return mean, np.sqrt(weight @ (variance + (every - mean) ** 2))
 

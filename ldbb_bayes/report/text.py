@@ -340,7 +340,7 @@ def _assumption_table(comparison: Comparison) -> Table:
     """ln B under every assumption, and the evidence of the assumption itself against the models' own."""
     scaled = [(f"slope scale {s.slope_scale:g}", f"{s.log_bayes_factor:+.2f}", "") for s in comparison.prior_sensitivity]
     every = comparison.discrepancy_sensitivity
-    assumed = [(a.assumption, f"{a.log_bayes_factor:+.2f}", f"{comparison.gain(a):+.1f}") for a in every]
+    assumed = [(a.assumption, wording.factor_words(a, 2), f"{comparison.gain(a):+.1f}") for a in every]
     heads = ("assumption", f"ln B({comparison.sensitivity_of}) (nat)", "its evidence (nat)")
     return Table.of("Under other assumptions", heads, [*scaled, *assumed])
 

@@ -25,6 +25,7 @@ from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.terms import Discrepancy, ForceError, Mount, SetupShift
+from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import comparison_sentences, strength_words, with_words
 from ldbb_bayes.result import json_text
 
@@ -43,7 +44,10 @@ CAMPAIGN = simulated(plan((30,) * 4), seed=1)
 def found() -> Comparison:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outliers, "_REPLICATES", 4000)
-        return lb.compare(PAIR, CAMPAIGN, tolerance=0.1)
+        steps: list[tuple[int, int]] = []
+        found = lb.compare(PAIR, CAMPAIGN, tolerance=0.02, progress=lambda *step: steps.append(step))
+        assert steps == [(k, len(steps)) for k in range(1, len(steps) + 1)], "as many as were counted"
+        return found
 
 
 def test_evidence_and_probabilities(found: Comparison) -> None:
@@ -70,6 +74,21 @@ def test_sensitivity_is_the_same_comparison_again(found: Comparison) -> None:
     for model, value in ((wide, by_scale[3.0]), (centre, centred), (plain, naive)):
         evidences = [lb.log_evidence(own, CAMPAIGN) for own in (model, model.with_degree(0))]
         assert value == pytest.approx(lb.log_bayes_factor(*evidences)[0], abs=0.02)
+
+
+def test_rejected_assumptions_are_weighed_roughly(recovered: lb.Campaign) -> None:
+    """Within an error of their own, which no exit code hangs on, and which is shown; others as exactly as asked."""
+    model = lb.HybridModel.first(1).without("ball-form", "truncation")
+    found = lb.compare({"constant": model.with_degree(0), "linear": model}, recovered, evidence_only=True, tolerance=1e-3)
+    by_name = {assumed.assumption: assumed for assumed in found.discrepancy_sensitivity}
+    rough = by_name["without set-up shift"]
+    assert found.gain(rough) < -10.0
+    assert 2e-3 < rough.log_bayes_factor_error < 0.2
+    assert found.within_tolerance
+    exact = [lb.log_evidence(model.without("setup-shift").with_degree(k), recovered) for k in (1, 0)]
+    assert abs(rough.log_bayes_factor - lb.log_bayes_factor(*exact)[0]) < rough.log_bayes_factor_error
+    assert f"{rough.log_bayes_factor:+.2f} ± " in str(parts_of(found)[1])
+    assert all(a.log_bayes_factor_error < 2e-3 for a in by_name.values() if found.gain(a) > -10.0)
 
 
 def test_the_recovered_experiment_is_not_robust(compared: Comparison) -> None:

@@ -157,7 +157,7 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
         posterior = HyperPosterior(model.bind(UNIFORM), truncated=truncated)
         own = posterior.nodes(4e-3).evidence
         assert abs(nodes.evidence.log_value - own.log_value) < min(nodes.error + own.error, 0.02)
-    left = [*leave_one_out(found[0]).values()][1]
+    left = [*leave_one_out({"constant": found[0], "linear": found[2]})["constant"].values()][1]
     alone = HyperPosterior(left.bound, truncated=truncated).nodes(1e-3).evidence
     assert abs(left.evidence.log_value - alone.log_value) < left.error + alone.error
     again = Evidences(UNIFORM, tolerance=4e-2)
@@ -255,7 +255,7 @@ def test_replicates_are_the_predictive_distribution() -> None:
     model = lb.HybridModel.first(1).without("truncation")
     bound = model.bind(campaign)
     name = bound.test_names[test]
-    left = leave_one_out(HyperPosterior(bound, truncated=False).nodes(1e-2))
+    left = leave_one_out({"linear": HyperPosterior(bound, truncated=False).nodes(1e-2)})["linear"]
     assert tuple(left) == bound.test_names
     found = left[name]
     cold = HyperPosterior(found.bound, truncated=False).nodes(1e-2)
