@@ -6,21 +6,19 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
-from ldbb_bayes.inference.predictive import runs_with_force
+from ldbb_bayes.inference.predictive import in_order_of_force
 from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Columns, Term
-from ldbb_bayes.result import Result
+from ldbb_bayes.result import Array, Result
 
 __all__ = ["Cure", "Degeneracy", "Standing", "StandingKind", "cures", "degeneracies", "standing_degeneracies"]
 
-Array = NDArray[Any]
 _CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 _OF_ITSELF = 0.05
 _STRICT = 0.5
@@ -218,7 +216,7 @@ def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tup
         standing.append(Standing(StandingKind.FRICTION, hidden))
     direct = tuple(name.label for name in bound.compliances if name.kind == "direct")
     modelled = {type(term).__name__ for term in bound.model.nuisances}
-    if "Drift" not in modelled and not bound.campaign.is_plan and runs_with_force(bound):
+    if "Drift" not in modelled and not bound.campaign.is_plan and in_order_of_force(bound):
         turning = [name.label for name in bound.compliances if name.kind == "rotation_for_force" and "Position" in modelled]
         standing.append(Standing(StandingKind.DRIFT, (*direct, *turning)))
     if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing, StandingKind, cures, degeneracies, standing_degeneracies
@@ -37,7 +36,7 @@ from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.likelihood import Information
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
-from ldbb_bayes.result import ByRow, Finite, Number, Result
+from ldbb_bayes.result import Array, ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked
 
 if TYPE_CHECKING:
@@ -48,7 +47,6 @@ __all__ = [
     "parameters_of", "uncertainty_with", "verdicts",
 ]  # fmt: skip
 
-Array = NDArray[Any]
 _TENTH, _HALF, _CONTRACTED, _NAMED, _QUARTER = 0.1, 0.5, 0.75, 0.05, 0.25
 _ROUNDING = 1e-12
 _UNMEASURED = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Drift"}

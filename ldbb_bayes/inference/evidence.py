@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import require
@@ -25,6 +24,7 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms import Hyper
 from ldbb_bayes.model.truncation import Orthant
+from ldbb_bayes.result import Array
 
 __all__ = [
     "Evidences",
@@ -37,7 +37,6 @@ __all__ = [
     "probabilities",
 ]
 
-Array = NDArray[Any]
 _NEARLY_ONE, _ROUGH = 0.1, 0.1
 _DRAWS, _SAME = 16_384, 1e-12
 
@@ -124,7 +123,7 @@ def marginals(
     try:
         draws, *_ = draw_jointly(nodes.posterior, _DRAWS, np.random.default_rng(seed))
     except TooRoughError:
-        draws = nodes.posterior.wandered.pick(_DRAWS, np.random.default_rng(seed))
+        draws = nodes.posterior.emcee_nodes.pick(_DRAWS, np.random.default_rng(seed))
     phi = bound.hyper_prior.phi(nodes.integral.free)
     of_phi = [*mixture_moments(nodes.integral.weight, phi, 0.0 * phi), *np.quantile(bound.hyper_prior.phi(draws), levels, axis=0)]
     of_beta = [*nodes.moments(), *nodes.quantiles(levels, seed=seed)]

@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +25,13 @@ from scipy.special import gammaln, stdtrit
 
 from ldbb_bayes.inference.mcmc import StoppingRule, diagnose, run_ensembles
 from ldbb_bayes.model.gaussian import Sobol
+from ldbb_bayes.result import Array
 
 __all__ = [
     "CHUNK", "LARGEST_PARETO_K", "Integral", "Mixture", "SplitT", "bridge_sample", "grow_lattice", "importance_sample",
     "in_chunks", "integrate",
 ]  # fmt: skip
 
-Array = NDArray[Any]
 LogDensity = Callable[[Array], Array]
 Random = np.random.Generator | np.random.RandomState
 CHUNK = 256
@@ -306,11 +306,18 @@ class Mixture:
 
 
 def importance_sample(
-    log_density: LogDensity, modes: Sequence[tuple[Array, Array]], *, tolerance: float = 1e-2, seed: int = 0, most: int = 65_536
+    log_density: LogDensity,
+    modes: Sequence[tuple[Array, Array]],
+    *,
+    tolerance: float = 1e-2,
+    seed: int = 0,
+    most: int = 65_536,
+    tries: int = 2,
 ) -> Integral:
     """Quasi-random points whose error of ln ∫ f is below the tolerance and whose weights can be trusted; or the best of five
     rounds, of up to ``most`` points. A round draws from the mixture fitted to all rounds before it, the first to the density
-    along the axes of every mode. Where the weights are even enough it draws on, twice as many, instead of fitting again."""
+    along the axes of every mode. Where the weights are even enough it draws on, twice as many, instead of fitting again. Where
+    none can be trusted another seed is tried: a round may miss a tail by luck."""
     rng, h = np.random.default_rng(seed), len(modes[0][0])
     proposal = Mixture(tuple(_along_axes(log_density, *mode) for mode in modes), np.full(len(modes), 1.0 / len(modes)))
     each, rounds = 1 << int(np.ceil(np.log2(max(_LEAST, 1.5 * h)))), list[Integral]()
@@ -329,7 +336,10 @@ def importance_sample(
             times = len(found.free) // (_SCRAMBLES * count.sum())
         rounds.append(found)
         proposal, each = _fitted(rounds), min(4 * each, most // _SCRAMBLES)
-    return min(rounds[1:], key=lambda own: (not own.trusted, own.error))
+    best = min(rounds[1:], key=lambda own: (not own.trusted, own.error))
+    if best.trusted or tries < 2:
+        return best
+    return importance_sample(log_density, modes, tolerance=tolerance, seed=seed + 1, most=most, tries=tries - 1)
 
 
 def _drawn(

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from ldbb_bayes.result import Array
+
 __all__ = ["Assessment", "EnsembleRun", "Progress", "Redraw", "StoppingRule", "assess", "diagnose", "run_ensembles"]
 
-Array = NDArray[Any]
 _BLOCKS_A_LEVEL, _MOST_DOUBLINGS, _DOUBLINGS_STORED = 4, 5, 2
 _JUMP, _REDRAWN, _MOST_DRAWS, _STOCK = 0.1, 0.9, 25_000, 512
 _TAILS, _ROUNDING = (0.05, 0.95), 1e-15

@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,10 @@ from ldbb_bayes.model.gaussian import Sobol, central_differences, mixture_quanti
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
 from ldbb_bayes.model.truncation import Orthant
+from ldbb_bayes.result import Array
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes", "TooRoughError", "conditional_draws", "draw_jointly", "draw_parameters_given"]
 
-Array = NDArray[Any]
 Index = NDArray[np.intp]
 _STEP, _FLATTEST = 0.05, 0.3
 _STARTS, _BASINS, _APART = 256, 3, 1.5
@@ -128,7 +127,7 @@ class HyperPosterior:
         return self.inside(self.coarse, _COARSE, bounded=True).integral if self.truncated else self.coarse
 
     @cached_property
-    def wandered(self) -> Integral:
+    def emcee_nodes(self) -> Integral:
         """emcee's draws as nodes, from where the sample's are."""
         found = bridge_sample(self._smooth, self.proposal, seed=self._seed)
         return self.inside(found, _COARSE, bounded=True).integral if self.truncated else found

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
@@ -37,7 +36,7 @@ from ldbb_bayes.inference.predictive import (
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
-from ldbb_bayes.result import Finite, Result
+from ldbb_bayes.result import Array, Finite, Result
 from ldbb_bayes.units import display_unit, ranked
 
 if TYPE_CHECKING:
@@ -49,7 +48,6 @@ __all__ = [
     "power_sensitivity", "priors_of", "record_of", "result_json", "save", "summarize", "to_units",
 ]  # fmt: skip
 
-Array = NDArray[Any]
 _POWERS, _SENSITIVE = (0.99, 1.01), 0.05
 _COUNT = 10.0
 _MOVED, _WIDER = 0.5, 0.1

@@ -11,11 +11,10 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr, stdtr
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, check_campaign
@@ -27,7 +26,7 @@ from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.terms import BasisNoise, Columns, JointLoad
-from ldbb_bayes.result import ByRow, Numbers, Result
+from ldbb_bayes.result import Array, ByRow, Numbers, Result
 from ldbb_bayes.units import ranked
 
 __all__ = [
@@ -49,6 +48,7 @@ __all__ = [
     "failing",
     "fit_quality",
     "harmonics_of",
+    "in_order_of_force",
     "least_squares",
     "machine_coefficients",
     "new_circle_coefficients",
@@ -56,13 +56,11 @@ __all__ = [
     "quality_of",
     "replicate_left_out",
     "residuals_mm",
-    "runs_with_force",
     "shared_coefficients",
     "shared_columns",
     "shared_terms",
 ]
 
-Array = NDArray[Any]
 _DRAWS = 500
 _RANK = 1e-6
 _STRETCH = 100_000
@@ -339,20 +337,20 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
         if len(force) < _FEWEST_SHIFTED or len(np.unique(force)) < _FEWEST_SHIFTED - 1:
             continue
         for axis, k in zip(PLANES[plane], harmonic_index(1), strict=False):
-            found[axis] = _no_slope(force, np.array([rest[r][k] for r in np.flatnonzero(own)]))
+            found[axis] = _p_value_of_no_slope(force, np.array([rest[r][k] for r in np.flatnonzero(own)]))
     return {axis: p for axis, p in found.items() if p * len(found) < SHIFTED}
 
 
-def runs_with_force(bound: BoundModel) -> bool:
+def in_order_of_force(bound: BoundModel) -> bool:
     """Whether the tests of a plane ran in an order of force, so that a steady drift passes for a change with force: Student's t
     of the ranks at 5 %. Where not every test has a time, they ran as listed."""
     time = bound.setting.time_h if np.isfinite(bound.setting.time_h).all() else np.arange(bound.setting.tests)
     ranks = [np.unique(values, return_inverse=True)[1].astype(float) for values in (bound.setting.force_N, time)]
     pairs = [[rank[own] for rank in ranks] for _, _, own in bound.setting.each("plane")]
-    return any(np.ptp(force) > 0.0 and _no_slope(force, order) < _IN_ORDER for force, order in pairs)
+    return any(np.ptp(force) > 0.0 and _p_value_of_no_slope(force, order) < _IN_ORDER for force, order in pairs)
 
 
-def _no_slope(force: Array, values: Array) -> float:
+def _p_value_of_no_slope(force: Array, values: Array) -> float:
     """The p-value of no slope of values over force."""
     lever, freedom = force - force.mean(), max(len(force) - 2, 1)
     slope = lever @ values / (lever @ lever)

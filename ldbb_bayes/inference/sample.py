@@ -12,7 +12,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
@@ -35,6 +34,7 @@ from ldbb_bayes.jobs import one_blas_thread, versions
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.result import Array
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,7 +44,6 @@ __all__ = [
     "record_from", "run_sampler", "sample", "sample_from",
 ]  # fmt: skip
 
-Array = NDArray[Any]
 _CHAINS, _SPACING = 4, 4.0
 _WALKERS, _START_TEMPERATURE, _TRIES = 128, 1.5, 2
 _QUALITY_DRAWS, _CHECKED_DRAWS = 1000, 500

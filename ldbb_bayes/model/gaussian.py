@@ -244,8 +244,7 @@ def solve_upper(lower: Array, right: Array) -> Array:
 def _stack_last(lower: Array, right: Array, axes: int) -> tuple[Array, Array]:
     """L (q, q, ...) and a copy of the right side (q, ...) or (q, k, ...): the stack last and contiguous."""
     batch = np.broadcast_shapes(lower.shape[:-2], right.shape[:-axes])
-    turned = np.moveaxis(lower, (-2, -1), (0, 1))
-    turned = turned if turned.strides[-1] == turned.itemsize else np.ascontiguousarray(turned)
+    turned = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
     turned = np.broadcast_to(np.moveaxis(turned, (0, 1), (-2, -1)), (*batch, *lower.shape[-2:]))
     copied = np.empty((*right.shape[-axes:], *batch))
     copied[...] = np.moveaxis(np.broadcast_to(right, (*batch, *right.shape[-axes:])), range(-axes, 0), range(axes))

@@ -12,7 +12,6 @@ from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import check_known, require
@@ -23,25 +22,23 @@ from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterCondit
 from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, ForceError, JointLoad, Mount, Scale, Term, first_edition
 from ldbb_bayes.model.truncation import Orthant, Truncation
-from ldbb_bayes.result import Result
+from ldbb_bayes.result import Array, Result
 from ldbb_bayes.units import inside_name
 
 __all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation", "information_of", "informations_of"]
 
-Array = NDArray[Any]
 Preset = Literal["default", "first", "paper"]
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # φ in this order, then the scales of other terms in theirs, the circles' last.
 _ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # Circles scatter each by a scale of its own where there are so many.
 _FEWEST_SCALED = 4
-# What explains a change with force as slopes do: the term, and which setting of it, or all.
-_RIVALS: dict[str, tuple[type[Term], str]] = {
-    "joint load": (JointLoad, ""),
-    "curved mount": (Mount, "curvature_um"),
-    "curved force law": (ForceError, "curvature_sd"),
+# What explains a change with force as slopes do: the term, which setting of it, or all, and how its coefficients' names begin.
+_RIVALS: dict[str, tuple[type[Term], str, str]] = {
+    "joint load": (JointLoad, "", "joint_load"),
+    "curved mount": (Mount, "curvature_um", "mount_curvature"),
+    "curved force law": (ForceError, "curvature_sd", "force_curvature"),
 }
-_STEMS = ("joint_load", "mount_curvature", "force_curvature")
 
 
 @dataclass(frozen=True)
@@ -139,12 +136,12 @@ class HybridModel(Result):
     def rivals(self) -> tuple[str, ...]:
         """What it has that explains a change with force as slopes do: joint load, curved mount, curved force law."""
         own = {type(term): term for term in self.nuisances}
-        return tuple(name for name, (kind, setting) in _RIVALS.items() if kind in own and getattr(own[kind], setting, True))
+        return tuple(name for name, (kind, setting, _) in _RIVALS.items() if kind in own and getattr(own[kind], setting, True))
 
     def with_rivals(self, *names: str) -> HybridModel:
         """The same model with these alone of its `rivals`."""
         model = self
-        for kind, setting in (_RIVALS[name] for name in self.rivals if name not in names):
+        for kind, setting, _ in (_RIVALS[name] for name in self.rivals if name not in names):
             own: Any = next(term for term in self.nuisances if type(term) is kind)
             model = model.including(replace(own, **{setting: 0.0})) if setting else model.without(kind.key())
         return model
@@ -267,7 +264,7 @@ class Parameter:
 
 def _rivals_slopes(part: Columns | BasisNoise) -> bool:
     """Whether columns explain a change with force as slopes do."""
-    return isinstance(part, Columns) and part.names[0].startswith(_STEMS)
+    return isinstance(part, Columns) and part.names[0].startswith(tuple(stem for *_, stem in _RIVALS.values()))
 
 
 class BoundModel:

@@ -31,10 +31,10 @@ from ldbb_bayes.model.fourier import SIZE, Reduced
 from ldbb_bayes.model.gaussian import Gaussian, components, eliminate, solve_upper
 from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise, Columns, Hyper, Source
 from ldbb_bayes.model.truncation import Orthant, Truncation
+from ldbb_bayes.result import Array
 
 __all__ = ["NOISE", "OWN", "Information", "ParameterConditional", "StructuredGaussian"]
 
-Array = NDArray[Any]
 Index = NDArray[np.intp]
 _LOG_2PI = float(np.log(2 * np.pi))
 _MALLOC_BYTES = 31 << 20

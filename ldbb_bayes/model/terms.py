@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, WAYS, Setting, derivative
-from ldbb_bayes.result import Result
+from ldbb_bayes.result import Array, Result
 
 __all__ = [
     "FORM_ORDER", "NOISE", "OWN", "Angle", "BallForm", "BarLength", "BasisNoise", "CircleScale", "Columns", "Covariate",
@@ -28,7 +27,6 @@ __all__ = [
     "Position", "Scale", "SetupShift", "Source", "Term", "Uncertainties", "Uncertainty", "Unit", "first_edition", "uncertainties",
 ]  # fmt: skip
 
-Array = NDArray[Any]
 Hyper = str
 # Whose a coefficient is that is no term's: of the parameters of interest, of the white noise of readings.
 OWN, NOISE = "Parameters", "ReadingNoise"
@@ -230,7 +228,9 @@ class Term:
             what = f"{type(self).__name__} {name}"
             if get_origin(hints.get(name)) is Literal:
                 check_known(what, [value], get_args(hints[name]))
-            elif not isinstance(value, str | bool) and not (np.isfinite(value) and value >= 0 and (value or "curvature" in name)):
+            elif isinstance(value, str | bool) or (value == 0.0 and name.startswith("curvature")):  # no curvature, the rest stays
+                continue
+            elif not (np.isfinite(value) and value > 0.0):
                 raise InputError(f"{what} must be a positive number, got {value}. To drop the term, leave it out.")
 
     @property

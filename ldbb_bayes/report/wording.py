@@ -567,10 +567,13 @@ def _factor(value: float, error: float) -> str:
     return typeset(f"{value:+.2f} (error {max(error, 1e-3):.1g})")
 
 
+_ROUGH = 0.02
+
+
 def factor_words(assumed: Assumed, digits: int) -> str:
-    """Return ln B under an assumption to so many digits, and its error where they show it."""
+    """Return ln B under an assumption to so many digits, and its error where it is weighed roughly."""
     value, error = assumed.log_bayes_factor, assumed.log_bayes_factor_error
-    return f"{value:+.{digits}f}" + (f" ± {error:.1g}" if error > 10.0**-digits else "")
+    return f"{value:+.{digits}f}" + (f" ± {error:.1g}" if error > _ROUGH else "")
 
 
 def _robustness(comparison: Comparison) -> Iterator[str]:

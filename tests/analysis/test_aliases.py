@@ -12,7 +12,7 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import Degeneracy, StandingKind, cures, degeneracies, standing_degeneracies
-from ldbb_bayes.inference.predictive import runs_with_force, shared_terms
+from ldbb_bayes.inference.predictive import in_order_of_force, shared_terms
 from ldbb_bayes.machine.chain import geometric_reading_mm, wrench_jacobian, wrench_names
 from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
 
@@ -231,7 +231,7 @@ def test_orders_of_force() -> None:
     for order in [np.arange(7), np.arange(7)[::-1], *(rng.permutation(7) for _ in range(30))]:
         run = [lb.CircularTest(50.0 + k**2, np.arange(30) * 12.0, np.ones(30), time_s=60.0 * j) for j, k in enumerate(order)]
         for tests in ([replace(test, time_s=None) for test in run], sorted(run, key=lambda test: test.force_N)):
-            found = runs_with_force(lb.HybridModel.paper(0).bind(lb.Campaign(tuple(tests))))
+            found = in_order_of_force(lb.HybridModel.paper(0).bind(lb.Campaign(tuple(tests))))
             assert found == (stats.spearmanr(order, np.arange(7)).pvalue < 0.05)
 
 
