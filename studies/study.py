@@ -323,7 +323,6 @@ def replicated(
     *,
     again: Mapping[Effort, int],
     tolerance: float = 0.01,
-    astray: float = 0.0,
 ) -> pd.DataFrame:
     """Simulated campaigns, one row each with columns kind, seed and what ``job(kind, seed)`` gives.
 
@@ -338,11 +337,9 @@ def replicated(
         How many of each.
     tolerance : float
         Relative to each column's largest absolute value.
-    astray : float
-        See `kept`.
     """
     jobs = [(kind, seed) for kind, count in kinds.items() for seed in range(min(count, again.get(effort, count)))]
-    return kept(path, pd.DataFrame(_on_all_cores(job, jobs)), kinds, effort, tolerance=tolerance, astray=astray)
+    return kept(path, pd.DataFrame(_on_all_cores(job, jobs)), kinds, effort, tolerance=tolerance)
 
 
 def kept(

@@ -339,7 +339,8 @@ def importance_sample(
     best = min(rounds[1:], key=lambda own: (not own.trusted, own.error))
     if best.trusted or tries < 2:
         return best
-    return importance_sample(log_density, modes, tolerance=tolerance, seed=seed + 1, most=most, tries=tries - 1)
+    again = importance_sample(log_density, modes, tolerance=tolerance, seed=seed + 1, most=most, tries=tries - 1)
+    return again if again.trusted else best
 
 
 def _drawn(

@@ -42,7 +42,6 @@ CALIBRATED = ["E_XX1", "E_YY1", "E_C0YX", "E_YX2", "E_XY2"]
 LEVELS, TOLERANCE, DRAWS, FAR = np.array([0.025, 0.975]), 0.05, 4000, 3.0
 CURVES, ENDS = ("C_XXX", "C_YYY"), (FORCES_N[0], FORCES_N[-1])
 LEVEL = 0.95
-ASTRAY = 0.1  # an interval of random draws may end on either side of the truth
 
 
 def analysed(kind: str, seed: int) -> dict[str, float]:
@@ -121,7 +120,7 @@ def of_family(rows: pd.DataFrame) -> dict[str, Any]:
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
     kinds = dict.fromkeys([*FAMILIES, *STATED], CAMPAIGNS)
-    rows = replicated(HERE / "campaigns.csv", analysed, kinds, effort, again=AGAIN, astray=ASTRAY)
+    rows = replicated(HERE / "campaigns.csv", analysed, kinds, effort, again=AGAIN)
     families = {kind: of_family(rows[rows["kind"] == kind]) for kind in kinds}
     certified = rows[rows["kind"] == "mild, certificates"]
     share = {name: float((certified[f"second/{name}/u"] / certified[f"foretold/{name}"]).median()) for name in CALIBRATED}
