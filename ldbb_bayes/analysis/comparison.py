@@ -251,8 +251,7 @@ def compare(
     if progress is not None:
         total = len(models) * (1 + several * len(campaign.tests)) + 2 * (len(by_scale) + len(discrepancies))
         total += rivals * 2 ** (1 + len(pair[second].rivals)) + (count_subsets(linear, campaign) if subsets else 0)
-        steps = itertools.count(1)
-        evidences.progress = lambda: progress(next(steps), total)
+        evidences.progress = map(progress, itertools.count(1), itertools.repeat(total)).__next__
 
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
     left = leave_one_out(weighed, tolerance=tolerance, progress=evidences.progress) if several else {}
