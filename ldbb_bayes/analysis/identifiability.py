@@ -199,7 +199,7 @@ def verdicts(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
 
 
 def hyper_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Weights (w,) and φ (w, h) [mm]: nodes of p(φ | y), truncation aside; of a plan the prior median alone."""
+    """Weights (w,) and φ (w, h) [mm]: nodes of p(φ | y), without truncation; of a plan the prior median alone."""
     if bound.campaign.is_plan:
         return np.ones(1), bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), _HALF))
     found = HyperPosterior(bound, truncated=False).coarse

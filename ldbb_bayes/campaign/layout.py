@@ -178,7 +178,7 @@ def read_layout(path: Path) -> Layout:
 
 @dataclass(frozen=True)
 class Assumption:
-    """What was taken for granted in a file, sheet or test, or in how many (empty: in all), and the option to say otherwise."""
+    """What was assumed in a file, sheet or test, or in how many (empty: in all), and the option to say otherwise."""
 
     place: str
     what: str

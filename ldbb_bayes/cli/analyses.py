@@ -29,7 +29,7 @@ _COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdic
 
 @command
 def identify(campaign: options.GivenCampaign, model: options.ChosenModel, output: options.OutputOptions) -> None:
-    """What the data can tell apart: verdict and confounding of every parameter, degeneracies and their cures.
+    """What the readings can separate: verdict and confounding of every parameter, exchange rates and cures.
 
     A plan (a campaign without readings) will do: ask before the experiment.
     """
@@ -82,7 +82,7 @@ def compare(
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _COMPARE],
 ) -> None:
-    """Constant or linear compliance? Evidence, its sensitivity, leave-one-force-out, which slopes, which tests do not belong.
+    """Constant or linear compliance? Evidence, its sensitivity, leave-one-force-out, which slopes, which tests do not fit in.
 
     Compares constant with linear compliance; with --degree 2 also quadratic. Exit code 1: an evidence is less exact than asked.
     """
@@ -168,10 +168,10 @@ def design(
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _DESIGN],
 ) -> None:
-    """The best tests to run next, how good they are, and what they will tell. A plan will do as pilot.
+    """The best tests to run next, how good they are, and what they will show. A plan will do as pilot.
 
     --out DIR becomes a plan (campaign.toml) that identify and simulate read, in the order in which to run it, with the model for
-    its analysis. Exit code 1: the certificate that nothing is better does not hold.
+    its analysis. Exit code 1: not proven best.
     """
     from ldbb_bayes.campaign.folder import write_campaign_into
     from ldbb_bayes.model.specification import model_to_toml

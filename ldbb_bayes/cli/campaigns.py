@@ -363,7 +363,7 @@ _POPULATION = group(**_ROWS, spread_scale=option(float, _SPREAD, 0.3, metavar="X
 def population(batches: BatchesArgument, output: options.OutputOptions, asked: Annotated[dict[str, Any], _POPULATION]) -> None:
     """The population that the machines of a batch come from: mean, spread, the next machine, and machines that do not belong.
 
-    Campaigns of one machine (machine_id in campaign.toml) are taken together; each machine is told what the others say.
+    Campaigns of one machine (machine_id in campaign.toml) are taken together; each machine is compared with the others.
     """
     from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, read_batch
 

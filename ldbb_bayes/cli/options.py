@@ -280,7 +280,7 @@ LABEL_OPTIONS = in_panel(
     "What was measured, when and with what (no number depends on it)",
     machine_type=option(str, "Maker and type of the machine."),
     serial_number=option(str, "Of the machine."),
-    machine_id=option(str, "What tells the machines of a fleet apart. Default: the serial number."),
+    machine_id=option(str, "Name of the machine within a fleet. Default: the serial number."),
     date=option(str, "Of the measurement, ISO 8601.", metavar="DATE"),
     operator=option(str, "Who measured."),
     place=option(str, "Where."),
@@ -312,7 +312,7 @@ _TERMS = "ball-form, bar-length, mount, force-error, setup-shift, discrepancy, h
 _MODEL = group(
     model_from,
     degree=option(int, "Compliance constant (0), linear (1) or quadratic (2) in force. Default 1.", min=0, max=2),
-    preset=option(str, "default: all nuisances and priors. first: as in the first edition. paper: least squares (Eq. 31)."),
+    preset=option(str, "default: all effects and priors. first: as in the first edition. paper: least squares (Eq. 31)."),
     without=option(NAMES, f"Comma-separated terms to leave out: {_TERMS}.", metavar=None),
     drift=option(str, "Centre and length drift with time or temperature, as the tests record it.", metavar="time|temperature"),
     model=option(Path, "Model as TOML (priors, terms, degree).", metavar="FILE.toml"),

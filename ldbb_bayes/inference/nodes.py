@@ -290,7 +290,7 @@ def draw_parameters_given(start: HyperPosterior, free: Array, rng: np.random.Gen
         if not missing.size:
             return beta
     raise InputError(
-        "the posterior must leave room inside the truncation, got draws that never fall into it. The readings contradict "
+        "the posterior must leave room where no compliance is negative, got no draw that falls there. The readings contradict "
         "non-negative compliance: check signs, mount compensation and forces, or fit --without truncation."
     )
 

@@ -132,7 +132,7 @@ def _joint(
     inside = points[np.isfinite(log_target)]
     require(
         len(inside) >= ensembles * count,
-        "the posterior must leave room inside the truncation, got almost none. The readings contradict non-negative "
+        "the posterior must leave room where no compliance is negative, got almost none. The readings contradict non-negative "
         "compliance: check the sign of the readings, the mount compensation and the forces, or fit --without truncation.",
     )
     starts = inside[: ensembles * count].reshape(ensembles, count, d)

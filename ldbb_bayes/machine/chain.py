@@ -8,7 +8,7 @@ The bar reads what homogeneous transforms say (Eq. 1-14), or what every paramete
 For a unit force along the bar, joint k sees the wrench g_k = J_kᵀ B̂ = (B̂, lever × B̂): three forces, three moments about its
 frame. By Eq. 20 a compliance C_ijk (twist i for wrench j at joint k) then changes the reading by g_k,i · g_k,j. An error motion
 of joint k, a twist e about the same frame, changes it by ± g_k · e, minus in the workpiece branch. The planar model of the paper
-is what remains while the levers lie in the plane. Of the compliances only what circles can tell apart is kept: null columns,
+is what remains while the levers lie in the plane. Of the compliances only what circles can separate is kept: null columns,
 proportional sets and their representatives (Table 2).
 """
 
@@ -448,7 +448,7 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     4. of a rotation, a joint that drives the plane it turns;
     5. alphabetical order.
 
-    The circles of a campaign are taken together: another centre or plane can tell compliances apart that one circle cannot.
+    The circles of a campaign are taken together: another centre or plane can separate compliances that one circle cannot.
     Default: R = 150 mm about the frames' origin in every plane.
     """
     return _kept(machine, circles or tuple(Circle(plane=plane) for plane in machine.planes))

@@ -48,7 +48,7 @@ _OVERHEAD, _TOGETHER = 60.0, 4
 
 
 class ParameterConditional(Gaussian):
-    """p(β | y, φ) for w values of φ, truncation aside; ``physical``: A β ≥ 0, whether or not the model imposes it."""
+    """p(β | y, φ) for w values of φ, without truncation; ``physical``: A β ≥ 0, whether or not the model imposes it."""
 
     physical: Truncation
 

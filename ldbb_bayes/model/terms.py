@@ -153,7 +153,7 @@ class BasisNoise:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What a term takes for granted of the instrument: a value and its standard uncertainty, in ``unit`` (mm, N, rad), the field
+    """What a term assumes of the instrument: a value and its standard uncertainty, in ``unit`` (mm, N, rad), the field
     of `Instrument` that states it (empty: none does), and whether a certificate has stated it."""
 
     name: str
@@ -166,14 +166,14 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """Everything that the terms of a model take for granted of the instrument, and the names of its certificates."""
+    """Everything that the terms of a model assume of the instrument, and the names of its certificates."""
 
     assumed: tuple[Uncertainty, ...]
     certificates: Mapping[str, str]
 
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
-    """Return what terms, by default those of the default model, take for granted of the instrument of a campaign or plan."""
+    """Return what terms, by default those of the default model, assume of the instrument of a campaign or plan."""
     used = [kind() for kind in Term.kinds.values() if not kind.on_demand] if terms is None else terms
     return Uncertainties(tuple(own for term in used for own in term.assumed(campaign)), campaign.instrument.certificates)
 
@@ -247,7 +247,7 @@ class Term:
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """What it takes for granted of the instrument."""
+        """What it assumes of the instrument."""
         yield from ()
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:

@@ -117,12 +117,12 @@ def campaign(found: Findings) -> Iterator[Part]:
 
 
 def results(found: Findings) -> Iterator[Part]:
-    """Parameters, and what the fit says of the nuisances."""
+    """Parameters, and what the fit says of other effects."""
     yield wording.model_words(found.result["model"])
-    yield wording.RESULTS.format(percent=wording.percent_of(found.result))
+    yield wording.PAGE["results"].format(percent=wording.percent_of(found.result))
     yield results_table(found.result, found.verdicts)
     yield picture("forest", found.posterior)
-    yield Details("What the fit says of the nuisances", (nuisance_table(found.result["nuisances"]),))
+    yield Details("What the fit says of other effects", (nuisance_table(found.result["nuisances"]),))
     tests = campaign_of(found.posterior)
     described = parts_of(describe(tests.machine(), [test.circle for test in tests.tests]))
     yield Details("What the parameters are", described)
@@ -160,7 +160,7 @@ def uncertainty(found: Findings) -> Iterator[Part]:
         rows.append((display_name(name), u, unit, largest, remedy, two_digits(budget.u_if_known, factor)))
         details.append(Details(f"{display_name(name)}: u = {u} {unit}", (_budget(budget, factor, unit),)))
     heads = ("parameter", "u", "unit", "largest sources", "what would improve it most", "u then")
-    yield wording.BUDGET
+    yield wording.PAGE["budget"]
     yield Table.of("What limits every parameter", heads, rows, text=heads[2:5])
     yield picture("budget", found.budgets)
     yield from details
@@ -206,7 +206,7 @@ def path(found: Findings) -> Iterator[Part]:
     """Circular-test quantities, per force and as functions of force."""
     planes = list(dict.fromkeys(found.path["plane"]))
     squares = wording.joined([display_name(squareness_name(bound_of(found.posterior), plane)) for plane in planes])
-    yield wording.PATH.format(squareness=squares, percent=wording.percent_of(found.result))
+    yield wording.PAGE["path"].format(squareness=squares, percent=wording.percent_of(found.result))
     for plane in planes:
         own = found.path[found.path["plane"] == plane]
         where = f", plane {plane}" if len(planes) > 1 else ""
@@ -287,7 +287,7 @@ def diagnostics(found: Findings) -> Iterator[Part]:
 def method(found: Findings) -> Iterator[Part]:
     """In short, with digests, versions and seed."""
     provenance, tests, model = (found.result[key] for key in ("provenance", "campaign", "model"))
-    yield wording.NOTES
+    yield tuple(wording.PAGE["notes"])
     rows = (
         ("campaign", tests["name"]),
         ("readings, SHA-256", tests["sha256"]),

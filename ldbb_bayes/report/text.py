@@ -150,12 +150,12 @@ def _(found: Uncertainties) -> tuple[Passage, ...]:
         nominal, spread = value_and_uncertainty(own.value / one, own.sd / one)
         rows.append((words, nominal, spread, label, "certificate" if own.stated else "the model", where))
     heads = ("assumed", "nominal", "u (1 sd)", "unit", "source", "in campaign.toml")
-    table = Table.of("A fit will take for granted of the instrument", heads, rows, text=heads[3:])
+    table = Table.of("What a fit assumes of the instrument", heads, rows, text=heads[3:])
     named = (f"Certificate of the {what}: {name}" for what, name in found.certificates.items())
     return (
         table,
         *named,
-        "Lobes add to what form of higher orders foretells of them; stated harmonics or turned balls replace that.",
+        "Assumed lobes come on top of the form expected from higher orders; certified harmonics or turned balls replace both.",
     )
 
 
@@ -182,12 +182,12 @@ def _(machine: DescribedMachine) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(model: HybridModel) -> tuple[Passage, ...]:
-    prior = "flat" if model.prior.flat else "proper, truncated to physical compliances" if model.prior.truncated else "proper"
+    prior = "flat" if model.prior.flat else "proper, no compliance negative" if model.prior.truncated else "proper"
     rows = [
         (type(term).__name__, ", ".join(f"{k} = {v if isinstance(v, str) else f'{v:g}'}" for k, v in vars(term).items()))
         for term in model.nuisances
     ]
-    caption = f"HybridModel: compliance {IN_FORCE[model.degree]}; priors {prior}; nuisances"
+    caption = f"HybridModel: compliance {IN_FORCE[model.degree]}; priors {prior}; other effects"
     return (Table.of(caption, ("term", "settings"), rows or [("none", "")], text=("settings",)),)
 
 
@@ -212,7 +212,7 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
 
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
-    """Return the JSON of a fit as tables and sentences, nuisances of the instrument left out."""
+    """Return the JSON of a fit as tables and sentences, other effects of the instrument left out."""
     others = {name: own for name, own in result["nuisances"].items() if not Term.kinds.get(own["term"], Term).instrument}
     nuisances = [nuisance_table(others)] if others else []
     return (*wording.fit_head(result), parameter_table(result), *nuisances, *wording.fit_sentences(result))
@@ -266,9 +266,9 @@ def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
             mean, spread = value_and_uncertainty(entry["mean"] / one, entry["sd"] / one)
             rows.append((wording.nuisance_words(name), mean, spread, round_uncertainty(entry["prior_sd"] / one)[0], unit))
     if not rows:
-        return f"None of the {len(entries)} nuisance coefficients is told from zero (beyond 2 u)."
-    caption = f"Nuisances beyond 2 u; {len(entries) - len(rows)} of {len(entries)} coefficients are not told from zero"
-    return Table.of(caption, ("nuisance", "mean", "u (1 sd)", "prior sd", "unit"), rows, text=("unit",))
+        return f"None of the {len(entries)} other effects differs from zero by more than 2 u."
+    caption = f"Other effects that differ from zero by more than 2 u; {len(entries) - len(rows)} of {len(entries)} do not"
+    return Table.of(caption, ("effect", "mean", "u (1 sd)", "prior sd", "unit"), rows, text=("unit",))
 
 
 # ---- identifiability and calibration
@@ -288,7 +288,7 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
         )
     heads = ("parameter", "prior sd", "sd", "unit", "contraction", "gain (nat)", "verdict")
     items = wording.degeneracy_items(result.degeneracies, result.cures)
-    alike = ("No reading of this campaign can tell apart:", items) if items else ("Every combination of parameters is seen.",)
+    alike = ("The readings of this campaign cannot separate:", items) if items else ("The readings determine every combination.",)
     table = Table.of("", heads, rows, text=("unit", "verdict"))
     return (table, *wording.identifiability_sentences(result), *alike, tuple(map(wording.standing_words, result.standing)))
 
@@ -337,11 +337,11 @@ def _models_table(comparison: Comparison) -> Table:
 
 
 def _assumption_table(comparison: Comparison) -> Table:
-    """ln B under every assumption, and the evidence of the assumption itself against the models' own."""
+    """ln B under every assumption, and by how much the readings prefer it to what the models assume."""
     scaled = [(f"slope scale {s.slope_scale:g}", f"{s.log_bayes_factor:+.2f}", "") for s in comparison.prior_sensitivity]
     every = comparison.discrepancy_sensitivity
     assumed = [(a.assumption, wording.factor_words(a, 2), f"{comparison.gain(a):+.1f}") for a in every]
-    heads = ("assumption", f"ln B({comparison.sensitivity_of}) (nat)", "its evidence (nat)")
+    heads = ("assumption", f"ln B({comparison.sensitivity_of}) (nat)", "preferred by (nat)")
     return Table.of("Under other assumptions", heads, [*scaled, *assumed])
 
 
@@ -389,7 +389,7 @@ def _expected_table(design: Design) -> Table:
     for name, entry in design.expected.items():
         factor, unit = display_unit(entry.unit)
         sizes = [entry.sd, *(own.expected[name].sd for own in design.compared), entry.floor_sd, entry.prior_sd]
-        mark = "" if name in design.parameters else " (nuisance)"
+        mark = "" if name in design.parameters else " (other effect)"
         rows.append([f"{display_name(name)}{mark}", *(two_digits(size, factor) for size in sizes), unit])
     heads = ["expected u", "recommended", *(own.name for own in design.compared), "no less than", "prior", "unit"]
     return Table.of(

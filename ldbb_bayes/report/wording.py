@@ -6,12 +6,14 @@ Nothing decides by reading a sentence: what is decided stands in the findings. K
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldbb_bayes.model.terms import NOISE, OWN, Term
+from ldbb_bayes.model.terms import OWN, Term
 from ldbb_bayes.result import ByClass
 from ldbb_bayes.units import (
     display_name,
@@ -37,6 +39,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.inference.predictive import Check
     from ldbb_bayes.model.terms import Uncertainty
 
+_SENTENCES: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "templates" / "sentences.toml").read_text("utf-8"))
+PAGE: Mapping[str, Any] = _SENTENCES["page"]
 DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
 # Ratios of expected sds that differ by less count as equal.
@@ -69,23 +73,6 @@ def _shown(names: Sequence[str]) -> str:
 
 
 # ---- terms and aliases
-
-_CURES = {
-    "forces": "other force levels",
-    "work ball": "clocking the work ball (0/45/90°)",
-    "tool ball": "clocking the tool ball (0/45/90°)",
-    "both balls": "clocking both balls (0/45/90°)",
-    "radius": "a second radius",
-    "directions": "both directions of travel at the same forces",
-    "full circles": "full circles of more readings",
-}
-_STANDING = {
-    "friction": "Friction in the bar or lost motion in proportion to force looks exactly like {names} in these directions. Run "
-    "both directions at the same forces.",
-    "drift": "Tests in order of force: drift of bar or centre looks exactly like {names}. Shuffle them.",
-    "curvature": "A curvature in force common to all angles (force law, mount) looks exactly like equal slopes of {names}.",
-    "lobes": "{names} and the 4-lobe form of the balls are told apart by force alone.",
-}
 
 
 def unit_words(name: str) -> tuple[float, str]:
@@ -128,17 +115,17 @@ def statement(found: Degeneracy) -> str:
     parts = [_amount(found.combination[name], 1.0 / one, unit, nuisance_words(name), "") for name, one, unit in nuisances]
     subject = " with ".join([*parts[:1], *([joined(parts[1:])] if parts[1:] else [])])
     if len(parts) > 4:
-        subject = f"{parts[0]} in company with {len(parts) - 1} other nuisances"
+        subject = f"{parts[0]} together with {len(parts) - 1} other effects"
     if not found.term:
-        company = f" in company with {len(parts)} nuisances" if parts else ""
-        return f"{joined(changes)}{company} together change no reading{left_out}."
+        company = [f"{len(parts)} other effects"] if parts else []
+        return f"{joined([*changes, *company])} together change no reading{left_out}."
     return f"{subject} looks exactly like {joined(changes)}{left_out}."
 
 
 def cure_words(found: Degeneracy, cures: Sequence[Cure]) -> str:
     """Return what would end a degeneracy."""
     calibration = Term.kinds[found.term].calibration if found.term in Term.kinds else "a calibration of it"
-    text = joined([_CURES.get(cure, calibration) for cure in cures], "or") or "a narrower prior on one of them"
+    text = joined([_SENTENCES["cures"].get(cure, calibration) for cure in cures], "or") or "a narrower prior on one of them"
     return text[0].upper() + text[1:] + "."
 
 
@@ -155,7 +142,7 @@ def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
         if own.term:
             alike[own.modelled].setdefault(own.term, {}).update(dict.fromkeys(own.parameters))
         else:
-            yield f"{_shown(own.parameters)} cannot be told apart by these readings."
+            yield f"These readings cannot separate {_shown(own.parameters)}."
     covers = {
         False: "The model leaves these out: no interval covers them",
         True: "The intervals rest on what was assumed of these",
@@ -168,26 +155,13 @@ def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
 
 def standing_words(found: Standing) -> str:
     """Return what holds whatever is measured."""
-    return _STANDING[found.kind].format(names=_shown(found.parameters))
+    return _SENTENCES["standing"][found.kind].format(names=_shown(found.parameters))
 
 
 # ---- fit
 
 _FEW = 3
 _CONTRADICTED = -13.815510557964274  # ln 1e-6
-_CONCERNS = {
-    "not-converged": "Not converged: ESS ≥ {limit:g} and R-hat ≤ {rhat:g} was not reached in {value:.0f} steps. Do not use the "
-    "numbers; {cure}.",
-    "truncation": "The readings {verb} non-negative compliance: ln P(T | y) = {value:.1f} (expected above {limit:.1f}). A "
-    "nuisance may be missing, or a sign, a force or the mount compensation be wrong.",
-    "one-force": "One force level: constant compliance and geometry are told apart by their priors alone.",
-    "forces": "Only {value:.0f} force levels: at degree {degree:.0f} compliance and geometry need {limit:.0f} to be told apart "
-    "by the readings; here their priors do it.",
-    "hyper": "Misfit: {name} = {um:.3g} µm lies far above what its prior expects ({limit_um:.3g} µm at 99.9 %). The model misses "
-    "something in these readings.",
-    "centre": "The circle's centre shifts along {name} in proportion to force (p = {value:.1g}): compliance that changes along "
-    "the travel, or a set-up that yields. C_CXY and C_CYY rest on what is assumed of it; circles at several centres would tell.",
-}
 
 
 def check_words(check: Check) -> str:
@@ -238,7 +212,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
     """Return a sentence or two on every concern; ``sampler`` is that part of the record."""
     cures = {"independent": "ask for more independent draws (a larger --ess)"}
     for own in concerns:
-        template = _CONCERNS["one-force" if own.kind == "forces" and own.value == 1 else own.kind]
+        template = _SENTENCES["concerns"]["one-force" if own.kind == "forces" and own.value == 1 else own.kind]
         said = template.format(
             value=own.value,
             limit=own.limit,
@@ -267,7 +241,7 @@ def model_words(model: Mapping[str, Any]) -> str:
 def quality_words(quality: Mapping[str, Any]) -> str:
     """Return how well the model fits, from that part of a fit's JSON."""
     return typeset(
-        f"RMSE {quality['rmse_um']:.2f} µm (Eq. 34; machine and shared nuisances); linear for exact geometry costs at most "
+        f"RMSE {quality['rmse_um']:.2f} µm (Eq. 34, of all that circles share); linear geometry changes a reading by at most "
         f"{quality['linearisation_error_um']:.4f} µm. ln P(T | y) = {quality['log_prob_truncation']:.2f}: the log probability "
         "that no compliance is negative; far below −4 the readings contradict it."
     )
@@ -308,28 +282,15 @@ def assumption_words(assumed: Any) -> str:
 
 
 _REMARKS: Mapping[str, str | Callable[..., str]] = {
-    "travel": "stated {stated}, but the angles run {travel}",
-    "arc": "arc of {arc_deg:.0f}° only: harmonics mix",
-    "gap": "gap of {gap_deg:.1f}°",
-    "open trace": "start and end differ by {start_end_um:+.1f} µm more than the path does there: drift, or an open trace",
-    "unit": "{what} is {value:.4g} {unit}: check the unit",
-    "force law": "force {force_N:g} N, but the force law gives {law_N:.0f} N at {pressure_bar:g} bar",
+    **_SENTENCES["remarks"],
     "spikes": lambda reading, angle_deg, off_um, count: (
         f"reading {reading} at {angle_deg:g}° stands {off_um:+.1f} µm off its neighbours"
         f"{'' if count == 1 else f'; {count} readings do so'}"
     ),
-    "step": "readings go in steps of {step_um:.3g} µm, the campaign states a resolution of {stated_um:g} µm, below "
-    "whose √12th part no noise is looked for: state the step (resolution_um in campaign.toml; for a table --resolution-um)",
-    "one force level": "One force level: constant compliance and geometry are told apart by their priors alone; degree 0 "
-    "only. Test a second force.",
-    "two force levels": "Two force levels: constant compliance only is checked by the readings; a slope needs a third.",
-    "copy": "Tests {first} and {second} hold the same readings: a file read twice?",
     "one way": lambda compliance, plane: (
-        f"One direction of travel (or none stated){f' in plane {plane}' if plane else ''}: friction in the bar cannot be told "
-        f"from {compliance}."
+        f"One direction of travel (or none stated){f' in plane {plane}' if plane else ''}: the readings cannot separate friction "
+        f"in the bar from {compliance}."
     ),
-    "places of one set-up": "Several planes or centres in set-up {setup}: the tool ball's offsets are shared, as if the work "
-    "ball had been moved by exactly what the axes say. If the bar was mounted anew, number the set-ups.",
     "machine": lambda topology, plane, radii_mm: (
         f"Machine {topology}, plane {plane}, R = {', '.join(f'{r:g}' for r in radii_mm)} mm"
         f"{', each with a length of its own' if len(radii_mm) > 1 else ''}."
@@ -341,8 +302,6 @@ _REMARKS: Mapping[str, str | Callable[..., str]] = {
     ),
     "set-ups": lambda setups: f"Set-ups {', '.join(map(str, setups))}: tool offsets of each; everything else is shared.",
     "both ways": lambda planes: f"Both directions of travel in {', '.join(planes)}: hysteresis is a term of the model.",
-    "covariate": "Tests record {over}s; a drift over them is modelled only when asked for (--drift {over}).",
-    "readings": "Readings are actual ball distance − R; readout resolution {resolution_um:g} µm.",
     "mount": lambda deflection_um_per_bar, compensated: (
         f"Mount (Eq. 32) {deflection_um_per_bar:g} µm/bar, "
         f"{'already compensated' if compensated else 'not compensated: the nominal deflection will be subtracted'}."
@@ -351,7 +310,6 @@ _REMARKS: Mapping[str, str | Callable[..., str]] = {
         f"Force law F = {slope_N_per_bar:g} N/bar · P {'−' if offset_N < 0 else '+'} {abs(offset_N):g} N, "
         "where a test gives only one of the two."
     ),
-    "reference force": "Reference force F0 = {force_N:g} N, the middle of the tested range.",
     "balls": lambda clocked: (
         "Balls clocked between tests: two forms."
         if clocked
@@ -398,7 +356,7 @@ def _(result: CampaignPreview) -> dict[str, Any]:
 
 
 def assumed_words(own: Uncertainty) -> tuple[str, str]:
-    """Return what is taken for granted of the instrument, and where a certificate says it."""
+    """Return what is assumed of the instrument, and where a certificate says it."""
     (table, _, key), kind = own.certificate.partition("_"), Term.owner(own.name)
     where = f"[{table}] {key}" if key else f"[balls.{table}]" if table else f"none: [terms.{kind.__name__}] of a model"
     return nuisance_words(own.name.replace("form_", "form_cos")).partition(" (")[0], where
@@ -416,7 +374,7 @@ def machine_sentences(found: DescribedMachine) -> tuple[str, ...]:
         "Patterns: change of the reading per unit, of a compliance per unit and N; c = cos θ, s = sin θ, lengths in mm.",
         "Rotary joints, and slides that no plane here drives, count as rigid.",
         *([f"Circles centred at {centres} mm; patterns are those at the first."] if np.any(found.centres_mm) else []),
-        f"{found.rank} compliances can be told apart; condition number of their columns {found.condition_number:.6g} (mm, N, R = "
+        f"{found.rank} compliances can be separated; condition number of their columns {found.condition_number:.6g} (mm, N, R = "
         "150 mm).",
         *([f"Never seen: {', '.join(found.null)}."] if found.null else []),
         f"Cannot be negative: {', '.join(bounded) or 'none'}.",
@@ -466,10 +424,12 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     """Return what the numbers rest on, and how much the readings narrow."""
     values = joined_sizes(result.hyper_um, " = ")
     return (
-        f"At {values} ({'posterior mean' if result.measured else 'prior median; no readings'}), without truncation.",
+        f"Worked out at {values} ({'posterior mean' if result.measured else 'prior median; no readings'}), without the condition "
+        "that no compliance is negative.",
         f"Effective number of parameters {result.effective_parameters:.1f} of {len(result.parameters)} (what the readings narrow "
-        "against the priors; a confounded parameter may be narrowed and still not known).",
-        "Contraction 1 − (sd / prior sd)²; a term's share is what knowing it would take from the variance.",
+        "against the priors; a confounded parameter may be narrowed and still unknown).",
+        "Contraction: 1 − (sd / prior sd)². Gain: information in the readings; 1 nat narrows the sd to 37 %. In brackets: the "
+        "share of the variance that would go if the effect were known exactly.",
         *_certificate_sentences(result),
     )
 
@@ -506,7 +466,7 @@ def validation_verdict(validation: Validation) -> str:
         return f"NOT CALIBRATED: {count} replicates failed, first: {first} ({tested})."
     if validation.outside:
         return f"NOT CALIBRATED: the ranks of {', '.join(validation.outside)} leave the band ({tested})."
-    return f"Calibrated as far as {tested} can tell."
+    return f"Calibrated, as far as {tested} can show."
 
 
 @with_words.register
@@ -518,11 +478,6 @@ def _(result: Validation) -> dict[str, Any]:
 
 _STRENGTHS = ((1.0, "not worth more than a bare mention"), (3.0, "positive evidence"), (5.0, "strong evidence"))
 _SURE = 0.95
-_SIGNS = {
-    "depends on assumptions that the readings allow": "The sign is NOT robust: it depends on what is assumed.",
-    "holds but for assumptions that the readings reject": "The sign holds under every assumption that the readings allow.",
-    "holds under every assumption": "The sign holds under every assumption tried.",
-}
 
 
 def strength_words(log_bayes_factor: float) -> str:
@@ -554,11 +509,11 @@ def _evidence(comparison: Comparison) -> str:
     if (explained := comparison.explanations) is not None:
         none = _factor(explained.alone.log_bayes_factor, explained.alone.log_bayes_factor_error)
         others = joined([name for name in explained.inclusion_probability if name != "slopes"])
-        over = f" averaged over {others}, each there or not, {none} with none"
+        over = f" averaged over {others}, each in the model or not; {none} with none of them"
         shares = joined([f"{name} {probability_words(own)}" for name, own in explained.inclusion_probability.items()])
-        asked = "Probability that each is there, all combinations alike beforehand"
+        asked = "Probability of each, all combinations being equally probable beforehand"
         likeliest = max(explained.models, key=lambda model: model.probability)
-        shares += f"; likeliest {joined(likeliest.by) or 'none'} ({probability_words(likeliest.probability)})"
+        shares += f"; most probable: {joined(likeliest.by) or 'none of them'} ({probability_words(likeliest.probability)})"
     says = f"{_factor(*comparison.headline)}{over}: {strength_words(value)}{favour}"
     return f"ln B({ratio}) = {says}. {asked}: {shares}."
 
@@ -578,12 +533,13 @@ def factor_words(assumed: Assumed, digits: int) -> str:
 
 def _robustness(comparison: Comparison) -> Iterator[str]:
     if (explained := comparison.explanations) is not None and explained.instead:
-        yield f"Slopes are not needed: {joined(explained.instead)} explains the readings as well."
-    yield _SIGNS[comparison.sign]
+        one = "s" if len(explained.instead) == 1 else ""
+        yield f"Slopes are not needed: {joined(explained.instead)} explain{one} the readings as well."
+    yield _SENTENCES["signs"][comparison.sign]
     if scales := comparison.prior_sensitivity:
         values = [scaled.log_bayes_factor for scaled in scales]
         zeros = joined([f"{crossing:.2g}" for crossing in comparison.prior_sensitivity_crossings])
-        there = "With all of these there and" if explained else "With"
+        there = "With all of these in the model, and" if explained else "With"
         yield typeset(
             f"{there} slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) it "
             f"lies between {min(values):+.1f} and {max(values):+.1f}, {f'changing sign at {zeros}' if zeros else 'of one sign'}."
@@ -596,7 +552,7 @@ def _robustness(comparison: Comparison) -> Iterator[str]:
     for allowed, meant in ((True, "which the readings do not rule out"), (False, "which the readings reject")):
         turning = [f"'{a.assumption}' ({factor_words(a, 1)})" for a in comparison.turning() if comparison.allowed(a) is allowed]
         if turning:
-            yield f"It turns with {joined(turning)}, {meant}."
+            yield f"The answer changes with {joined(turning)}, {meant}."
 
 
 def _left_out(comparison: Comparison) -> Iterator[str]:
@@ -605,7 +561,7 @@ def _left_out(comparison: Comparison) -> Iterator[str]:
     for name, test in flagged.items():
         yield (
             f"{name} does not belong with the others (family-wise p = {test.lofo_family_wise_p_value:.2g}, most in order "
-            f"{test.lofo_worst_order}): look at it, and compare again without it, for it weighs on all of the above."
+            f"{test.lofo_worst_order}): look at it, and compare again without it, because it affects all of the above."
         )
     at_odds = [name for name, test in tests.items() if test.stands_out and not test.flag]
     if at_odds:
@@ -620,19 +576,19 @@ def _slopes(comparison: Comparison) -> Iterator[str]:
     if not subsets:
         return
     if (possible := 2 ** len(comparison.slopes)) > len(subsets):
-        yield f"Of {possible} sets of slopes the {len(subsets)} likeliest found are weighed."
+        yield f"Of {possible} sets of slopes the {len(subsets)} most probable ones found are compared."
     sure = joined([name for name, own in comparison.slopes.items() if own.inclusion_probability >= _SURE]) or "none"
     none = next(subset.probability for subset in subsets if not subset.varying)
     yield (
-        f"Slopes one by one: beyond probability {_SURE:g}: {sure}. No slope at all has probability {none:.2g}, the likeliest set "
-        f"({joined(subsets[0].varying) or 'none'}) {subsets[0].probability:.2g}. A single slope asks for less evidence than all "
-        "of them at once, which is what the models compared above differ by."
+        f"Slopes one by one, with a probability above {_SURE:g}: {sure}. No slope at all has probability {none:.2g}, the "
+        f"most probable set ({joined(subsets[0].varying) or 'none'}) {subsets[0].probability:.2g}. A single slope "
+        "asks for less evidence than all of them at once, which is what the models compared above differ by."
     )
 
 
 def _error_sought(comparison: Comparison) -> Iterator[str]:
     if count := comparison.by_emcee:
-        yield f"For {count} of the log evidences weights could not be trusted: emcee took over, and bridge sampling."
+        yield f"For {count} of the log evidences weights could not be trusted: emcee and bridge sampling took over."
     if not comparison.within_tolerance:
         error, asked = comparison.largest_error, comparison.tolerance
         yield f"A log evidence has an error of {error:.2g} nats, more than the {asked:g} asked for (--tolerance)."
@@ -701,7 +657,7 @@ def _quality(design: Design) -> Iterator[str]:
     yield f"Efficiency {design.efficiency:.3f} by criterion {design.criterion} (1: {best}). For comparison: {others}."
     if not design.certificate.holds:
         excess = design.certificate.max_sensitivity / design.certificate.bound - 1.0
-        yield f"The certificate does NOT hold: a sensitivity exceeds its bound by {excess:.1e}. Better shares may exist."
+        yield f"Not proven best: a sensitivity exceeds its bound by {excess:.1e}. Better shares may exist."
     ratio = _ratios(design)
     first, last = (ranked(ratio, key, tolerance=_ALIKE)[0] for key in (lambda name: -ratio[name], ratio.__getitem__))
     wide = f" to {ratio[last]:.2f} times for {display_name(last)}" if len(ratio) > 1 else ""
@@ -728,7 +684,7 @@ def _limits(design: Design) -> Iterator[str]:
     if limits.levels is not None:
         yield (
             f"With {limits.levels} different force{'s' if limits.levels > 1 else ''} the readings cannot show that compliance is "
-            f"not {DEGREES[design.degree]} in force: the design trusts the model. Another level would tell."
+            f"not {DEGREES[design.degree]} in force: the design trusts the model. Another level would show it."
         )
     for plane, way in limits.one_way.items():
         yield (
@@ -746,15 +702,10 @@ def _limits(design: Design) -> Iterator[str]:
 
 # ---- budget
 
-_REMEDIES: Mapping[str, str] = {
-    NOISE: "Take more readings per circle, or more circles.",
-    OWN: "The readings hardly tell it: run tests that do (design).",
-}
-
 
 def remedy_words(budget: Budget) -> str:
     """Return what would improve a parameter most."""
-    return _REMEDIES.get(budget.heaviest, Term.kinds.get(budget.heaviest, Term).remedy)
+    return _SENTENCES["remedies"].get(budget.heaviest, Term.kinds.get(budget.heaviest, Term).remedy)
 
 
 @with_words.register
@@ -764,31 +715,6 @@ def _(result: Budget) -> dict[str, Any]:
 
 # ---- population and trend
 
-_CAVEATS = {
-    "excluded": "Left out, as was asked for: {names}.",
-    "before": "Left out, for no date, or one before {text}: {names}.",
-    "failed": "Left out, for they could not be fitted: {names}.",
-    "no-statistics": "Left out, for they have no sufficient statistics (flat priors, or a breakdown: see warnings): {names}.",
-    "given-again": "Left out, for their readings are those of campaigns before them: {names}.",
-    "unexpected": "Left out, for the model does not expect their readings (--include-misfits keeps them): {names}.",
-    "not-converged": "Not converged, refit with more draws: {names}.",
-    "not-white": "Noise that is not white, so that uncertainties may be too small: {names}.",
-    "no-machines": "No campaign names its machine: all are taken as campaigns of one (machine_id in campaign.toml).",
-    "without-machine": "Left out for naming no machine: {names}.",
-    "machines-of-their-own": "Naming no machine, each counted as one of its own: {names}. Write machine_id into campaign.toml.",
-    "extrapolated": "The reference force, {0:g} N, was not within the tested forces of every campaign: compliances are carried "
-    "there along the slopes that were fitted.",
-    "no-dates": "No campaign has a date: the order given is taken as that of time.",
-    "two-campaigns": "With two campaigns only the assumptions tell a change from what the machine changes every time.",
-    "spreads-not-trusted": "The spreads cannot be trusted: Pareto's k = {0:.2f} of their weights is above {1:.2f}. Use fewer "
-    "parameters or more machines.",
-    "one-instrument": "Errors of one bar, the same in all campaigns ({text}), are up to {0:.0f} % of the variance of the "
-    "population's mean ({parameters}), however many machines. Where the population gives the prior of a campaign with the same "
-    "bar they are counted again.",
-    "few-machines": "With {0:g} machines how much they differ rests on what was assumed of it, and whether one belongs is not "
-    "judged: at least {1:g} are needed.",
-    "uncertain-p-values": "p-values that cannot be trusted, their weights being too uneven: {names}.",
-}
 _LISTED, _JOINED = 5, 3
 # Three decimals show no less, and never quite 0 or 1.
 _UNLIKELY = 5e-4
@@ -797,7 +723,9 @@ _UNLIKELY = 5e-4
 def caveat_words(caveat: Any) -> str:
     """Return a sentence or two on what is to be minded of a trend or a population."""
     parameters = ", ".join(map(display_name, caveat.names))
-    return _CAVEATS[caveat.kind].format(*caveat.values, names=_few(caveat.names), parameters=parameters, text=caveat.text)
+    return _SENTENCES["caveats"][caveat.kind].format(
+        *caveat.values, names=_few(caveat.names), parameters=parameters, text=caveat.text
+    )
 
 
 def probability_words(probability: float) -> str:
@@ -811,7 +739,7 @@ def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return what a trend says, the most important first; its caveats are apart."""
     sentences = [*_change_in_time(trend), *_outside(trend)]
     again = " To watch for the next one, take the campaigns since as a series of their own." if trend.changed else ""
-    sentences.append(f"One lasting step of one parameter is looked for, not several and not a slow drift.{again}")
+    sentences.append(f"Only one lasting step of one parameter is looked for, not several and not a slow drift.{again}")
     return (*sentences, *([_one_bar("changes, not for levels")] if trend.assumptions["one_instrument"] else []))
 
 
@@ -824,7 +752,7 @@ def _change_in_time(trend: Any) -> Iterator[str]:
     prior, threshold = trend.assumptions["probability"], trend.assumptions["threshold"]
     yield (
         f"Over {len(trend.campaigns)} campaigns{whose} {'a' if trend.changed else 'no'} change is found: its probability is "
-        f"{probability_words(trend.probability)} (before the readings {prior:g}; found means above {threshold:g}, which of "
+        f"{probability_words(trend.probability)} (before the readings {prior:g}; found: above {threshold:g}, which of "
         f"a machine that stays as it is has probability {trend.false_alarm:.2g} at most)."
     )
     if not trend.changed:
@@ -882,35 +810,6 @@ def _how_far(own: Any) -> str:
 # ---- page
 
 _CONFLICT = 0.01
-RESULTS = (
-    "u: standard uncertainty (posterior standard deviation). U = 2u (k = 2, about 95 %); where the distribution is skewed, the "
-    "distances to the ends of the interval. Brackets: {percent} intervals. A compliance stands for the sum of its set. "
-    "Identified? In brackets what knowing a term would take from the variance; such shares overlap."
-)
-BUDGET = (
-    "Shares of the posterior variance; all sources at work together, at the mean hyper-parameters. Type A: from the scatter of "
-    "the readings; type B: from what else is known (GUM). u then: what would be left if the largest term were known exactly; – "
-    "where it is noise or a prior."
-)
-PATH = (
-    "Circular deviation G, radial deviations F_max and F_min about the least-squares circle (ISO 230-4); from the second "
-    "harmonic squareness (in the sense and sign of {squareness}) and scale mismatch (gain of the first axis less that of the "
-    "second), compliance included. Of the machine's own path, without balls, bar, mount and tool offsets: median and {percent} "
-    "interval; 0 N is geometry alone. Where the path is hardly known G is more often too large than too small."
-)
-NOTES = (
-    "Readings are a linear function of joint compliances times force, geometric errors and nuisances (hybrid Jacobian), with "
-    "white noise; nuisances are Gaussian and integrated out. The model is that of 'A Novel Elasto-Geometric Model Exploiting "
-    "Loaded Circular Test on a Machine Tool' (the paper; Eq. and Table are its), with nuisances.",
-    "Intervals are equal-tailed credible intervals: the parameter lies inside with the stated probability.",
-    "ln B: logarithm of the Bayes factor, how much more probable one model makes the readings than the other; in nats, 1 to 3 "
-    "positive, 3 to 5 strong, more very strong evidence.",
-    "Truncation: the condition that compliances are not negative. Discrepancy: what else differs from circle to circle.",
-    "The size of the balls' form is learnt from the orders the machine cannot make. A ball with one strong lobe at order 2 or 3 "
-    "breaks this.",
-    "Compliance is quasi-static and a polynomial of force; thermal drift counts only where it was asked for.",
-    "Joints that no circle of the campaign moves are taken as rigid.",
-)
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
@@ -932,10 +831,7 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     if fit.misfits and not {"not-converged", "truncation"} & set(fit.kinds):
         lines.append(f"Misfit: {expectation(fit)}. Intervals assume that the model holds.")
     if result["model"]["preset"] == "paper":
-        lines.append(
-            "Least squares (preset paper): the intervals cover white noise alone. Ball form, bar length, mount, force errors and "
-            "what differs between circles are not in them; real uncertainties are many times larger."
-        )
+        lines.append(PAGE["paper"])
     return tuple(lines)
 
 
@@ -953,11 +849,7 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float)
 
 def instrument_words(reference_force_N: float, *, same: bool) -> str:
     """Return what differences between campaigns rest on."""
-    rest = (
-        "The instrument was the same (bar, balls, mount, force device): its errors cancel. Truncation is left out."
-        if same
-        else "Instruments are taken as independent. If they were the same, most differences are known better (--same-instrument)."
-    )
+    rest = PAGE["same_instrument" if same else "other_instrument"]
     return f"Differences are at {reference_force_N:g} N; offsets of the tool ball are left out. {rest}"
 
 
@@ -973,12 +865,6 @@ def difference_doubts(first: str, other: str, converged: bool, conflict: tuple[s
 
 
 __all__ = [
-    "BUDGET",
-    "DEGREES",
-    "IN_FORCE",
-    "NOTES",
-    "PATH",
-    "RESULTS",
-    "with_words",
+    "DEGREES", "IN_FORCE", "PAGE", "with_words",
     *sorted(name for name, own in globals().items() if getattr(own, "__module__", "") == __name__ and name[0] != "_"),
-]
+]  # fmt: skip

@@ -172,7 +172,7 @@ def test_the_sign_and_what_the_readings_prefer(compared: Comparison) -> None:
     )
     held = replace(compared, discrepancy_sensitivity=(same[0], rejected))
     assert held.sign is Sign.HELD
-    assert any(sentence.startswith("It turns with") for sentence in comparison_sentences(held))
+    assert any(sentence.startswith("The answer changes with") for sentence in comparison_sentences(held))
     crossed = replace(firm, prior_sensitivity_crossings=(0.12,))
     assert crossed.sign is Sign.OPEN
     assert any("changing sign at 0.12" in sentence for sentence in comparison_sentences(crossed))
@@ -278,8 +278,10 @@ def test_a_curve_in_the_force_axis_explains_the_experiment_better_than_slopes(re
     assert found.instead == ("curved mount", "curved force law")
     assert whole.sign is Sign.HELD
     text = " ".join(comparison_sentences(whole))
-    assert "averaged over curved mount and curved force law, each there or not, +5.79 ± 0.01 with none: strong evidence" in text
-    assert "Slopes are not needed: curved mount and curved force law explains the readings as well." in text
+    assert (
+        "over curved mount and curved force law, each in the model or not; +5.79 (error 0.01) with none of them: strong" in text
+    )
+    assert "Slopes are not needed: curved mount and curved force law explain the readings as well." in text
     assert Comparison.from_dict(json.loads(json_text(with_words(whole)))).explanations == found
 
 

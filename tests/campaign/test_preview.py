@@ -33,7 +33,7 @@ def test_what_a_fit_will_assume() -> None:
         "Joint frames stand at Y (0, -200, 350) mm.",
         "Set-ups 1, 2: tool offsets of each",
         "Both directions of travel in XY: hysteresis is a term of the model.",
-        "Tests record times; a drift over them is modelled only when asked for (--drift time).",
+        "Tests record times; drift over them is in the model only with --drift time.",
     ):
         assert words in said
     assert [r.values for r in seen.remarks if r.kind is RemarkKind.ONE_WAY] == [{"compliance": "C_YZY", "plane": "YZ"}]
@@ -60,7 +60,7 @@ def test_steps_spikes_and_gaps_are_counted(rng: np.random.Generator) -> None:
     said = " ".join(map(remark_words, seen.remarks))
     assert "reading 41 at 20° stands" in said
     assert "2 readings do so" in said
-    assert "steps of 0.1 µm, the campaign states a resolution of 0.24 µm" in said
+    assert "steps of 0.1 µm, but the campaign states a resolution of 0.24 µm" in said
 
 
 def odd(**changes: object) -> lb.Campaign:

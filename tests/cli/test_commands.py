@@ -269,7 +269,7 @@ def test_design_without_certificate(folder: Path, invoke: Invoke, monkeypatch: p
     monkeypatch.setattr(lb, "design", lambda *_, **__: broken)
     code, shown, _ = invoke("design", folder)
     assert code == 1
-    assert "The certificate does NOT hold" in " ".join(shown.split())
+    assert "Not proven best" in " ".join(shown.split())
 
 
 def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:

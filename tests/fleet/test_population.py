@@ -302,7 +302,7 @@ def test_a_machine_that_does_not_belong(found: Population) -> None:
     few = pool(fleet(np.random.default_rng(3), machines=5))
     assert few.not_belonging == ()
     assert {own.p_value for own in few.machine.values()} == {None}
-    assert "With 5 machines how much they differ rests on what was assumed" in " ".join(doubts(few))
+    assert "With 5 machines the spread between them rests on its prior" in " ".join(doubts(few))
 
 
 def test_the_record(found: Population) -> None:

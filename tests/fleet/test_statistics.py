@@ -182,7 +182,7 @@ def test_a_slip_does_not_reach_the_others(rows: pd.DataFrame) -> None:
     found, clean = lb.population(bad), lb.population(rows.drop(index=2))
     assert {name: own.mean for name, own in found.parameters.items()} == {n: own.mean for n, own in clean.parameters.items()}
     assert "M2" not in found.machine
-    assert doubts(found)[0] == ("Left out, for the model does not expect their readings (--include-misfits keeps them): c03.")
+    assert doubts(found)[0] == ("Left out, because the model does not expect their readings (--include-misfits keeps them): c03.")
     kept = lb.population(bad, include_misfits=True)
     assert kept.campaigns == 8
     assert kept.parameters["C_XXX"].spread.mean > 5.0 * clean.parameters["C_XXX"].spread.mean
@@ -200,7 +200,7 @@ def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
     assert caveats == [Caveat(CaveatKind.EXCLUDED, ("c01", "c02", "c03", "c07", "c08"))]
     relied, caveats = choose(rows.assign(date=[None, *rows["date"][1:]]), since="2025-03-16")
     assert list(relied["name"]) == [f"c{k:02d}" for k in range(3, 9)]
-    assert [caveat_words(caveat) for caveat in caveats] == ["Left out, for no date, or one before 2025-03-16: c01, c02."]
+    assert [caveat_words(caveat) for caveat in caveats] == ["Left out, without a date or before 2025-03-16: c01, c02."]
     assert list(choose(rows, since="2025-08-13T00:00:00+02:00")[0]["name"]) == ["c08"]
 
 
@@ -208,13 +208,13 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
     for options, said in (
         ({"exclude": ["m2"]}, "must be a campaign or machine of the batch, got 'm2'. Did you mean 'M2'"),
         ({"since": "March"}, "since must be a date or time in ISO 8601, got 'March'"),
-        ({"since": "2030-01-01"}, "campaigns must be left to rely on, got none of 8. Left out, for no date"),
+        ({"since": "2030-01-01"}, "campaigns must be left to rely on, got none of 8. Left out, without a date"),
     ):
         with pytest.raises(InputError, match=said):
             choose(rows, **options)
     with pytest.raises(InputError, match=r"campaigns must be left to rely on, got none of 8. .*--include-misfits"):
         choose(rows.assign(kinds=[SLIP] * 8))
-    with pytest.raises(InputError, match=r"got none of 8. Left out, for they could not be fitted: c01"):
+    with pytest.raises(InputError, match=r"got none of 8. Left out, because the fit failed: c01"):
         choose(rows.assign(status="failed"))
     with pytest.raises(InputError, match="rows must be the table of a batch, got one without name"):
         lb.population(pd.DataFrame({"campaign": ["a"], "status": ["done"]}))

@@ -374,7 +374,7 @@ def test_which_machine(rows: pd.DataFrame) -> None:
     assert nameless.machine is None
     assert "No campaign names its machine" in doubts(nameless)[0]
     some = lb.trend(rows.assign(machine_id=[None, *["M1"] * 9]))
-    assert (len(some.campaigns), doubts(some)[0]) == (9, "Left out for naming no machine: c01.")
+    assert (len(some.campaigns), doubts(some)[0]) == (9, "Left out, because they name no machine: c01.")
     assert list(lb.trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
 
 
@@ -382,7 +382,7 @@ def test_doubts(rows: pd.DataFrame) -> None:
     """What is to be minded of campaigns, of one bar's length and balls, of two campaigns."""
     doubtful = rows.assign(status=["failed", *["done"] * 9], converged=[True, False, *[True] * 8])
     said = " ".join(doubts(lb.trend(doubtful, reference_force_N=20.0)))
-    assert "could not be fitted: c01." in said
+    assert "the fit failed: c01." in said
     assert "Not converged, refit with more draws: c02." in said
     assert "20 N, was not within the tested forces" in said
     assert "With two campaigns" in doubts(lb.trend(rows[:2]))[-1]

@@ -67,7 +67,7 @@ def test_truncation_is_at_every_force_that_can_bind(degree: int, rows: int) -> N
         ({"direct_mm_per_N": 0.0}, "prior direct_mm_per_N must be a positive number, got 0.0"),
         ({"tau_um": float("nan")}, "prior tau_um must be a positive number"),
         ({"overrides": {"C_XXX": -1.0}}, "prior C_XXX must be"),
-        ({"flat": True}, "flat prior must not be truncated"),
+        ({"flat": True}, "flat prior must allow negative compliances"),
         ({"means": {"C_XXX": np.nan}}, "prior mean of C_XXX must be a finite number, got nan. Correct it or leave it out."),
         ({"means": {"C_XXX_1": 1e-9}}, "prior mean of C_XXX_1 must be left out, got 1e-09: a slope's is zero, because constant"),
         ({"means": {"C_XXX": 1e-5}, "flat": True, "truncated": False}, "a flat prior must have no means, got some. Set flat"),

@@ -106,4 +106,4 @@ def test_what_forbids_the_numbers_stands_at_the_top(kind: str, said: str, monkey
 
 def test_no_table_of_nuisances_where_none_is_told_from_zero() -> None:
     one = {"mean": 1e-3, "sd": 1e-3, "prior_sd": 1e-3}
-    assert nuisance_table({"a": one, "b": one}) == "None of the 2 nuisance coefficients is told from zero (beyond 2 u)."
+    assert nuisance_table({"a": one, "b": one}) == "None of the 2 other effects differs from zero by more than 2 u."

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import sys
+import tomllib
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -37,6 +39,7 @@ from ldbb_bayes.result import Table, json_text
 MODEL = lb.HybridModel.first(1)
 QUICK = lb.StoppingRule(ess=100.0)
 FORCES_N = (36.0, 400.0, 742.0)
+TEMPLATES = Path(wording.__file__).parent / "templates"
 
 
 def hashed(value: Any) -> Any:
@@ -187,17 +190,31 @@ def test_words_decide_nothing(
 @pytest.mark.parametrize(
     ("words", "kinds"),
     [
-        (wording._CURES, set(Cure) - {Cure.CALIBRATION}),
-        (wording._STANDING, StandingKind),
-        (wording._CONCERNS, {*ConcernKind, "one-force"}),
+        (wording._SENTENCES["cures"], set(Cure) - {Cure.CALIBRATION}),
+        (wording._SENTENCES["standing"], StandingKind),
+        (wording._SENTENCES["concerns"], {*ConcernKind, "one-force"}),
         (wording._REMARKS, RemarkKind),
-        (wording._SIGNS, Sign),
-        (wording._CAVEATS, CaveatKind),
+        (wording._SENTENCES["signs"], Sign),
+        (wording._SENTENCES["caveats"], CaveatKind),
     ],
 )
 def test_every_kind_has_its_words(words: dict[str, Any], kinds: Any) -> None:
     """Looked up by value, so that words need not import the analyses."""
     assert set(words) == set(map(str, kinds))
+
+
+PRIVATE = r"told (from|apart)|tells? \w* ?apart|lopsided|unasked|in company|Idle here|foretell|set aside|for granted|tion aside"
+
+
+def test_words_are_those_of_the_field(root: Path) -> None:
+    """Every term of art is in the glossary, which docs/notation.md repeats; words of this project alone are nowhere."""
+    glossary = tomllib.loads((TEMPLATES / "glossary.toml").read_text(encoding="utf-8"))
+    assert list(glossary) == sorted(glossary, key=str.casefold)
+    lines = [f"- **{term}**: {text}" for term, text in glossary.items()]
+    assert "\n".join(lines) in (root / "docs" / "notation.md").read_text(encoding="utf-8")
+    pages = [*TEMPLATES.parents[1].rglob("*.py"), *TEMPLATES.iterdir(), *(root / "docs").glob("*.md"), root / "README.md"]
+    found = {f"{page.name}: {own[0]}" for page in pages for own in re.finditer(PRIVATE, page.read_text(encoding="utf-8"))}
+    assert not found
 
 
 def test_a_decision_by_words_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:

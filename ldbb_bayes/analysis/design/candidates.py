@@ -229,7 +229,7 @@ class Forecast(Result):
 @dataclass(frozen=True, eq=False)
 class States:
     """K equally likely states of the machine: hyper-parameters φ (K, h) [mm], and parameters β (K, p) inside the truncation, none
-    when their prior is flat. ``before`` is what the analysis starts from at each φ, truncation aside: the prior, or the posterior
+    when their prior is flat. ``before`` is what the analysis starts from at each φ, untruncated: the prior, or the posterior
     of tests that count as run."""
 
     phi: Array

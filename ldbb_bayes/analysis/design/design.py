@@ -181,7 +181,7 @@ def design(
     """The best tests to run next.
 
     Everything is of the linear Gaussian model, averaged over the hyper-parameters: their posterior given the pilot, or their
-    prior when the pilot is a plan. Criteria and evidence leave the truncation aside, expected sd are inside it. F0, force range
+    prior when the pilot is a plan. Criteria and evidence are without truncation, expected sd are inside it. F0, force range
     and Ĉ are the pilot's: analyse the plan with `Design.model`. InputError for unknown names, or tests that leave parameters
     undetermined.
 
