@@ -129,7 +129,7 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
     assert abs(stiff["estimate"]["C_XXX"]["mean"] - STIFF) < 4.0 * stiff["estimate"]["C_XXX"]["sd"]
     doubts = " ".join(record["doubts"])
     assert "Left out, because the fit failed: " in doubts
-    assert "Naming no machine, each counted as one of its own: " in doubts
+    assert "Without a machine's name, each counted as a machine of its own: " in doubts
     assert "Where the population gives the prior of a campaign with the same bar they are counted again." in doubts
     assert record["readings_sha256"] == lb.read_batch(rows)["sha256"].dropna().tolist()
     table = pd.read_csv(out / "machines.csv", index_col="machine")

@@ -383,7 +383,7 @@ def test_doubts(rows: pd.DataFrame) -> None:
     doubtful = rows.assign(status=["failed", *["done"] * 9], converged=[True, False, *[True] * 8])
     said = " ".join(doubts(lb.trend(doubtful, reference_force_N=20.0)))
     assert "the fit failed: c01." in said
-    assert "Not converged, refit with more draws: c02." in said
+    assert "Not converged, fit again with more draws: c02." in said
     assert "20 N, was not within the tested forces" in said
     assert "With two campaigns" in doubts(lb.trend(rows[:2]))[-1]
     assert "conservative for changes, not for levels" in verdict(lb.trend(rows))
