@@ -128,10 +128,8 @@ def read_result(path: Path, what: str, command: str, read: Callable[[dict[str, A
     except (ValueError, KeyError, TypeError, AttributeError, StopIteration, RecursionError) as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else None
         why = str(error) if first is None else f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-        raise InputError(
-            f"{source} must be a {what} written by this version of ldbb-bayes {command}, got a damaged one "
-            f"({type(error).__name__}: {why}). Run {command} again."
-        ) from None
+        got = f"got a damaged one ({type(error).__name__}: {why}). Run {command} again."
+        raise InputError(f"{source} must be a {what} written by this version of ldbb-bayes {command}, {got}") from None
 
 
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}

@@ -141,11 +141,8 @@ def _check_nested(bounds: Sequence[BoundModel], largest: BoundModel) -> None:
     for bound in bounds:
         alike = bound.hyper_prior.names == largest.hyper_prior.names and set(bound.names) <= set(largest.names)
         alike = alike and bound.setting.reference_force_N == largest.setting.reference_force_N
-        require(
-            alike,
-            "models must be nested, those of fewer parameters the largest with some fixed at zero, got others (other terms, "
-            "parameters or reference force). Make one from the other: linear.with_degree(0).",
-        )
+        got = "got others (other terms, parameters or reference force). Make one from the other: linear.with_degree(0)."
+        require(alike, f"models must be nested, those of fewer parameters the largest with some fixed at zero, {got}")
 
 
 def _prior(bound: BoundModel, bounds: Sequence[BoundModel], prior_sd: Mapping[str, float]) -> dict[str, dict[str, float]]:

@@ -302,10 +302,8 @@ def _checked(models: Mapping[str, HybridModel], campaign: Campaign, evidences: E
     if len(models) < 2:
         raise InputError(f"models must be at least two, got {len(models)}. Give for example constant and linear compliance.")
     if not _FINEST <= evidences.tolerance <= _COARSEST:
-        raise InputError(
-            f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, got {evidences.tolerance}: evidences are hundreds. "
-            "For one model log_evidence goes further."
-        )
+        got = f"got {evidences.tolerance}: evidences are hundreds. For one model log_evidence goes further."
+        raise InputError(f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, {got}")
     alike = next(((a, b) for a, b in itertools.combinations(models, 2) if models[a] == models[b]), None)
     if alike is not None:
         raise InputError(

@@ -175,11 +175,8 @@ def _check(one: BoundModel, two: BoundModel, name: str) -> None:
         "to compare models of one campaign use compare.",
     )
     for what, own, others in (("topology", first.topology, second.topology), ("frames_mm", first.frames_mm, second.frames_mm)):
-        require(
-            own == others,
-            f"results must be of machines with the same {what}, got {own!r} and {others!r} ({name!r}). Compare campaigns of one "
-            "kind of machine.",
-        )
+        cure = "Compare campaigns of one kind of machine."
+        require(own == others, f"results must be of machines with the same {what}, got {own!r} and {others!r} ({name!r}). {cure}")
     require(
         set(one.setting.planes) == set(two.setting.planes),
         f"results must be of the same planes, got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} "

@@ -291,10 +291,8 @@ def _begin(
         raise InputError(f"{out} must hold the journal of its batch, got none. Begin anew (--force), or choose another name.")
     if before is not None and not resume and not force:
         state = "a finished" if (out / DATASET).exists() else "an unfinished"
-        raise InputError(
-            f"{out} must not hold a batch, got {state} one. Go on with it (--resume; failed campaigns again: --resume --retry), "
-            "begin anew (--force), or choose another name."
-        )
+        cure = "Go on with it (--resume; failed campaigns again: --resume --retry), begin anew (--force), or choose another name."
+        raise InputError(f"{out} must not hold a batch, got {state} one. {cure}")
     if before is not None and resume:
         _check_same(journal, out, jobs, json.loads(before[0]), json.loads(json.dumps(record)))
         return True

@@ -293,10 +293,8 @@ def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> p
     for name in wanted:
         if not known.isin([name]).any(axis=None):
             every = sorted({own for own in known.drop(columns="path").to_numpy().ravel() if isinstance(own, str)})
-            raise InputError(
-                f"what is left out must be a campaign or machine of the batch, got {name!r}. Did you mean "
-                f"{nearest(str(name), every)!r}?"
-            )
+            cure = f"Did you mean {nearest(str(name), every)!r}?"
+            raise InputError(f"what is left out must be a campaign or machine of the batch, got {name!r}. {cure}")
     return names.isin(wanted).any(axis=1)
 
 

@@ -491,11 +491,8 @@ class PopulationPrior:
         )
         sums = stands_for(campaign)
         missing = [name for name in self.means if name not in sums]
-        require(
-            not missing,
-            f"the campaign must have the population's compliances, got {', '.join(sums)} without {', '.join(missing)}. "
-            "Use a population whose circles lie in the same planes.",
-        )
+        got = f"got {', '.join(sums)} without {', '.join(missing)}. Use a population whose circles lie in the same planes."
+        require(not missing, f"the campaign must have the population's compliances, {got}")
         for name in self.means:
             require(
                 name not in self.compliances or same_meaning(name, self.compliances[name], sums[name]),

@@ -309,10 +309,8 @@ def _of_one_machine(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFra
     if machine is not None:
         check_known("machine", [machine], known)
     elif len(known) > 1:
-        raise InputError(
-            f"the campaigns must be of one machine, got those of {', '.join(known)}. Choose one: "
-            f"--machine {shlex.quote(known[0])} (machine={known[0]!r})."
-        )
+        cure = f"Choose one: --machine {shlex.quote(known[0])} (machine={known[0]!r})."
+        raise InputError(f"the campaigns must be of one machine, got those of {', '.join(known)}. {cure}")
     if not known:
         return rows, None, [Caveat(CaveatKind.NO_MACHINES)]
     nameless = [] if named.all() else [Caveat(CaveatKind.WITHOUT_MACHINE, tuple(labels(rows[~named])))]
@@ -323,10 +321,8 @@ def _in_time(statistics: FleetStatistics) -> list[int]:
     """Campaigns in order of date, equal dates as given; as given where there are none."""
     missing = [name for name, date in zip(statistics.campaigns, statistics.dates, strict=True) if date is None]
     if missing and len(missing) < len(statistics):
-        raise InputError(
-            f"campaigns must have a date all or none, got none for {', '.join(missing[:5])}. Write date = … into campaign.toml, "
-            "or take all dates out and give the campaigns in order."
-        )
+        cure = "Write date = … into campaign.toml, or take all dates out and give the campaigns in order."
+        raise InputError(f"campaigns must have a date all or none, got none for {', '.join(missing[:5])}. {cure}")
     return sorted(range(len(statistics)), key=lambda place: statistics.dates[place] or datetime.min)
 
 

@@ -72,11 +72,8 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 
     InputError when the two are of different readings.
     """
-    require(
-        evidence.sha256 == other.sha256,
-        "a Bayes factor must be between models of the same readings, got two campaigns "
-        f"({evidence.sha256[:12]}… and {other.sha256[:12]}…). Compute both evidences with the same campaign.",
-    )
+    got = f"got two campaigns ({evidence.sha256[:12]}… and {other.sha256[:12]}…). Compute both evidences with the same campaign."
+    require(evidence.sha256 == other.sha256, f"a Bayes factor must be between models of the same readings, {got}")
     return evidence.log_value - other.log_value, evidence.error + other.error
 
 

@@ -645,11 +645,8 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
     levels, degree = campaign.force_levels, model.degree
-    require(
-        levels > 1 or degree == 0,
-        f"degree ≥ 1 must have at least two force levels, got one ({campaign.forces_N[0]:g} N). "
-        "Use degree 0 (--degree 0), or add tests at another force.",
-    )
+    got = f"got one ({campaign.forces_N[0]:g} N). Use degree 0 (--degree 0), or add tests at another force."
+    require(levels > 1 or degree == 0, f"degree ≥ 1 must have at least two force levels, {got}")
     require(
         levels >= degree + 2 or not model.prior.flat,
         f"flat priors must have at least {('two', 'three', 'four')[degree]} force levels at degree {degree}, got {levels}: "

@@ -448,11 +448,8 @@ class Space:
             require(not wrong, f"{name} must be finite and > 0, got {[*wrong, 0.0][0]:g}. Correct it.")
         check_known("direction", self.directions, TRAVEL)
         count = len(self.forces_N) * len(self.clockings_deg) * len(self.radii_mm) * len(self.templates)
-        require(
-            1 <= count <= _MOST_CANDIDATES,
-            f"a design must choose among 1 to {_MOST_CANDIDATES} candidates, got {count}. Give forces and clockings, in longer "
-            "steps where they are too many.",
-        )
+        got = f"got {count}. Give forces and clockings, in longer steps where they are too many."
+        require(1 <= count <= _MOST_CANDIDATES, f"a design must choose among 1 to {_MOST_CANDIDATES} candidates, {got}")
 
     @cached_property
     def bound(self) -> BoundModel:

@@ -239,10 +239,8 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     n = objective.candidates
     share = np.full(n, 1.0 / n)
     if not np.isfinite(objective.value(tests * share)):
-        raise InputError(
-            "the candidates must determine the parameters, got too few different ones. "
-            "Offer more force levels, or use proper priors."
-        )
+        cure = "Offer more force levels, or use proper priors."
+        raise InputError(f"the candidates must determine the parameters, got too few different ones. {cure}")
     found = certificate(objective, share, tests)
     spread = np.unique(np.linspace(0, n - 1, min(n, _FIRST)).astype(int))
     active = np.union1d(spread, _largest(found.sensitivity, _ADDED))
@@ -401,10 +399,8 @@ class Search:
         """The best design of this many whole tests."""
         there = min(tests, len(distinct_forces(self.forces_N)))
         if there < self.levels:
-            raise InputError(
-                f"tests must be at {self.levels} different forces at least for this degree, got {there}. Ask for more tests, "
-                "offer more force levels, or use --augment."
-            )
+            cure = "Ask for more tests, offer more force levels, or use --augment."
+            raise InputError(f"tests must be at {self.levels} different forces at least for this degree, got {there}. {cure}")
         optimum, rng = self.shares(float(tests)), np.random.default_rng(self.seed)
         n, share = self.objective.candidates, optimum.share
         best, value = np.zeros(n, dtype=int), -np.inf
@@ -418,10 +414,8 @@ class Search:
                 best, value = counts, own
         best, value = exchange(self.objective, best, rng, feasible=self._feasible)
         if not np.isfinite(value):
-            raise InputError(
-                f"tests must be enough to determine the parameters, got {tests}. Ask for more tests, offer more force levels, or "
-                "use proper priors."
-            )
+            cure = "Ask for more tests, offer more force levels, or use proper priors."
+            raise InputError(f"tests must be enough to determine the parameters, got {tests}. {cure}")
         best, value = self._at_fewer_forces(best, value)
         efficiency = self.objective.efficiency(value, optimum.value)
         return Found(best, value, optimum, efficiency)
