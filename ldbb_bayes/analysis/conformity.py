@@ -66,28 +66,16 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Conformity(Result):
-    """A quantity and its tolerance, in inside units.
-
-    Attributes
-    ----------
-    force_N : float or None
-        At which it is stated; None of geometric errors and slopes.
-    mean, sd : float
-        Estimate and standard uncertainty.
-    probability : float
-        Of conformance.
-    guard_band : float
-        By how much the estimate must lie inside a limit so that the machine conforms; as much outside, and it does not.
-    """
+    """A quantity and its tolerance, in inside units."""
 
     unit: str
-    force_N: float | None
+    force_N: float | None  # at which it is stated; None of geometric errors and slopes
     lower: float | None
     upper: float | None
-    mean: float
-    sd: float
-    probability: float
-    guard_band: float
+    mean: float  # estimate
+    sd: float  # its standard uncertainty
+    probability: float  # of conformance
+    guard_band: float  # how far the estimate must lie inside a limit so that the machine conforms; as far outside, it does not
     confidence: float
     decision: Decision
 

@@ -38,7 +38,6 @@ from ldbb_bayes.fleet.statistics import (
     draw_spreads,
     estimates_of,
     fleet_statistics,
-    force_caveats,
     keyed,
     machines_of,
     mixture_covariance,
@@ -318,7 +317,7 @@ def _caveats(
     belonging: Belonging | None,
     machines: Sequence[str],
 ) -> Iterator[Caveat]:
-    yield from force_caveats(statistics)
+    yield from statistics.caveats
     if not spreads.trusted:
         yield Caveat(CaveatKind.SPREADS_NOT_TRUSTED, values=(spreads.pareto_k, spreads.good_k))
     if statistics.instrument:

@@ -35,7 +35,7 @@ from ldbb_bayes.units import inside_name
 
 __all__ = [
     "FleetStatistics", "Meaning", "SpreadDensity", "Spreads", "SufficientStatistics", "Summary", "alone", "chunks", "common_of",
-    "deviating", "draw_spreads", "estimates_of", "fleet_statistics", "force_caveats", "keyed", "machines_of",
+    "deviating", "draw_spreads", "estimates_of", "fleet_statistics", "keyed", "machines_of",
     "mixture_covariance", "reference_sd", "same_meaning", "stands_for", "sufficient_statistics", "whitened",
 ]  # fmt: skip
 
@@ -174,6 +174,12 @@ class FleetStatistics:
 
     def __len__(self) -> int:
         return len(self.campaigns)
+
+    @property
+    def caveats(self) -> list[Caveat]:
+        """Whether compliances are meant at a force that was not tested in every campaign."""
+        low, high = self.forces_N
+        return [] if low <= (force := self.reference_force_N) <= high else [Caveat(CaveatKind.EXTRAPOLATED, values=(force,))]
 
 
 def fleet_statistics(
@@ -328,13 +334,6 @@ def keyed(record: Any, ci_prob: float) -> Any:
         key = f"ci{100 * ci_prob:g}"
         return {name.replace("interval", key): keyed(value, ci_prob) for name, value in record.items()}
     return [keyed(value, ci_prob) for value in record] if isinstance(record, list) else record
-
-
-def force_caveats(statistics: FleetStatistics) -> list[Caveat]:
-    """Return whether compliances are meant at a force that was not tested in every campaign."""
-    low, high = statistics.forces_N
-    force = statistics.reference_force_N
-    return [] if low <= force <= high else [Caveat(CaveatKind.EXTRAPOLATED, values=(force,))]
 
 
 # ---- machines of a population, everything but their spreads integrated out

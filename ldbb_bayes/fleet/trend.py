@@ -28,16 +28,7 @@ from scipy.special import erf, logsumexp, ndtri
 
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, check_rows, choose, labels
-from ldbb_bayes.fleet.statistics import (
-    FleetStatistics,
-    Summary,
-    alone,
-    deviating,
-    fleet_statistics,
-    force_caveats,
-    keyed,
-    mixture_covariance,
-)
+from ldbb_bayes.fleet.statistics import FleetStatistics, Summary, alone, deviating, fleet_statistics, keyed, mixture_covariance
 from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantiles
@@ -328,7 +319,7 @@ def _in_time(statistics: FleetStatistics) -> list[int]:
 
 def _caveats(statistics: FleetStatistics) -> list[Caveat]:
     """What the campaigns do not have in common."""
-    found = force_caveats(statistics)
+    found = statistics.caveats
     if all(date is None for date in statistics.dates):
         found.append(Caveat(CaveatKind.NO_DATES))
     return [*found, Caveat(CaveatKind.TWO_CAMPAIGNS)] if len(statistics) == 2 else found

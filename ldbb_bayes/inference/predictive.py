@@ -256,22 +256,16 @@ class Check:
 class TestChecks(Result):
     """Posterior predictive p-values of one test; None where it has too few readings.
 
-    Attributes
-    ----------
-    orders_p : dict of int to float
-        Of the residual at order n = 0 … 12 after machine and shared nuisances: the probability that a new circle lies further
-        out, averaged over the posterior.
-    noise_p, autocorrelation_p : float or None
-        Two-sided: of the readings' scatter outside orders 0 … 12 against σ, and of its lag-one autocorrelation against white
-        noise.
+    Of the residual at order n = 0 … 12 after machine and shared nuisances: the probability that a new circle lies further out,
+    averaged over the posterior. Of the others two-sided.
     """
 
     __test__ = False
 
     orders_p: dict[int, float]
-    noise_p: float | None
+    noise_p: float | None  # of the readings' scatter outside orders 0 … 12 against σ
     autocorrelation: float | None
-    autocorrelation_p: float | None
+    autocorrelation_p: float | None  # of its lag-one autocorrelation against white noise
 
     def of(self, test: str) -> list[Check]:
         """Every p-value there is as a check of this test."""

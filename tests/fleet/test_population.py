@@ -23,7 +23,7 @@ from ldbb_bayes.fleet.statistics import (
     estimates_of,
     machines_of,
 )
-from ldbb_bayes.model.gaussian import Gaussian, mixture_quantiles, weighted_quantiles
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.report.wording import population_sentences, with_words
 
 SCALE = 0.3
@@ -276,23 +276,6 @@ def test_alone_is_a_fit_with_the_instrument_known_as_all_know_it(rng: np.random.
         assert own.mean == pytest.approx(draws[:, j].mean(), abs=0.03 * own.sd)
         assert own.sd == pytest.approx(draws[:, j].std(), rel=0.02)
         assert own.interval == pytest.approx(tuple(np.quantile(draws[:, j], [0.025, 0.975])), abs=0.06 * own.sd)
-
-
-@pytest.mark.slow
-def test_intervals_cover() -> None:
-    """Fleets of the model: 95 % intervals of means and spreads hold the truth in 95 ± 3 %."""
-    rng = np.random.default_rng(2)
-    inside = []
-    for _ in range(200):
-        spread, mean = np.abs(rng.standard_normal(2)) * 0.3, rng.standard_normal(2)
-        density = density_of(fleet(rng, machines=6, parameters=2, spread=spread, mean=mean))
-        draws = draw_spreads(density, 2, seed=1, size=512)
-        common = common_of(density.likelihood, draws.spread)
-        low, high = mixture_quantiles(draws.weight, common.mean[:, :2], common.sd[:, :2], (0.025, 0.975))
-        least, most = weighted_quantiles(draws.weight, draws.spread, (0.025, 0.975))
-        inside.append([(low < mean) & (mean < high), (least < spread) & (spread < most)])
-    coverage = np.mean(inside, axis=(0, 2))
-    np.testing.assert_allclose(coverage, 0.95, atol=0.03)
 
 
 def test_a_machine_that_does_not_belong(found: Population) -> None:

@@ -128,20 +128,16 @@ def few_exceptions(found: list[Integral], tolerance: float) -> None:
     assert np.median(ratio) > 0.02, "an error a hundred times too large is no error"
 
 
-def test_the_error_of_a_sample_covers() -> None:
-    cases = [case(problem, h, 0) for problem in PROBLEMS for h in (1, 2, 4, 6, 9)]
-    few_exceptions([importance_sample(*own, tolerance=0.02, seed=k) for k, own in enumerate(cases)], 0.02)
-
-
-@pytest.mark.slow
-def test_the_error_covers_324_times() -> None:
-    cases = [case(problem, h, seed) for problem in PROBLEMS for h in (1, 2, 4, 6, 9, 14) for seed in range(9)]
-    few_exceptions([importance_sample(*own, tolerance=0.02, seed=k) for k, own in enumerate(cases)], 0.02)
-
-
-@pytest.mark.slow
-def test_the_error_covers_in_45_dimensions() -> None:
-    cases = [case(problem, 45, seed) for problem in (gaussian, log_gammas, half_normals, banana, two_modes) for seed in range(4)]
+@pytest.mark.parametrize(
+    ("problems", "dimensions", "seeds"),
+    [
+        (PROBLEMS, (1, 2, 4, 6, 9), 1),
+        pytest.param(PROBLEMS, (1, 2, 4, 6, 9, 14), 9, marks=pytest.mark.slow),
+        pytest.param([own for own in PROBLEMS if own is not students], (45,), 4, marks=pytest.mark.slow),
+    ],
+)
+def test_the_error_of_a_sample_covers(problems: list[Problem], dimensions: tuple[int, ...], seeds: int) -> None:
+    cases = [case(problem, h, seed) for problem in problems for h in dimensions for seed in range(seeds)]
     few_exceptions([importance_sample(*own, tolerance=0.02, seed=k) for k, own in enumerate(cases)], 0.02)
 
 
@@ -258,7 +254,15 @@ def test_what_cannot_be_trusted_says_so() -> None:
     assert grow_lattice(*case(half_normals, 3, 0), tolerance=1e-6, most=2000).error > 1e-6
 
 
-def check_that_emcee_took_over(problem: Problem, h: int, seed: int) -> None:
+HARD = [
+    pytest.param(own, h, seed, marks=pytest.mark.slow)
+    for own, h in ((student, 20), (bananas, 20), (funnel, 10))
+    for seed in range(3)
+]
+
+
+@pytest.mark.parametrize(("problem", "h", "seed"), [(funnel, 6, 0), *HARD])
+def test_emcee_takes_over(problem: Problem, h: int, seed: int) -> None:
     """Truth: ln 1, mean zero, as likely above zero as below."""
     log_density, modes = case(problem, h, seed)
     found = integrate(log_density, modes, tolerance=0.02, seed=seed)
@@ -274,17 +278,6 @@ def check_that_emcee_took_over(problem: Problem, h: int, seed: int) -> None:
     bounded = np.exp(log_density(drawn) - np.logaddexp(log_density(drawn), found.log_proposal(drawn)))
     chained = np.exp(found.log_proposal(found.free) - np.logaddexp(found.log_density, found.log_proposal(found.free)))
     assert bounded.mean() == pytest.approx(chained.mean(), abs=0.05), "f / (f + q) over q is q / (f + q) over f"
-
-
-def test_emcee_takes_over() -> None:
-    check_that_emcee_took_over(funnel, 6, 0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("problem", "h"), [(student, 20), (bananas, 20), (funnel, 10)])
-def test_emcee_takes_over_where_it_is_hard(problem: Problem, h: int, seed: int) -> None:
-    check_that_emcee_took_over(problem, h, seed)
 
 
 @pytest.mark.slow
