@@ -37,7 +37,7 @@ from ldbb_bayes.units import ranked
 
 __all__ = [
     "WHITE_NOISE", "Assumed", "Curve", "Explanations", "SlopeSubset", "VaryingSlope", "averaged_curves", "changed",
-    "discrepancy_assumptions", "explanations", "local_fits", "slope_subsets", "under",
+    "count_subsets", "discrepancy_assumptions", "explanations", "local_fits", "slope_subsets", "under",
 ]  # fmt: skip
 
 Change = Callable[[HybridModel], HybridModel]
@@ -181,6 +181,12 @@ class Curve:
     low: Numbers
     high: Numbers
     ci_prob: float
+
+
+def count_subsets(model: HybridModel, campaign: Campaign) -> int:
+    """Return how many models `slope_subsets` weighs."""
+    possible = 2 ** len(_slopes(model, campaign))
+    return possible if possible <= _EVERY else _SEARCHED
 
 
 def slope_subsets(
