@@ -274,6 +274,7 @@ def _said(
     campaign: lb.Campaign, imported: Imported | None, fits: dict[str, xr.DataTree], worked: dict[str, Any], ci_prob: float
 ) -> tuple[Any, ...]:
     """What is printed: what was assumed, what looks odd, the results but for slopes, constant or linear, what to run next."""
+    from ldbb_bayes.campaign.layout import Assumption
     from ldbb_bayes.report import text, wording
     from ldbb_bayes.report.findings import full_result
 
@@ -285,7 +286,10 @@ def _said(
     head = "Linear compliance:" if averaged is None else "Averaged over constant and linear compliance, by their probabilities:"
     weighed = comparison if isinstance(comparison, str) else wording.comparison_sentences(comparison)[0]
     planned = design if isinstance(design, str) else f"Run next: {', '.join(test.name for test in design.plan().tests)}"
-    assumed = text.parts_of(imported) if imported else ()
+    balls = Assumption("", "balls", "as the model assumes", "nothing says otherwise", "--balls, --work-ball, --tool-ball")
+    head_of, listed = text.parts_of(imported) if imported else ("Assumed (change it with the option named):", ())
+    listed = (*listed, *([wording.assumption_words(balls)] if campaign.instrument.work == campaign.instrument.tool == lb.Ball() else []))
+    assumed = (head_of, listed) if listed else ()
     return (*assumed, *wording.preview_sentences(lb.preview(campaign)), head, table, weighed, planned)
 
 

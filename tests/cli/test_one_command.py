@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pypdfium2
 import pytest
 from campaigns import Invoke
 from openpyxl import Workbook
+from reports import NOT_COMPARED, undrawn
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.importing import matching
+from ldbb_bayes.cli import app, reporting
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "studies" / "10_files"))
 import awkward
@@ -115,3 +120,127 @@ def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke)
     left_out = [own for own in record["assumptions"] if own["what"] == "left out"]
     assert len(left_out) == {"book": 1, "windows": 1}.get(name, 0)
     assert set(record["unsaid"]) == {"topology", "mount"} | ({"radius_mm"} if name != "instrument" else set())
+
+
+WRITTEN = {"averaged.nc", "campaign", "comparison.json", "design.json", "model.toml", "posterior.nc", "report.html", "report.json",
+           "report.pdf", "summary.json", "tables"}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_one_command_from_files_to_two_sheets(name: str, tmp_path: Path, invoke: Invoke) -> None:
+    given = CASES[name](tmp_path)
+    code, shown, said = invoke("report", *given, "--out", tmp_path / "out", "--language", "de", "--annex")
+    assert (code, said) == (0, "")
+    assert {own.name for own in (tmp_path / "out").iterdir()} == WRITTEN
+    assert "Averaged over constant and linear" in shown
+    first, _ = sheets(tmp_path / "out" / "report.pdf")
+    for word in ("DMG Mori DMU 50", "1139-4711", "Jörg Müller", "QC20-W Nr. K12345"):
+        assert word in first
+    code, _, said = invoke("report", tmp_path / "out", "--force", "--language", "de", "--annex", "--quiet")
+    assert (code, said) == (0, "")
+    assert sheets(tmp_path / "out" / "report.pdf")[0] == first, "the page of the result is the page of the files"
+
+
+def sheets(path: Path) -> list[str]:
+    with pypdfium2.PdfDocument(path) as file:
+        return [" ".join(page.get_textpage().get_text_range().split()) for page in file]
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What compares, averages and designs has tests of its own, as figures have."""
+    undrawn(monkeypatch)
+    for name in ("compare", "average", "design"):
+        monkeypatch.setattr(lb, name, lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED)))
+
+
+def plain(folder: Path) -> list[Path]:
+    for file, content in awkward.CASES["02_semicolon"].files.items():
+        (folder / file).write_bytes(content)
+    return [folder / file for file in awkward.CASES["02_semicolon"].files]
+
+
+def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
+    """A user at a terminal; what is asked."""
+    asked: list[str] = []
+    left = iter(answers)
+
+    def prompt(question: str, **_: object) -> str:
+        asked.append(question)
+        return next(left)
+
+    monkeypatch.setattr(reporting, "_can_ask", lambda: True)
+    monkeypatch.setattr("typer.prompt", prompt)
+    return asked
+
+
+@pytest.mark.usefixtures("quick")
+def test_at_most_three_questions(tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of what neither files nor options say; a wrong answer is asked again; the folder stands beside the first file."""
+    asked = answering(monkeypatch, "9", "4", "perhaps", "n", "G20")
+    files = plain(tmp_path)
+    code, shown, said = invoke("report", *files)
+    assert code == 0, said
+    assert len(asked) == 5
+    assert "must be 1 to 7" in said and "bed type (wXFYZSt)" in said
+    out = tmp_path / f"{files[0].stem}_report"
+    campaign = lb.read_campaign(out / "campaign")
+    assert (campaign.topology, campaign.mount.compensated, campaign.instrument.work.grade) == ("wXFYZSt", False, "G20")
+    assert not {"topology:", "mount:"} & {line[2:].split(" ")[0] for line in shown.splitlines()}
+    assert lb.load(out)["provenance"] is not None
+    assert invoke("report", *files)[0] == 2, "an earlier report is not replaced"
+    asked = answering(monkeypatch)
+    options = ("--topology", "wFXYZSt", "--raw", "--balls", "G10", "--serial-number", "7", "--force")
+    assert invoke("report", *files, *options)[0] == 0
+    assert (asked, lb.read_campaign(out / "campaign").serial_number) == ([], "7")
+    asked = answering(monkeypatch)
+    assert invoke("report", out / "campaign", "--out", tmp_path / "again", "--operator", "Ann")[0] == 0
+    assert (asked, lb.read_campaign(tmp_path / "again" / "campaign").operator) == ([], "Ann")
+
+
+@pytest.mark.usefixtures("quick")
+def test_without_a_terminal_what_is_assumed_is_said(tmp_path: Path, invoke: Invoke) -> None:
+    code, shown, _ = invoke("report", *plain(tmp_path), "--out", tmp_path / "out")
+    assert code == 0
+    for words in ("topology: wCAFYXZSt", "mount: readings compensated", "balls: as the model assumes"):
+        assert words in shown
+    assert {own.name for own in (tmp_path / "out").iterdir()} == WRITTEN - {"averaged.nc", "comparison.json", "design.json"}
+
+
+@pytest.mark.usefixtures("quick")
+def test_an_interruption_or_a_full_disk_leaves_nothing(tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of what was written so far."""
+    files = plain(tmp_path)
+    for error, raised in ((KeyboardInterrupt(), KeyboardInterrupt), (OSError(28, "No space left on device"), SystemExit)):
+        monkeypatch.setattr(lb, "write_report", lambda *_, own=error, **__: (_ for _ in ()).throw(own))
+        with pytest.raises(raised):
+            app(["report", *map(str, files)])
+        assert sorted(tmp_path.iterdir()) == sorted(files)
+
+
+def test_machines_on_the_list_can_be_measured() -> None:
+    for own in reporting.MACHINES:
+        assert lb.Machine(own.topology, ("XY", "YZ", "ZX")).plane
+    assert len({own.topology for own in reporting.MACHINES}) == len(reporting.MACHINES)
+
+
+# ---- patterns
+
+
+def test_patterns_are_expanded_in_natural_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As cmd.exe and PowerShell hand them on, backslashes and a closing quote included; brackets mean themselves."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my runs").mkdir()
+    names = ["10 N.csv", "2 N.csv", "2 N [b].csv", "36 N.csv", "~$2 N.csv", ".2 N.csv", "note.txt"]
+    for name in names:
+        (tmp_path / "my runs" / name).write_text("x")
+    tables = ["2 N.csv", "2 N [b].csv", "10 N.csv", "36 N.csv"]
+    for pattern in ("my runs/*.csv", "my runs\\*.csv", 'my runs\\*.csv"', str(tmp_path / "my runs" / "*.csv"), "my*/*.csv"):
+        assert [own.name for own in matching([pattern])] == tables, pattern
+    assert [own.name for own in matching(["my runs\\?? N.csv"])] == ["10 N.csv", "36 N.csv"]
+    assert [own.name for own in matching(["my runs/2 N [b]*", "my runs/*.csv"])] == ["2 N [b].csv", "2 N.csv", *tables[2:]]
+    assert matching([r"my runs\36 N.csv"]) == [Path("my runs/36 N.csv")]
+    for pattern, said in (("my runs/*.xlsx", "my runs holds '2 N.csv', '2 N [b].csv'"), ("yours\\*.csv", "there is no folder yours")):
+        with pytest.raises(lb.InputError, match=f"must match a file, got none: {re.escape(said)}"):
+            matching([pattern])
