@@ -287,9 +287,9 @@ def _said(
     weighed = comparison if isinstance(comparison, str) else wording.comparison_sentences(comparison)[0]
     planned = design if isinstance(design, str) else f"Run next: {', '.join(test.name for test in design.plan().tests)}"
     balls = Assumption("", "balls", "as the model assumes", "nothing says otherwise", "--balls, --work-ball, --tool-ball")
-    head_of, listed = text.parts_of(imported) if imported else ("Assumed (change it with the option named):", ())
-    listed = (*listed, *([wording.assumption_words(balls)] if campaign.instrument.work == campaign.instrument.tool == lb.Ball() else []))
-    assumed = (head_of, listed) if listed else ()
+    made = imported.assumptions if imported else ()
+    made += (balls,) if campaign.instrument.work == campaign.instrument.tool == lb.Ball() else ()
+    assumed = text.parts_of(replace(imported, assumptions=made)) if imported else tuple(map(wording.assumption_words, made))
     return (*assumed, *wording.preview_sentences(lb.preview(campaign)), head, table, weighed, planned)
 
 

@@ -122,8 +122,8 @@ def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke)
     assert set(record["unsaid"]) == {"topology", "mount"} | ({"radius_mm"} if name != "instrument" else set())
 
 
-WRITTEN = {"averaged.nc", "campaign", "comparison.json", "design.json", "model.toml", "posterior.nc", "report.html", "report.json",
-           "report.pdf", "summary.json", "tables"}  # fmt: skip
+WRITTEN = {"averaged.nc", "campaign", "comparison.json", "design.json", "model.toml", "posterior.nc", "report.html",
+           "report.json", "report.pdf", "summary.json", "tables"}  # fmt: skip
 
 
 @pytest.mark.slow
@@ -183,7 +183,7 @@ def test_at_most_three_questions(tmp_path: Path, invoke: Invoke, monkeypatch: py
     code, shown, said = invoke("report", *files)
     assert code == 0, said
     assert len(asked) == 5
-    assert "must be 1 to 7" in said and "bed type (wXFYZSt)" in said
+    assert [words for words in ("must be 1 to 7", "bed type (wXFYZSt)") if words not in said] == []
     out = tmp_path / f"{files[0].stem}_report"
     campaign = lb.read_campaign(out / "campaign")
     assert (campaign.topology, campaign.mount.compensated, campaign.instrument.work.grade) == ("wXFYZSt", False, "G20")
@@ -235,12 +235,15 @@ def test_patterns_are_expanded_in_natural_order(tmp_path: Path, monkeypatch: pyt
     names = ["10 N.csv", "2 N.csv", "2 N [b].csv", "36 N.csv", "~$2 N.csv", ".2 N.csv", "note.txt"]
     for name in names:
         (tmp_path / "my runs" / name).write_text("x")
-    tables = ["2 N.csv", "2 N [b].csv", "10 N.csv", "36 N.csv"]
+    tables = ["2 N [b].csv", "2 N.csv", "10 N.csv", "36 N.csv"]
     for pattern in ("my runs/*.csv", "my runs\\*.csv", 'my runs\\*.csv"', str(tmp_path / "my runs" / "*.csv"), "my*/*.csv"):
         assert [own.name for own in matching([pattern])] == tables, pattern
     assert [own.name for own in matching(["my runs\\?? N.csv"])] == ["10 N.csv", "36 N.csv"]
-    assert [own.name for own in matching(["my runs/2 N [b]*", "my runs/*.csv"])] == ["2 N [b].csv", "2 N.csv", *tables[2:]]
+    assert [own.name for own in matching(["my runs/2 N [b]*", "my runs/*.csv"])] == tables
     assert matching([r"my runs\36 N.csv"]) == [Path("my runs/36 N.csv")]
-    for pattern, said in (("my runs/*.xlsx", "my runs holds '2 N.csv', '2 N [b].csv'"), ("yours\\*.csv", "there is no folder yours")):
+    for pattern, said in (
+        ("my runs/*.xlsx", "my runs holds '2 N [b].csv', '2 N.csv'"),
+        ("yours\\*.csv", "there is no folder yours"),
+    ):
         with pytest.raises(lb.InputError, match=f"must match a file, got none: {re.escape(said)}"):
             matching([pattern])
