@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -250,34 +251,40 @@ def rank_ecdf(validation: Validation) -> Figure:
 # ---- design
 
 
+_ACROSS, _LONGEST = 3, 0.72
+
+
 @styled
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
     """How narrow each interval gets with what: u of every parameter in its unit, ``today`` where it is given (inside units), with
-    the recommended tests, with those compared, and with ever more of the recommended ones; a panel for each parameter."""
+    the recommended tests, with those compared, and with ever more of the recommended ones; bars to a scale of each parameter."""
     count = int(design.table["count"].sum())
-    kinds = [("today", GREY)] * bool(today) + [(f"{count} more" if design.augment else f"{count} recommended", ACCENT)]
-    kinds += [(judged.name, LIGHT) for judged in design.compared] + [("ever more of these", "white")]
-    rows = np.arange(len(kinds))[::-1]
-    figure, every = panels(len(design.expected), 3, 0.27 + 0.14 * len(kinds), 0.5, sharey=True)
-    for axes, (name, own) in zip(every, design.expected.items(), strict=True):
-        factor, unit = display_unit(own.unit)
-        sizes = [
-            *([today.get(name, np.nan)] if today else []),
-            own.sd,
-            *(judged.expected[name].sd for judged in design.compared),
-            own.floor_sd,
-        ]
-        widths = np.nan_to_num(np.array(sizes) * factor, posinf=0.0)
-        axes.barh(rows, widths, 0.75, color=[colour for _, colour in kinds], edgecolor=GREY, linewidth=0.6)
-        for row, size, width in zip(rows, sizes, widths, strict=True):
-            text = round_uncertainty(size * factor)[0] if np.isfinite(size) else "–"
-            axes.text(width + 0.03 * widths.max(), row, text, fontsize=7, va="center")
-        axes.set(xlim=(0.0, 1.35 * widths.max() or 1.0), xticks=[])
+    kinds = {"today": ({name: today.get(name, np.nan) for name in design.expected}, GREY)} if today else {}
+    kinds[f"{count} more" if design.augment else f"{count} recommended"] = _sizes(design.expected), ACCENT
+    kinds |= {judged.name: (_sizes(judged.expected), LIGHT) for judged in design.compared}
+    kinds["ever more of these"] = {name: own.floor_sd for name, own in design.expected.items()}, "white"
+    step, rows = len(kinds) + 1.8, -(-len(design.expected) // _ACROSS)
+    figure = style.new_figure(style.WIDTH, 0.4 + 0.15 * step * rows)
+    axes = figure.subplots()
+    left, top = np.arange(len(design.expected)) % _ACROSS, -step * (np.arange(len(design.expected)) // _ACROSS)
+    units = [display_unit(own.unit) for own in design.expected.values()]
+    sizes = np.array([[own[name] for name in design.expected] for own, _ in kinds.values()]) * [factor for factor, _ in units]
+    lengths = np.where(np.isfinite(sizes), sizes, 0.0)
+    lengths *= _LONGEST / np.maximum(lengths.max(axis=0), np.finfo(float).tiny)
+    for k, (words, (_, colour)) in enumerate(kinds.items()):
+        axes.barh(top - 1.0 - k, lengths[k], 0.75, left, color=colour, edgecolor=GREY, linewidth=0.6, label=words)
+        for x, y, size in zip(left + lengths[k] + 0.02, top - 1.0 - k, sizes[k], strict=True):
+            axes.text(x, y, round_uncertainty(size)[0] if np.isfinite(size) else "–", fontsize=7, va="center")
+        for y in np.unique(top):
+            axes.text(-0.03, y - 1.0 - k, words, fontsize=7, ha="right", va="center")
+    for x, y, name, (_, unit) in zip(left.tolist(), top.tolist(), design.expected, units, strict=True):
         aim = "" if name in design.parameters else ", not aimed at"
-        axes.set_title(f"{display_name(name)} ({unit}){aim}", fontsize=7, loc="left")
-        axes.spines["bottom"].set_visible(False)
-        axes.tick_params(axis="y", length=0, labelsize=7)
-        axes.grid(visible=False)
-    every[0].set_yticks(rows, [words for words, _ in kinds])
+        axes.text(x, y, f"{display_name(name)} ({unit}){aim}", fontsize=7.5, va="center")
+    axes.set(xlim=(0.0, _ACROSS), ylim=(top[-1] - len(kinds) - 0.6, 0.7), xticks=[], yticks=[])
+    axes.set_axis_off()
     figure.suptitle("How narrow each interval gets: expected standard uncertainty u")
     return figure
+
+
+def _sizes(expected: Mapping[str, Any]) -> dict[str, float]:
+    return {name: own.sd for name, own in expected.items()}

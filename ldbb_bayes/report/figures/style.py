@@ -123,10 +123,8 @@ def unit_panels(units: Mapping[str, str], each: float, extra: float) -> tuple[Fi
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
     """Write texts at the right end of rows."""
-    right = axes.secondary_yaxis("right")
-    right.set_yticks(rows, texts)
-    right.tick_params(length=0)
-    right.spines["right"].set_visible(False)
+    for row, text in zip(rows, texts, strict=True):
+        axes.text(1.015, row, text, fontsize=8, va="center", transform=axes.get_yaxis_transform())
 
 
 def term_colours(terms: Iterable[str]) -> dict[str, str]:
