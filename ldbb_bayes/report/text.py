@@ -338,11 +338,12 @@ def _models_table(comparison: Comparison) -> Table:
 
 def _assumption_table(comparison: Comparison) -> Table:
     """ln B under every assumption, and by how much the readings prefer it to what the models assume."""
-    scaled = [(f"slope scale {s.slope_scale:g}", f"{s.log_bayes_factor:+.2f}", "") for s in comparison.prior_sensitivity]
+    rows = [(f"slope scale {s.slope_scale:g}", s.log_bayes_factor, s.error, "") for s in comparison.prior_sensitivity]
     every = comparison.discrepancy_sensitivity
-    assumed = [(a.assumption, wording.factor_words(a, 2), f"{comparison.gain(a):+.1f}") for a in every]
-    heads = ("assumption", f"ln B({comparison.sensitivity_of}) (nat)", "preferred by (nat)")
-    return Table.of("Under other assumptions", heads, [*scaled, *assumed])
+    rows += [(a.assumption, a.log_bayes_factor, a.log_bayes_factor_error, f"{comparison.gain(a):+.1f}") for a in every]
+    heads = ("assumption", f"ln B({comparison.sensitivity_of}) (nat)", "error", "preferred by (nat)")
+    shown = [(name, f"{value:+.2f}", f"{max(error, 1e-3):.1g}", gain) for name, value, error, gain in rows]
+    return Table.of("Under other assumptions", heads, shown)
 
 
 def _slopes_table(comparison: Comparison) -> Table:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.design.design import Design
     from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen
-    from ldbb_bayes.analysis.sensitivity import Assumed
     from ldbb_bayes.campaign.preview import CampaignPreview, Remark
     from ldbb_bayes.inference.posterior import Concern, Fit
     from ldbb_bayes.inference.predictive import Check
@@ -522,15 +521,6 @@ def _factor(value: float, error: float) -> str:
     return typeset(f"{value:+.2f} (error {max(error, 1e-3):.1g})")
 
 
-_ROUGH = 0.02
-
-
-def factor_words(assumed: Assumed, digits: int) -> str:
-    """Return ln B under an assumption to so many digits, and its error where it is weighed roughly."""
-    value, error = assumed.log_bayes_factor, assumed.log_bayes_factor_error
-    return f"{value:+.{digits}f}" + (f" ± {error:.1g}" if error > _ROUGH else "")
-
-
 def _robustness(comparison: Comparison) -> Iterator[str]:
     if (explained := comparison.explanations) is not None and explained.instead:
         one = "s" if len(explained.instead) == 1 else ""
@@ -550,7 +540,9 @@ def _robustness(comparison: Comparison) -> Iterator[str]:
             f"it ln B is {better.log_bayes_factor:+.1f}. Consider making it the model."
         )
     for allowed, meant in ((True, "which the readings do not rule out"), (False, "which the readings reject")):
-        turning = [f"'{a.assumption}' ({factor_words(a, 1)})" for a in comparison.turning() if comparison.allowed(a) is allowed]
+        turning = [
+            f"'{a.assumption}' ({a.log_bayes_factor:+.1f})" for a in comparison.turning() if comparison.allowed(a) is allowed
+        ]
         if turning:
             yield f"The answer changes with {joined(turning)}, {meant}."
 
