@@ -60,9 +60,8 @@ def average(
 
     Returns
     -------
-    xarray.DataTree
-        As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which model a draw is of; the record
-        lists them (``averaged``) with rivals, log evidence and probability. Priors are averaged too.
+    As of `sample`, with the parameters of the largest model. ``sample_stats.model`` says which model a draw is of; the record
+    lists them (``averaged``) with rivals, log evidence and probability. Priors are averaged too.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     check_campaign(campaign)

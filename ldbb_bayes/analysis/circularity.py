@@ -168,13 +168,11 @@ def circularity(
 
     Returns
     -------
-    DataFrame
-        One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high; on the first circle of the
-        plane. G, F_max, F_min about the least-squares centre and radius; squareness (in the sense and sign of the plane's own
-        parameter, `squareness_name`) and scale_mismatch (gain of the first axis less that of the second), as the second harmonic
-        shows them, compliance included; where the plane is run both ways G_b and D, the mean radius less the nominal one (G and
-        F are then of the mean path). A G is a largest difference: where the path is not known it is more often too large than
-        too small.
+    One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high; on the first circle of the plane.
+    G, F_max, F_min about the least-squares centre and radius; squareness (in the sense and sign of the plane's own parameter,
+    `squareness_name`) and scale_mismatch (gain of the first axis less that of the second), as the second harmonic shows them,
+    compliance included; where the plane is run both ways G_b and D, the mean radius less the nominal one (G and F are then of the
+    mean path). A G is a largest difference: where the path is not known it is more often too large than too small.
     """
     check_probability(ci_prob)
     units, rows = QUANTITIES | BIDIRECTIONAL, []
@@ -292,10 +290,9 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
 
     Returns
     -------
-    DataFrame
-        One row per plane and source: the two together, compliance, geometry, every compliance (its slope included) and every
-        geometric error; radius_mm, force_N; maximum, minimum and peak_to_peak of the mean path; median, sd, ci_low and ci_high of
-        the peak-to-peak. Where a source is hardly known its median exceeds the peak-to-peak of its mean, which may be zero.
+    One row per plane and source: the two together, compliance, geometry, every compliance (its slope included) and every
+    geometric error; radius_mm, force_N; maximum, minimum and peak_to_peak of the mean path; median, sd, ci_low and ci_high of the
+    peak-to-peak. Where a source is hardly known its median exceeds the peak-to-peak of its mean, which may be zero.
     """
     check_probability(ci_prob)
     bound = bound_of(posterior)

@@ -126,10 +126,9 @@ def differences(
 
     Returns
     -------
-    DataFrame
-        One row per parameter both have, offsets of the tool ball left out: unit, first, second (means, at the first one's
-        reference force), difference, sd, ci_low, ci_high, probability_of_increase. ``attrs["conflict"]``: of one instrument, the
-        coefficient in which the campaigns disagree most about it, and the p-value of that (Bonferroni); else None.
+    One row per parameter both have, offsets of the tool ball left out: unit, first, second (means, at the first one's reference
+    force), difference, sd, ci_low, ci_high, probability_of_increase. ``attrs["conflict"]``: of one instrument, the coefficient in
+    which the campaigns disagree most about it, and the p-value of that (Bonferroni); else None.
     """
     check_probability(ci_prob)
     one, two = bound_of(posterior), bound_of(other)

@@ -73,8 +73,7 @@ def belonging(
 
     Returns
     -------
-    DataFrame
-        One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the p-values by Fourier order.
+    One row per test: force_N, p_value, family_wise_p_value, flag, and order_0 … order_12, the p-values by Fourier order.
     """
     check_campaign(campaign)
     require(len(campaign.tests) > 1, "a campaign must have at least two tests to compare them, got one. Add tests.")

@@ -276,10 +276,9 @@ def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95,
 
     Returns
     -------
-    DataFrame
-        One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's tests), tests, parameter, unit,
-        least_squares, least_squares_u (white noise alone; not a number where the pair does not determine it), mean, sd, ci_low,
-        ci_high; in inside units.
+    One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's tests), tests, parameter, unit,
+    least_squares, least_squares_u (white noise alone; not a number where the pair does not determine it), mean, sd, ci_low,
+    ci_high; in inside units.
     """
     check_campaign(campaign)
     check_comparable(model, campaign)

@@ -118,14 +118,12 @@ def read_batch(
 
     Returns
     -------
-    DataFrame
-        One row per campaign, in the order given: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
-        topology, planes, compliances (JSON: what each stands for), tests, readings, force_min_N, force_max_N,
-        reference_force_N, degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits,
-        warnings, log_prob_truncation [nat], rmse_um, log_bayes_factor (linear over constant), log_bayes_factor_error [nat]; of
-        every parameter and hyper-parameter NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad;
-        ``attrs["units"]``); gaussian_… as `SufficientStatistics`, the covariance as its lower triangle, row by row. What a
-        campaign does not have is missing.
+    One row per campaign, in the order given: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
+    topology, planes, compliances (JSON: what each stands for), tests, readings, force_min_N, force_max_N, reference_force_N,
+    degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits, warnings, log_prob_truncation
+    [nat], rmse_um, log_bayes_factor (linear over constant), log_bayes_factor_error [nat]; of every parameter and hyper-parameter
+    NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad; ``attrs["units"]``); gaussian_… as
+    `SufficientStatistics`, the covariance as its lower triangle, row by row. What a campaign does not have is missing.
     """
     check_pyarrow()
     import pyarrow as pa

@@ -108,8 +108,7 @@ def marginals(
 
     Returns
     -------
-    DataFrame
-        Columns unit, mean, sd, median, ci_low, ci_high; one row per parameter and hyper-parameter, in mm, N, rad.
+    Columns unit, mean, sd, median, ci_low, ci_high; one row per parameter and hyper-parameter, in mm, N, rad.
     """
     require(not campaign.is_plan, "marginals must be asked of a campaign with readings, got a plan. Run the tests or simulate.")
     require(0.0 < ci_prob < 1.0, f"ci_prob must lie between 0 and 1, got {ci_prob}. For 95 % give 0.95.")

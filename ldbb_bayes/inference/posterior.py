@@ -418,9 +418,8 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
 
     Returns
     -------
-    DataFrame
-        Columns unit, mean, sd, median, ci_low, ci_high, prior_mean (of parameters with a proper prior), prior_sd, ess_bulk,
-        ess_tail, rhat; ``attrs["fit"]`` is the `Fit`: whether the numbers can be used (``state``), and what to mind.
+    Columns unit, mean, sd, median, ci_low, ci_high, prior_mean (of parameters with a proper prior), prior_sd, ess_bulk, ess_tail,
+    rhat; ``attrs["fit"]`` is the `Fit`: whether the numbers can be used (``state``), and what to mind.
     """
     check_probability(ci_prob)
     prior_sd, prior_mean = priors_of(posterior)
@@ -486,9 +485,8 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 
     Returns
     -------
-    DataFrame
-        One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the posterior mean of φ). The mount's
-        is its deviation from the nominal deflection.
+    One row per coefficient: term, unit (mm; per bar, N, h or K), mean, sd, prior_sd (at the posterior mean of φ). The mount's is
+    its deviation from the nominal deflection.
     """
     bound, parts = bound_of(posterior), parts_of(posterior, _DRAWS)
     value = dict(zip(bound.hyper_prior.names, np.concatenate([part.phi for part in parts]).mean(axis=0), strict=True))

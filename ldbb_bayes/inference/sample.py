@@ -233,9 +233,8 @@ def sample(
 
     Returns
     -------
-    xarray.DataTree
-        ArviZ's layout: posterior, prior, sample_stats, log_prior, log_likelihood (per test, conditional on the other tests),
-        observed_data, constant_data, provenance. All numbers in mm, N, rad.
+    ArviZ's layout: posterior, prior, sample_stats, log_prior, log_likelihood (per test, conditional on the other tests),
+    observed_data, constant_data, provenance. All numbers in mm, N, rad.
     """
     check_sampler(sampler)
     require(not campaign.is_plan, "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
