@@ -30,6 +30,7 @@ def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
         "name": "a",
         "sha256": None,
         "compliances": None,
+        "tolerances": None,
         "status": "done",
         "machine_id": "M1",
         "date": None,

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import path_draws
-from ldbb_bayes.analysis.comparison import Comparison, Sign
 from ldbb_bayes.analysis.identifiability import ParameterIdentifiability, Verdict
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.posterior import ConcernKind, Fit, State, bound_of, curves_of, draws_of
@@ -28,12 +27,15 @@ from ldbb_bayes.units import inside_name, is_direct, to_inside
 if TYPE_CHECKING:
     import xarray as xr
 
+    from ldbb_bayes.analysis.comparison import Comparison
+
 __all__ = [
-    "Conformity", "Decision", "Judgement", "Reason", "ReasonKind", "Tolerance", "Use", "conformity", "is_determined",
-    "normal_conformity", "state_of", "tolerances_in",
+    "Conformity", "Decision", "Judgement", "Quantity", "Reason", "ReasonKind", "Tolerance", "Use", "conformity", "is_determined",
+    "normal_conformity", "quantities", "quantities_of", "state_of", "tolerances_in",
 ]  # fmt: skip
 
 _PATHS = {"G": ("upper",), "F_max": ("upper",), "F_min": ("lower",)}
+_POSITIVE = re.compile(r"C_(.)\1.")  # deflection and tilt under their own force and moment
 _FEW, _TRACES = 10, 2000
 _HARDLY = 0.9
 
@@ -79,48 +81,44 @@ class Conformity(Result):
     confidence: float
     decision: Decision
 
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Both limits, infinite where there is none."""
-        return Tolerance(self.lower, self.upper).ends
-
 
 @dataclass(frozen=True)
-class _Quantity:
+class Quantity:
     """What may have a tolerance: its unit, and the sides that a single number limits."""
 
     unit: str
     sides: tuple[str, ...]
 
 
-def _quantities(bound: BoundModel) -> dict[str, _Quantity]:
-    """By name: parameters, stiffnesses, and the machine's path in every plane."""
-    bounded = (bound.physical.rows != 0.0).any(axis=0)
-    found = {}
-    for own, positive in zip(bound.parameters, bounded, strict=True):
-        sides = ("upper",) if positive and not own.degree else ("lower", "upper")
-        found[own.name] = _Quantity(own.unit, sides)
-    stiff = [name for name in bound.names if is_direct(name)]
-    found |= {f"stiffness_{name[2]}": _Quantity("N/mm", ("lower",)) for name in stiff}
-    planes = bound.setting.planes
-    ends = [""] if len(planes) == 1 else [f"_{plane}" for plane in planes]
-    return found | {name + end: _Quantity("mm", sides) for name, sides in _PATHS.items() for end in ends}
+def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[str, Quantity]:
+    """What may have a tolerance, by name: parameters with these units, stiffnesses, and the machine's path in these planes."""
+    found = {
+        name: Quantity(unit, ("upper",) if _POSITIVE.fullmatch(name) else ("lower", "upper")) for name, unit in units.items()
+    }
+    found |= {f"stiffness_{name[2]}": Quantity("N/mm", ("lower",)) for name in units if is_direct(name)}
+    ends = [f"_{plane}" for plane in planes] if len(planes) > 1 else [""] * len(planes)
+    return found | {name + end: Quantity("mm", sides) for name, sides in _PATHS.items() for end in ends}
 
 
-def tolerances_in(bound: BoundModel, given: Mapping[str, str | Tolerance]) -> dict[str, Tolerance]:
-    """The tolerances of a campaign by name: texts with a unit read, names and limits checked.
+def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
+    """The same of a bound model."""
+    return quantities({own.name: own.unit for own in bound.parameters}, bound.setting.planes)
+
+
+def tolerances_in(known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]) -> dict[str, Tolerance]:
+    """Tolerances by name: texts with a unit read, names and limits checked.
 
     ``60 nm/N`` is an upper limit of what cannot be negative, of a stiffness a lower one (``18 N/µm``), of anything else ±;
     ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±`` before a number say which.
     """
-    known, read = _quantities(bound), {}
+    read = {}
     for name, tolerance in ((inside_name(name), own) for name, own in given.items()):
         check_known("tolerance", [name], known)
         read[name] = tolerance if isinstance(tolerance, Tolerance) else _read(name, tolerance, known[name])
     return read
 
 
-def _read(name: str, text: str, quantity: _Quantity) -> Tolerance:
+def _read(name: str, text: str, quantity: Quantity) -> Tolerance:
     what = f"tolerance of {name}"
     least, between, most = text.partition("..")
     if between:
@@ -161,12 +159,13 @@ def conformity(
     """
     require(0.5 < confidence < 1.0, f"confidence must lie between 0.5 and 1, got {confidence}. For 95 % give 0.95.")
     bound = bound_of(posterior)
-    read = tolerances_in(bound, bound.campaign.tolerances if tolerances is None else tolerances)
+    known = quantities_of(bound)
+    read = tolerances_in(known, bound.campaign.tolerances if tolerances is None else tolerances)
     force = bound.setting.reference_force_N if force_N is None else float(force_N)
     require(np.isfinite(force) and force > 0.0, f"force_N must be a force above 0, got {force}. Give it in N.")
     if not read:
         return {}
-    known, draws = _quantities(bound), dict(_draws(posterior, bound, read, force))
+    draws = dict(_draws(posterior, bound, read, force))
     return {name: _decided(known[name].unit, own, read[name], confidence, at) for name, (own, at) in draws.items()}
 
 
@@ -302,6 +301,8 @@ def state_of(
     minor += [Reason(ReasonKind.HYPER, names)] if names else []
     minor += [Reason(ReasonKind.FORCES)] if ConcernKind.FORCES in concerns else []
     if comparison is not None:
+        from ldbb_bayes.analysis.comparison import Sign  # commands that compare nothing start without it
+
         minor += [] if comparison.within_tolerance else [Reason(ReasonKind.ROUGH_EVIDENCE)]
         minor += [Reason(ReasonKind.OPEN_SIGN)] if comparison.sign == Sign.OPEN else []
     use = Use.DO_NOT_USE if grave else Use.WITH_RESERVATION if minor else Use.CAN_BE_USED

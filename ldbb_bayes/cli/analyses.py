@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,7 +20,7 @@ from ldbb_bayes.errors import InputError
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["compare", "demo", "design", "fit", "identify", "summarize", "validate", "write_result"]
+__all__ = ["compare", "demo", "design", "fit", "identify", "summarize", "validate", "with_tolerances", "write_result"]
 
 _DEGREES = ("constant", "linear", "quadratic")
 
@@ -260,6 +261,7 @@ def fit(
     model: options.ChosenModel,
     output: options.OutputOptions,
     asked: Annotated[dict[str, Any], _FIT],
+    tolerances: options.Tolerances,
     prior_from: Annotated[Path | None, options.PRIOR_FROM],
 ) -> None:
     """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the sampler missed its target."""
@@ -268,6 +270,7 @@ def fit(
 
     check_probability(asked["ci_prob"])
     chosen, population = _with_population(model, prior_from, campaign)
+    campaign = with_tolerances(campaign, chosen, tolerances)
     output.check(*RESULT_FILES)
     rule = lb.StoppingRule(ess=asked["ess"], max_steps=asked["max_steps"])
     with options.sampling_progress(output.quiet, "sampling") as progress:
@@ -276,6 +279,17 @@ def fit(
     output.deliver(result, _parts_of_fit(result), also=partial(write_result, posterior, result))
     if not result["sampler"]["converged"]:
         raise typer.Exit(options.EXIT_MISSED)
+
+
+def with_tolerances(campaign: lb.Campaign, model: lb.HybridModel, given: Mapping[str, str]) -> lb.Campaign:
+    """The campaign with these tolerances beside its own; those that the model has nothing for are refused before any work."""
+    from ldbb_bayes.analysis.conformity import quantities_of, tolerances_in
+    from ldbb_bayes.units import inside_name
+
+    campaign = replace(campaign, tolerances={**campaign.tolerances, **{inside_name(name): own for name, own in given.items()}})
+    if campaign.tolerances:
+        tolerances_in(quantities_of(model.bind(campaign)), campaign.tolerances)
+    return campaign
 
 
 def _with_population(model: lb.HybridModel, path: Path | None, campaign: lb.Campaign) -> tuple[lb.HybridModel, dict[str, Any]]:

@@ -253,6 +253,7 @@ def batch(
     model: options.ChosenModel,
     table: options.TableFields,
     certificates: options.Certificates,
+    tolerances: options.Tolerances,
     asked: Annotated[dict[str, Any], _BATCH],
     pool: options.PoolOptions,
     as_json: Annotated[bool, options.JSON],
@@ -272,7 +273,8 @@ def batch(
     try:
         with options.counting_progress(quiet, "campaigns") as progress:
             executor = partial(executor_named, **pool)
-            given: dict[str, Any] = {"model": model, "table": table, "certificates": certificates, **asked}
+            given: dict[str, Any] = {"model": model, "table": table, "certificates": certificates, "tolerances": tolerances}
+            given |= asked
             done = lb.batch(campaigns, out, executor=executor, **given, progress=progress)
     except KeyboardInterrupt:
         if not (out / JOURNAL).exists():
@@ -340,7 +342,12 @@ _TREND = group(
 
 
 @command
-def trend(batches: BatchesArgument, output: options.OutputOptions, asked: Annotated[dict[str, Any], _TREND]) -> None:
+def trend(
+    batches: BatchesArgument,
+    output: options.OutputOptions,
+    tolerances: options.Tolerances,
+    asked: Annotated[dict[str, Any], _TREND],
+) -> None:
     """One machine over time: control chart, probability that a parameter has changed, which, when and by how much.
 
     One lasting step of one parameter is looked for. Exit code 0 whatever is found.
@@ -349,7 +356,7 @@ def trend(batches: BatchesArgument, output: options.OutputOptions, asked: Annota
 
     output.check("trend.json", "trend.csv", figures=["control_chart"])
     rows = read_batch(batches, FLEET_COLUMNS)
-    result = lb.trend(rows, **asked)
+    result = lb.trend(rows, tolerances=tolerances, **asked)
     record = {"schema": 1, **lb.with_words(result)}
     contents = {"trend.json": record, "trend.csv": result.estimates}
     output.deliver(record, result, contents, {"control_chart": partial(lb.control_chart, result)})

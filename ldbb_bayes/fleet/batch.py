@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from ldbb_bayes.analysis.conformity import conformity
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import TOML_NAME, labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason
@@ -120,6 +121,7 @@ class Settings:
     compare: bool = True
     table: Mapping[str, Any] = field(default_factory=dict)
     certificates: Mapping[str, Any] = field(default_factory=dict)
+    tolerances: Mapping[str, str] = field(default_factory=dict)  # of quantities, before what campaigns say
 
     @property
     def model(self) -> HybridModel:
@@ -146,6 +148,7 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
         with warnings.catch_warnings(action="ignore"):
             is_table = not os.path.isdir(job.place) and not job.place.lower().endswith(".toml")
             campaign = read_campaign(job.place, certificates=settings.certificates, **(settings.table if is_table else {}))
+            campaign = replace(campaign, tolerances={**campaign.tolerances, **settings.tolerances})
             row |= _origin(campaign)
             return row | _fitted(settings, campaign)
     except Exception as error:  # noqa: BLE001  # one campaign must not end the others
@@ -174,6 +177,7 @@ def _origin(campaign: Campaign) -> dict[str, Any]:
         **{name: getattr(campaign, name) for name in ("name", "sha256", "machine_id", "date", "topology", "readings")},
         "planes": ",".join(campaign.machine().planes),
         "compliances": json.dumps(stands_for(campaign)),
+        "tolerances": json.dumps(dict(campaign.tolerances), ensure_ascii=False),
         "tests": len(campaign.tests),
         "force_min_N": float(campaign.forces_N.min()),
         "force_max_N": float(campaign.forces_N.max()),
@@ -192,7 +196,10 @@ def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     if settings.compare and model.degree and campaign.force_levels > 1:
         parts["Bayes factor"] = lambda: _bayes_factor(model, campaign, inside if model.prior.truncated else inside.plain)
     parts["sufficient statistics"] = lambda: sufficient_statistics(inside.plain).columns()
-    for name, part in ({} if model.prior.flat else parts).items():
+    parts = {} if model.prior.flat else parts
+    if campaign.tolerances:
+        parts["conformity"] = lambda: {"conformity": {name: own.as_dict() for name, own in conformity(posterior).items()}}
+    for name, part in parts.items():
         try:
             beside |= part()
         except (InputError, ArithmeticError, np.linalg.LinAlgError) as error:
@@ -271,7 +278,11 @@ def _record(settings: Settings) -> dict[str, Any]:
     """What makes a batch what it is."""
     table = {
         f"{kind} {name}": asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-        for kind, given in (("table option", settings.table), ("certificate", settings.certificates))
+        for kind, given in (
+            ("table option", settings.table),
+            ("certificate", settings.certificates),
+            ("tolerance", settings.tolerances),
+        )
         for name, value in given.items()
     }
     return {
@@ -408,6 +419,7 @@ def batch(
     compare: bool = True,
     table: Mapping[str, Any] | None = None,
     certificates: Mapping[str, Any] | None = None,
+    tolerances: Mapping[str, str] | None = None,
     resume: bool = False,
     retry: bool = False,
     force: bool = False,
@@ -432,6 +444,7 @@ def batch(
     compare : weigh linear compliance against constant by their evidences.
     table : fields of `Campaign` for tidy CSVs: what campaign.toml would say.
     certificates : fields of `Instrument` for all campaigns, instead of what campaign.toml says of them.
+    tolerances : limits by quantity for all campaigns, see `conformity`, before those of campaign.toml.
     resume, retry : go on with what an earlier run left (with nothing there, begin); also do again what failed.
     force : replace an earlier batch in ``out``.
     progress : called with the numbers of campaigns done with, of all, and of those that failed.
@@ -451,7 +464,7 @@ def batch(
     folder, paths = Path(out), gather(campaigns)
     # The same text whatever order its terms were given in.
     written = model_to_toml(model_from_toml(model_to_toml(model or HybridModel.default())))
-    given = dict(table or {}), dict(certificates or {})
+    given = dict(table or {}), dict(certificates or {}), dict(tolerances or {})
     settings = Settings(written, sampler, seed, float(ess), float(ci_prob), compare, *given)
     jobs = [Job(number, path, os.path.abspath(path)) for number, path in enumerate(paths)]
     with _journal(folder) as journal, executor() if callable(executor) else nullcontext(executor) as pool:

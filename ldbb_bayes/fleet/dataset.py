@@ -30,15 +30,16 @@ __all__ = [
 
 JOURNAL, DATASET = "batch.sqlite", "campaigns.parquet"
 PART = f".{DATASET}.part"
-_SCHEMA = 3
+_SCHEMA = 4
 _META = b"ldbb_bayes"
 _NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
 _ROWS_AT_ONCE = 1024
+_DECIDED = {"probability": "double", "decision": "string"}  # of conformity with each tolerance
 _TEXT, _TEXTS, _NUMBERS_LIST = "string", "list<string>", "list<double>"
 # Every column and its kind: of the campaign and its fit, then, behind those of the parameters, its statistics.
 _COLUMNS = {
     **dict.fromkeys(("campaign", "name", "sha256", "machine_id", "date", "status", "reason", "topology", "planes"), _TEXT),
-    "compliances": _TEXT,
+    **dict.fromkeys(("compliances", "tolerances"), _TEXT),
     **dict.fromkeys(("tests", "readings"), "int64"),
     **dict.fromkeys(("force_min_N", "force_max_N", "reference_force_N"), "double"),
     "degree": "int64",
@@ -75,19 +76,23 @@ def write_dataset(rows: Callable[[], Iterator[dict[str, Any]]], target: Path, ab
 
     lists = {_TEXTS: pa.list_(pa.string()), _NUMBERS_LIST: pa.list_(pa.float64())}
     types = {name: lists.get(kind) or pa.type_for_alias(kind) for name, kind in (_COLUMNS | _GAUSSIAN).items()}
-    units: dict[str, str] = {}
+    units, limited = dict[str, str](), dict[str, None]()
     for row in rows():
+        limited |= dict.fromkeys(row.get("conformity", {}))
         for name, entry in row.get("parameters", {}).items():
             units.setdefault(name, entry["unit"])
     columns = [(name, types[name], name.rpartition("_")[2] if name.endswith(("_N", "_um")) else "") for name in _COLUMNS]
     columns += [(f"{name}.{key}", pa.float64(), unit) for name, unit in units.items() for key in _NUMBERS]
+    columns += [(f"{name}.{key}", pa.type_for_alias(kind), "") for name in limited for key, kind in _DECIDED.items()]
     columns += [(name, types[name], "") for name in _GAUSSIAN]
     schema = pa.schema(
         [pa.field(name, kind, metadata={"unit": unit} if unit else None) for name, kind, unit in columns],
         metadata={_META: json.dumps({"schema": _SCHEMA, **about}, ensure_ascii=False, sort_keys=True).encode()},
     )
     flat = (
-        row | {f"{name}.{key}": entry[key] for name, entry in row.get("parameters", {}).items() for key in _NUMBERS}
+        row
+        | {f"{name}.{key}": entry[key] for name, entry in row.get("parameters", {}).items() for key in _NUMBERS}
+        | {f"{name}.{key}": entry[key] for name, entry in row.get("conformity", {}).items() for key in _DECIDED}
         for row in rows()
     )
     part = target.with_name(PART)
@@ -119,10 +124,11 @@ def read_batch(
     Returns
     -------
     One row per campaign, in the order given: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
-    topology, planes, compliances (JSON: what each stands for), tests, readings, force_min_N, force_max_N, reference_force_N,
-    degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits, warnings, log_prob_truncation
-    [nat], rmse_um, log_bayes_factor (linear over constant), log_bayes_factor_error [nat]; of every parameter and hyper-parameter
-    NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad; ``attrs["units"]``); gaussian_… as
+    topology, planes, compliances (JSON: what each stands for), tolerances (JSON), tests, readings, force_min_N, force_max_N,
+    reference_force_N, degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits,
+    warnings, log_prob_truncation [nat], rmse_um, log_bayes_factor (linear over constant), log_bayes_factor_error [nat]; of
+    every parameter and hyper-parameter NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad;
+    ``attrs["units"]``); of every quantity with a tolerance NAME.probability (of conformance) and NAME.decision; gaussian_… as
     `SufficientStatistics`, the covariance as its lower triangle, row by row. What a campaign does not have is missing.
     """
     check_pyarrow()
@@ -184,7 +190,7 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
 
 # The columns of a batch's table that a trend or a population asks for.
 FLEET_COLUMNS = (
-    *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances"),
+    *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances", "tolerances"),
     *("force_min_N", "force_max_N", "reference_force_N", "converged", "kinds"),
     *("gaussian_names", "gaussian_units", "gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"),
 )

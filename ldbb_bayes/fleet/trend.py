@@ -15,6 +15,7 @@ one machine and one bar keep theirs: that is conservative for changes, above all
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,16 +27,17 @@ import pandas as pd
 from pydantic import Field, PlainSerializer
 from scipy.special import erf, logsumexp, ndtri
 
+from ldbb_bayes.analysis.conformity import Conformity, Tolerance, normal_conformity, quantities, tolerances_in
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, check_rows, choose, labels
 from ldbb_bayes.fleet.statistics import FleetStatistics, Summary, alone, deviating, fleet_statistics, keyed, mixture_covariance
 from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantiles
-from ldbb_bayes.report.text import parts_of
+from ldbb_bayes.report.text import conformity_table, parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.result import Array, Result, Table
-from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty
+from ldbb_bayes.units import display_name, display_unit, is_direct, plus_minus, ranked, round_uncertainty
 
 __all__ = ["LIMITS", "ParameterChange", "Trend", "Visit", "trend"]
 
@@ -196,6 +198,7 @@ class Trend(Result):
     most_probable: str  # the parameter that most probably changed
     caveats: tuple[Caveat, ...]
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
+    conformity: Mapping[str, Mapping[str, Conformity]]  # by quantity with a tolerance and campaign, each alone, normal
     limits_probability: float = LIMITS
 
     def as_dict(self) -> dict[str, Any]:
@@ -228,7 +231,11 @@ def _parts(trend: Trend) -> tuple[Table | str, ...]:
     meant = "± U = 2u. U, common: what the bar adds to all campaigns alike."
     whose = f"{trend.machine}, " if trend.machine else ""
     table = Table.of(f"{whose}{len(trend.campaigns)} campaigns", heads, rows)
-    return (table, meant, "", *trend_sentences(trend), *map(caveat_words, trend.caveats))
+    newest = {name: own.as_dict() for name, every in trend.conformity.items() for own in list(every.values())[-1:]}
+    limits: tuple[Table | str, ...] = ()
+    if newest:
+        limits = conformity_table(newest), f"Of the newest campaign alone, {trend.campaigns[-1].campaign}.", ""
+    return (table, meant, "", *limits, *trend_sentences(trend), *map(caveat_words, trend.caveats))
 
 
 @with_words.register
@@ -291,6 +298,26 @@ def _estimates(statistics: FleetStatistics, visits: Sequence[Visit], chart: Char
     )
 
 
+def _conformities(
+    statistics: FleetStatistics, visits: Sequence[Visit], chart: Chart, given: Mapping[str, str | Tolerance] | None, stated: Any
+) -> dict[str, dict[str, Conformity]]:
+    """Conformity in every campaign alone, what the instrument adds to all of them included, with the tolerances given, or those
+    that the newest has ``stated`` (JSON) of what is followed."""
+    known, found = quantities(dict(zip(statistics.parameters, statistics.units, strict=True))), dict[str, dict[str, Conformity]]()
+    own = given or {name: text for name, text in json.loads(stated or "{}").items() if name in known}
+    for name, tolerance in tolerances_in(known, own).items():
+        stiff = name.startswith("stiffness_")
+        j = [f"stiffness_{one[2]}" if stiff and is_direct(one) else one for one in statistics.parameters].index(name)
+        mean = chart.own[:, j] * statistics.prior_sd[j]
+        sd = np.hypot(chart.own_sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
+        numbers = np.stack([1.0 / mean, sd / mean**2] if stiff else [mean, sd], axis=1).tolist()
+        found[name] = {
+            visit.campaign: normal_conformity(known[name].unit, middle, spread, tolerance)
+            for visit, (middle, spread) in zip(visits, numbers, strict=True)
+        }
+    return found
+
+
 def _of_one_machine(rows: pd.DataFrame, machine: str | None) -> tuple[pd.DataFrame, str | None, list[Caveat]]:
     """A batch's rows of one machine, its name, and what is to be minded of the choice."""
     check_rows(rows)
@@ -336,6 +363,7 @@ def trend(
     include_misfits: bool = False,
     reference_force_N: float | None = None,
     one_instrument: bool = True,
+    tolerances: Mapping[str, str | Tolerance] | None = None,
     change_scale: float = 0.2,
     repeatability: float = 0.01,
     probability: float = 0.5,
@@ -352,6 +380,7 @@ def trend(
     machine : needed where the rows are of several.
     parameters, reference_force_N, one_instrument
         See `fleet_statistics`; default: all constant compliances at the median of the campaigns' forces, one bar.
+    tolerances : limits of parameters and stiffnesses, see `conformity`; default: those of the newest campaign.
     change_scale : standard deviation of a change, in units of the parameter's default prior sd: 2e-5 mm/N of C_XXX.
     repeatability : scale of the half-normal density of r, what the machine changes from campaign to campaign, in the same units:
         1e-6 mm/N of C_XXX, 2 % of a usual 5e-5 mm/N.
@@ -407,4 +436,5 @@ def trend(
         most_probable=statistics.parameters[ranked(range(p), lambda j: steps[j].probability)[0]],
         caveats=(*caveats, *_caveats(statistics)),
         estimates=_estimates(statistics, visits, chart, change, ci_prob),
+        conformity=_conformities(statistics, visits, chart, tolerances, relied["tolerances"].iloc[order[-1]]),
     )

@@ -32,6 +32,8 @@ def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     result = result_json(posterior, ci_prob=ci_prob)
     result["nuisances"] = nuisances(posterior).to_dict(orient="index")
     result["fit"] |= fit_in_words(posterior)
+    if campaign_of(posterior).tolerances:
+        result["conformity"] = {name: own.as_dict() for name, own in lb.conformity(posterior).items()}
     return result
 
 

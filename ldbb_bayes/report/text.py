@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.terms import Uncertainties
 
 __all__ = [
-    "Passage", "html_of", "lines_of", "nuisance_table", "parameter_table", "parts_of", "parts_of_fit", "results_table", "text_of",
-    "two_digits",
+    "Passage", "conformity_table", "html_of", "lines_of", "nuisance_table", "parameter_table", "parts_of", "parts_of_fit",
+    "results_table", "text_of", "two_digits",
 ]  # fmt: skip
 
 Passage: TypeAlias = Table | str | tuple[str, ...]
@@ -215,7 +215,22 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     """Return the JSON of a fit as tables and sentences, other effects of the instrument left out."""
     others = {name: own for name, own in result["nuisances"].items() if not Term.kinds.get(own["term"], Term).instrument}
     nuisances = [nuisance_table(others)] if others else []
-    return (*wording.fit_head(result), parameter_table(result), *nuisances, *wording.fit_sentences(result))
+    tables = [parameter_table(result), *nuisances, *([conformity_table(own)] if (own := result.get("conformity")) else [])]
+    return (*wording.fit_head(result), *tables, *wording.fit_sentences(result))
+
+
+def conformity_table(found: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Return estimate, tolerance, probability, guard band and decision of every quantity, from the JSON of `conformity`."""
+    rows = []
+    for name, own in found.items():
+        factor, label = display_unit(own["unit"])
+        value, u = value_and_uncertainty(own["mean"] * factor, own["sd"] * factor)
+        band = round_uncertainty(own["guard_band"] * factor)[0]
+        limits = wording.limit_words(own["lower"], own["upper"], factor)
+        cells = (value, u, limits, wording.probability_words(own["probability"]), band, label, own["decision"])
+        rows.append((display_name(name), *cells))
+    heads = ("quantity", "value", "u", "tolerance", "P(conforms)", "guard band", "unit", "decision")
+    return Table.of("Conformity (ISO 14253-1, JCGM 106)", heads, rows, text=("unit", "decision"))
 
 
 _ODD = 2.5

@@ -727,6 +727,14 @@ def probability_words(probability: float) -> str:
     return "> 0.999" if probability > 1.0 - _UNLIKELY else f"{probability:.3f}"
 
 
+def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
+    """Return limits as they are written: ≤ 60, ≥ 18, ± 20, −20 to 40."""
+    low, high = ("" if own is None else f"{own * factor:.4g}".replace("-", "−") for own in (lower, upper))
+    if low == f"−{high}":
+        return f"± {high}"
+    return f"{low} to {high}" if low and high else f"≥ {low}" if low else f"≤ {high}"
+
+
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return what a trend says, the most important first; its caveats are apart."""
     sentences = [*_change_in_time(trend), *_outside(trend)]

@@ -13,7 +13,16 @@ from campaigns import plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import Decision, Reason, ReasonKind, Use, normal_conformity, state_of, tolerances_in
+from ldbb_bayes.analysis.conformity import (
+    Decision,
+    Reason,
+    ReasonKind,
+    Use,
+    normal_conformity,
+    quantities_of,
+    state_of,
+    tolerances_in,
+)
 from ldbb_bayes.analysis.identifiability import Verdict
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, campaign_of, curves_of, fit_of
@@ -86,7 +95,7 @@ def test_texts_are_limits_with_their_units() -> None:
         "G": (None, 0.02),
         "F_min": (-0.009, None),
     }
-    found = tolerances_in(MODEL.bind(CAMPAIGN), given)
+    found = tolerances_in(quantities_of(MODEL.bind(CAMPAIGN)), given)
     assert found.keys() == expected.keys()
     for name, (lower, upper) in expected.items():
         assert (found[name].lower, found[name].upper) == (pytest.approx(lower), pytest.approx(upper)), name

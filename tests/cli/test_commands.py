@@ -64,9 +64,12 @@ def refuse(name: str) -> None:
 
 def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "r"
-    code, shown, err = invoke("fit", folder, *FIT, "--out", out, "--json", "--seed", 5)
+    limits = ("--tolerance", "C_XXX=60 nm/N", "--tolerance", "E_C(0Y)X=20µrad")
+    code, shown, err = invoke("fit", folder, *FIT, *limits, "--out", out, "--json", "--seed", 5)
     assert (code, err) == (0, "")
     result = json.loads(shown)
+    found = lb.conformity(lb.load(out), {"C_XXX": "60 nm/N", "E_C0YX": "± 20 µrad"})
+    assert result["conformity"] == {name: own.as_dict() for name, own in found.items()}
     assert (result["model"]["degree"], result["provenance"]["seed"]) == (0, 5)
     assert json.loads((out / "summary.json").read_text()) == result
     assert names(out) == {"model.toml", "posterior.nc", "summary.json"}
@@ -77,8 +80,8 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert wide[0] < narrow[0] < narrow[1] < wide[1]
     table = invoke("summarize", out)[1]
     assert table.startswith("Verdict: ")
-    assert table.count("\n") < 40
-    for words in ("C_XXX", "nm/N", "E_C(0Y)X", "bar length with E_XX1 and E_YY1; mount with C_XXX and C_YYY"):
+    assert table.count("\n") < 46
+    for words in ("C_XXX", "nm/N", "E_C(0Y)X", "bar length with E_XX1 and E_YY1; mount with C_XXX and C_YYY", "± 20"):
         assert words in table.replace("\n", " ")
 
 

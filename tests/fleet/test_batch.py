@@ -33,6 +33,7 @@ from ldbb_bayes.report.findings import full_result
 pytest.importorskip("pyarrow")
 ESS = 150.0
 OPTIONS: dict[str, Any] = {"model": LINEAR, "ess": ESS, "seed": 3}
+LIMITS = {"C_XXX": "60 nm/N", "stiffness_Y": "15 N/µm"}
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 @pytest.fixture(scope="module")
 def fitted(folders: list[str], tmp_path_factory: pytest.TempPathFactory) -> Batch:
-    return lb.batch(folders, tmp_path_factory.mktemp("batch") / "out", **OPTIONS)
+    return lb.batch(folders, tmp_path_factory.mktemp("batch") / "out", tolerances=LIMITS, **OPTIONS)
 
 
 def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
@@ -55,6 +56,9 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
         for key in ("mean", "sd", "median", "ci_low", "ci_high"):
             assert row[f"{name}.{key}"] == own[key]
         assert rows.attrs["units"][name] == own["unit"]
+    assert json.loads(row["tolerances"]) == LIMITS
+    for name, own in lb.conformity(posterior, LIMITS).items():
+        assert (row[f"{name}.probability"], row[f"{name}.decision"]) == (own.probability, own.decision)
     for column, value in {
         "sha256": campaign.sha256,
         "tests": 3,

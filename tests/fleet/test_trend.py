@@ -310,6 +310,22 @@ def test_a_loosened_joint(found: Trend) -> None:
             assert one.percent == pytest.approx(100.0 * one.change.mean / one.level_before)
 
 
+def test_conformity_of_every_campaign(rows: pd.DataFrame, found: Trend) -> None:
+    """Normal, with what the instrument adds; the limits of the newest campaign where none are given."""
+    limit, common = found.parameters["C_XXX"].level_now.mean, found.parameters["C_XXX"].common_sd
+    own = found.estimates.query("parameter == 'C_XXX'")
+    limits = {"C_XXX": lb.Tolerance(upper=limit), "stiffness_X": lb.Tolerance(lower=1.0 / limit)}
+    given = lb.trend(rows, tolerances=limits).conformity
+    expected = norm.cdf((limit - own["estimate"]) / np.hypot(own["sd"], common))
+    np.testing.assert_allclose([one.probability for one in given["C_XXX"].values()], expected, atol=1e-9)
+    np.testing.assert_allclose([one.probability for one in given["stiffness_X"].values()], expected, atol=0.02)
+    assert list(given["C_XXX"]) == names_of(found)
+    stated = rows.assign(tolerances='{"C_XXX": "60 nm/N", "G": "20 µm"}')
+    assert list(lb.trend(stated).conformity) == ["C_XXX"]
+    assert "≤ 60" in str(lb.trend(stated))
+    assert found.conformity == {}
+
+
 def test_a_machine_at_rest() -> None:
     quiet = lb.trend(drawn_rows(9, np.random.default_rng(5)))
     assert not quiet.changed
