@@ -81,6 +81,11 @@ class Conformity(Result):
     confidence: float
     decision: Decision
 
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Both limits, infinite where there is none."""
+        return Tolerance(self.lower, self.upper).ends
+
 
 @dataclass(frozen=True)
 class Quantity:
