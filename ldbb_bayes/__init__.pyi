@@ -1,7 +1,6 @@
 """Public names; `__init__.py` imports each when it is first asked for."""
 
 from .analysis.averaging import average as average
-from .analysis.budget import budgets as budgets
 from .analysis.calibration import Validation as Validation
 from .analysis.calibration import validate as validate
 from .analysis.circularity import circularity as circularity
@@ -19,6 +18,7 @@ from .analysis.design.design import read_design as read_design
 from .analysis.differences import differences as differences
 from .analysis.identifiability import Identifiability as Identifiability
 from .analysis.identifiability import ParameterIdentifiability as ParameterIdentifiability
+from .analysis.identifiability import budgets as budgets
 from .analysis.identifiability import describe as describe
 from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts

@@ -3,6 +3,12 @@
 Everything is of the linear Gaussian model at one value of the hyper-parameters φ, without truncation: no readings are needed, and
 a plan can be asked before it is run. With readings φ is its posterior mean (but what certificates are worth is averaged over
 p(φ | y)), without them its prior median.
+
+The uncertainty budget of a parameter, in the form of the GUM, lists contributors, their own uncertainty, sensitivity and share.
+Given φ the estimation error of the parameters is a sum of independent parts, one for every source: a nuisance coefficient's
+deviation from its prior mean, a noise of the readings, the parameters' own deviation from their priors. Their shares
+(`Information.shares`) in the variance of the draws sum to one and give it back, truncation and unknown hyper-parameters included;
+without these they are the GUM's u_s²(y) / u²(y).
 """
 
 from __future__ import annotations
@@ -10,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -34,8 +40,9 @@ from ldbb_bayes.machine.chain import (
 )
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
-from ldbb_bayes.model.likelihood import Information
+from ldbb_bayes.model.likelihood import NOISE, Information
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
+from ldbb_bayes.model.terms import BasisNoise, Columns, Term
 from ldbb_bayes.result import Array, ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked
 
@@ -43,8 +50,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "DescribedMachine", "Identifiability", "ParameterIdentifiability", "Seen", "Verdict", "describe", "hyper_nodes", "identify",
-    "parameters_of", "uncertainty_with", "verdicts",
+    "Budget", "Contribution", "DescribedMachine", "Identifiability", "ParameterIdentifiability", "Seen", "Verdict", "budgets",
+    "describe", "hyper_nodes", "identify", "parameters_of", "uncertainty_with", "verdicts",
 ]  # fmt: skip
 
 _TENTH, _HALF, _CONTRACTED, _NAMED, _QUARTER = 0.1, 0.5, 0.75, 0.05, 0.25
@@ -403,3 +410,103 @@ def _formula(values: Array, base: int) -> str:
 
 def _power(letter: str, power: int, after: str = "") -> str:
     return letter + _POWERS[power] + after if power else ""
+
+
+# ---- uncertainty budgets
+
+Kind = Literal["A", "B"]
+_LISTED = 1e-3
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """One line of a budget."""
+
+    source: str  # a nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors
+    term: str
+    kind: Kind  # evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
+    u: float | None  # its own standard uncertainty [``unit``]; None for several coefficients together
+    unit: str
+    sensitivity: float | None  # of the parameter's estimate, per unit of the source; for noise the effective one, without sign
+    contribution: float  # its part of the parameter's standard uncertainty [unit of the parameter]
+    share: float  # of the parameter's variance
+
+
+@dataclass(frozen=True)
+class Budget(Result):
+    """The budget of one parameter; shares of its ``contributions``, the largest first, sum to one."""
+
+    parameter: str
+    unit: str
+    u: float  # posterior standard deviation
+    contributions: tuple[Contribution, ...]
+    heaviest: str  # the term with the largest share, of those of type B where these hold more than half
+    # Standard uncertainty left if the heaviest term were known exactly; None for noise of the readings and for the parameters'
+    # own priors, which nothing makes known.
+    u_if_known: float | None
+
+    def share(self, term: str) -> float:
+        """Share of a whole term."""
+        return sum(line.share for line in self.contributions if line.term == term)
+
+
+@one_blas_thread
+def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
+    """The budget of every parameter of a posterior, at its mean hyper-parameters; the variance is the draws' own."""
+    bound = bound_of(posterior)
+    beta, phi = draws_of(posterior, bound)
+    information = information_of(bound, phi.mean(axis=0))
+    own, joint = information.own, information.covariance()
+    scale = information.scale[own]
+    covariance = np.atleast_2d(np.cov(beta.T)) / np.outer(scale, scale)
+    shares = information.shares(covariance)
+    known = {term: information.variances([term]) for term in information.terms}
+    value = dict(zip(bound.hyper_prior.names, phi.mean(axis=0).tolist(), strict=True))
+    found = {}
+    for i, parameter in enumerate(bound.parameters):
+        u = float(np.sqrt(covariance[i, i]) * scale[i])
+        lines, rest = [], dict[str, float]()
+        for (source, term), values in shares.items():
+            share = float(values[i])
+            if source == term:
+                lines.append(_noise_line(bound, term, value, share, u))
+            elif abs(share) < _LISTED:
+                rest[term] = rest.get(term, 0.0) + share
+            else:
+                j = information.names.index(source)
+                # More of the nuisance than its prior mean moves the estimate the other way than their covariance.
+                sign, size = -float(np.sign(joint[own[i], j])), float(information.scale[j])
+                lines.append(_line(source, term, "B", size, Term.owner(source).unit_of(source).inside, share, u, sign))
+        lines += [_line(f"other {term}", term, "B", None, "", share, u) for term, share in rest.items()]
+        ordered = tuple(ranked(lines, lambda line: line.share))
+        by_term: dict[str, float] = {}
+        for line in ordered:
+            by_term[line.term] = by_term.get(line.term, 0.0) + line.share
+        # More circles are no help where what all circles share holds the variance.
+        of_circles = {line.term for line in ordered if line.kind == "A"}
+        shared = {term: by_term[term] for term in by_term if term not in of_circles}
+        heaviest = ranked(shared if sum(shared.values()) > _HALF else by_term, by_term.__getitem__)[0]
+        left = u * float(np.sqrt(known[heaviest][i] / joint[own[i], own[i]])) if heaviest in known else None
+        found[parameter.name] = Budget(parameter.name, parameter.unit, u, ordered, heaviest, left)
+    return found
+
+
+def _line(
+    source: str, term: str, kind: Kind, own_u: float | None, unit: str, share: float, u: float, sign: float = 1.0
+) -> Contribution:
+    part = float(np.sqrt(max(share, 0.0))) * u
+    return Contribution(source, term, kind, own_u, unit, None if own_u is None else sign * part / own_u, part, share)
+
+
+def _noise_line(bound: BoundModel, term: str, value: Mapping[Any, float], share: float, u: float) -> Contribution:
+    """A noise of the readings, or the parameters' own priors."""
+    columns = bound.columns_of.get(Term.kinds[term], ()) if term in Term.kinds else ()
+    parts = [part for part in columns if isinstance(part, BasisNoise) or part.private]
+    kind: Kind = "A" if term == NOISE or (parts and all(isinstance(part, BasisNoise) for part in parts)) else "B"
+    hyper = "sigma" if term == NOISE else parts[0].hyper if len(parts) == 1 else None
+    if hyper is not None:
+        return _line(term, term, kind, value[hyper], "mm", share, u)
+    if len(parts) == 1 and isinstance(parts[0], Columns) and len(parts[0].names) == 1:
+        unit = Term.kinds[term].unit_of(parts[0].names[0]).inside
+        return _line(term, term, kind, float(parts[0].sd[0]), unit, share, u)
+    return _line(term, term, kind, None, "", share, u)

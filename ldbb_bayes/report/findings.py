@@ -19,10 +19,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from ldbb_bayes.analysis.budget import Budget
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.design.design import Design
-    from ldbb_bayes.analysis.identifiability import Identifiability, ParameterIdentifiability
+    from ldbb_bayes.analysis.identifiability import Budget, Identifiability, ParameterIdentifiability
 
 __all__ = ["Compared", "Findings", "Recommended", "find", "fit_in_words", "full_result", "further_remarks"]
 

@@ -10,7 +10,7 @@ import pytest
 from campaigns import HYPER_UM, plan
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.budget import Budget, budgets
+from ldbb_bayes.analysis.identifiability import Budget, budgets
 from ldbb_bayes.model.likelihood import NOISE
 from ldbb_bayes.report.wording import remedy_words
 

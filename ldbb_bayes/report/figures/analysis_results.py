@@ -11,11 +11,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ldbb_bayes.analysis.budget import Budget
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design.design import Design
-from ldbb_bayes.analysis.identifiability import Identifiability
+from ldbb_bayes.analysis.identifiability import Budget, Identifiability
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled
 from ldbb_bayes.report.wording import source_words
