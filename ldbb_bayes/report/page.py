@@ -25,7 +25,7 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.dcc import write_dcc
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find
 from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
-from ldbb_bayes.report.sheets import Pair, ReportSheet, Usability, pdf_of, sheets, words_of
+from ldbb_bayes.report.sheets import Banner, Pair, ReportSheet, pdf_of, sheets, words_of
 from ldbb_bayes.result import json_text
 from ldbb_bayes.units import display_unit, typeset
 
@@ -47,7 +47,7 @@ class Document:
     @property
     def state(self) -> str:
         """Whether the numbers can be used, in one sentence."""
-        return next(block.sentence for sheet in self.sheets for block in sheet.blocks if isinstance(block, Usability))
+        return next(block.sentence for sheet in self.sheets for block in sheet.blocks if isinstance(block, Banner))
 
     @property
     def pictures(self) -> Iterator[Picture]:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.hybrid import BoundModel
     from ldbb_bayes.report.findings import Findings
 
-__all__ = ["Block", "Fields", "Pair", "ReportSheet", "Usability", "Words", "languages", "pdf_of", "sheets", "words_of"]
+__all__ = ["Banner", "Block", "Fields", "Pair", "ReportSheet", "Words", "languages", "pdf_of", "sheets", "words_of"]
 
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
 # From this share of the variance on a quantity that hangs on an assumption counts as not determined.
@@ -109,7 +109,7 @@ class Fields:
 
 
 @dataclass(frozen=True)
-class Usability:
+class Banner:
     """Whether the numbers can be used, in one sentence; ``kind`` is that of the catalogue."""
 
     kind: str
@@ -125,7 +125,7 @@ class Pair:
     beside: tuple[str, ...]
 
 
-Block: TypeAlias = str | Fields | Usability | Table | Pair | Picture
+Block: TypeAlias = str | Fields | Banner | Table | Pair | Picture
 """A note, or what its name says."""
 
 
@@ -337,7 +337,7 @@ def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) ->
     return Table.of(caption, heads, rows, text=[heads[1], *heads[-2:]])
 
 
-def _verdict(own: Numbers) -> Usability:
+def _verdict(own: Numbers) -> Banner:
     """Whether the numbers can be used, with the reason."""
     words, found = own.words, own.found
     fit = fit_of(found.posterior)
@@ -354,7 +354,7 @@ def _verdict(own: Numbers) -> Usability:
         kind, reason = "reserved", words("state.reservation", symbols=words.joined(doubted))
     else:
         kind, reason = "usable", words("state.fits")
-    return Usability(kind, words("state.sentence", state=words(f"state.{kind}"), reason=reason))
+    return Banner(kind, words("state.sentence", state=words(f"state.{kind}"), reason=reason))
 
 
 def _basis(found: Findings, words: Words) -> str:
@@ -462,7 +462,7 @@ def _draw(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
             _write(pdf, block, 7.2 * sheet.scale, grey=_SOFT)
         elif isinstance(block, Fields):
             _draw_fields(pdf, block, sheet.scale)
-        elif isinstance(block, Usability):
+        elif isinstance(block, Banner):
             fill, ink = _SHADES[block.kind]
             pdf.set_fill_color(fill)
             _write(pdf, block.sentence, 10.0 * sheet.scale, bold=True, grey=ink, border=1, padding=1.6, fill=True)

@@ -13,7 +13,7 @@ from ldbb_bayes.report.figures.style import new_figure
 from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, compose, html_page
 from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section
-from ldbb_bayes.report.sheets import Fields, Pair, ReportSheet, Usability
+from ldbb_bayes.report.sheets import Banner, Fields, Pair, ReportSheet
 from ldbb_bayes.report.text import nuisance_table
 from ldbb_bayes.result import Table
 
@@ -77,7 +77,7 @@ def test_every_place_is_escaped() -> None:
         Picture("key", SCRIPT, new_figure(1.0, 1.0)),
         Details(SCRIPT, (f"one\n{SCRIPT}",)),
     )
-    blocks = (SCRIPT, Fields(((SCRIPT, SCRIPT),)), Usability("usable", SCRIPT), Pair(parts[3], SCRIPT, (SCRIPT,)))  # type: ignore[arg-type]
+    blocks = (SCRIPT, Fields(((SCRIPT, SCRIPT),)), Banner("usable", SCRIPT), Pair(parts[3], SCRIPT, (SCRIPT,)))  # type: ignore[arg-type]
     sheet = ReportSheet("sheet", SCRIPT, SCRIPT, blocks)
     reader = check(
         html_page(Document(SCRIPT, (SCRIPT,), (SCRIPT,), (Section("summary", SCRIPT, parts[:3] + parts[4:]),), (sheet,)))
