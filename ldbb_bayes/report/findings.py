@@ -86,6 +86,17 @@ class Findings:
         return self.posterior if self.averaged is None else self.averaged
 
     @cached_property
+    def probabilities(self) -> Mapping[str, float]:
+        """Of the models that were averaged over, and of the rivals of slopes; none where nothing was."""
+        found: dict[str, float] = record_of(self.numbers).get("averaged", {}).get("probability", {})
+        return found
+
+    @property
+    def varying(self) -> float:
+        """Probability that compliance changes with force; one where that is what was fitted."""
+        return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
+
+    @cached_property
     def result(self) -> dict[str, Any]:
         """The JSON of the fit."""
         return full_result(self.posterior, self.ci_prob)

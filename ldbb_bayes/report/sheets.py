@@ -20,13 +20,12 @@ import numpy as np
 
 from ldbb_bayes.analysis.circularity import circularity
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import State, bound_of, draws_of, fit_of, numbers_of
-from ldbb_bayes.inference.predictive import compliance_curves
+from ldbb_bayes.inference.posterior import State, bound_of, curves_of, draws_of, fit_of, numbers_of
 from ldbb_bayes.model.fourier import geometric_errors_of
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.sections import Picture, picture
 from ldbb_bayes.result import Array, Table
-from ldbb_bayes.units import Statement, display_name, state
+from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value_and_uncertainty
 
 if TYPE_CHECKING:
     from fpdf import FPDF
@@ -145,12 +144,36 @@ class ReportSheet:
 
 @dataclass(frozen=True)
 class Stated:
-    """One quantity of the sheets: its name in words, its symbol, its numbers, and what the readings tell of it."""
+    """One quantity of the sheets: its name in words, its symbol, estimate, standard uncertainty and interval in an inside unit,
+    and what the readings tell of it; with ``limit`` only that is known."""
 
     words: str
     symbol: str
-    numbers: Statement
-    entry: ParameterIdentifiability | None
+    mean: float
+    sd: float
+    interval: tuple[float, float]
+    unit: str
+    entry: ParameterIdentifiability | None = None
+    limit: str = ""
+
+    @property
+    def with_u(self) -> tuple[str, str, str, str]:
+        """Value and u to the same place, and the ends of the interval."""
+        own = state(self.mean, self.sd, self.interval, self.unit)
+        low, high = own.interval.strip("[]").split(", ")
+        return own.value, own.u, low, high
+
+    @property
+    def with_U(self) -> tuple[str, str]:
+        """Value and U (k = 2) to the same place."""
+        if self.limit:
+            return self.limit, "–"
+        if is_skewed(self.mean, self.interval):
+            own = state(self.mean, self.sd, self.interval, self.unit)
+            return own.value, own.expanded
+        factor, _ = display_unit(self.unit)
+        value, expanded = value_and_uncertainty(self.mean * factor, 2.0 * self.sd * factor)
+        return value.replace("-", "−"), expanded
 
     @property
     def undetermined(self) -> bool:
@@ -176,15 +199,15 @@ class Numbers:
 
     @cached_property
     def parameters(self) -> dict[str, Stated]:
-        """Compliances at the force, their slopes, geometric errors but for the offsets of the tool ball."""
+        """Compliances at the force, their slopes where they are likelier than not, geometric errors but for tool offsets."""
         bound, verdicts, stated = bound_of(self.found.numbers), self.found.verdicts, {}
         named = _names(bound)
         for own in bound.parameters:
             kind = named[own.compliance]
-            if kind.kind != "offset":
+            if kind.kind != "offset" and (own.degree == 0 or self.found.varying > 0.5):
                 row, words = self._of[own.name], self._quantity(kind, own.degree)
-                numbers = state(row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), own.unit)
-                stated[own.name] = Stated(words, display_name(own.name), numbers, verdicts.get(own.name))
+                interval, entry = (row["ci_low"], row["ci_high"]), verdicts.get(own.name)
+                stated[own.name] = Stated(words, display_name(own.name), row["mean"], row["sd"], interval, own.unit, entry)
         return stated
 
     @cached_property
@@ -199,10 +222,10 @@ class Numbers:
         """Draws of every compliance at the force [inside units]."""
         posterior = self.found.numbers
         bound = bound_of(posterior)
-        beta, phi = draws_of(posterior, bound)
         if self.force_N == bound.setting.reference_force_N:
+            beta, _ = draws_of(posterior, bound)
             return {own.label: beta[:, bound.names.index(own.label)] for own in bound.compliances}
-        curves = compliance_curves(bound, phi, beta, np.array([self.force_N]), np.random.default_rng(0))[:, 0]
+        curves = curves_of(posterior, np.array([self.force_N]))[:, 0]
         return {own.label: curves[:, j] for j, own in enumerate(bound.compliances)}
 
     def _quantity(self, name: Any, degree: int = 0) -> str:
@@ -221,14 +244,12 @@ class Numbers:
             if own.kind == "direct":
                 row, draws = self._of[own.label], self._compliances[own.label]
                 middle, low, high = (row[key] for key in ("median", "ci_low", "ci_high"))
-                if low > _HARDLY * middle > 0.0:
-                    sd = float(np.std(1.0 / np.maximum(draws, 0.5 * _HARDLY * middle)))
-                    numbers = state(1.0 / middle, sd, (1.0 / high, 1.0 / low), "N/mm")
-                else:
-                    least = self.words("quantities.at_least", value=f"{1e-3 / high:.3g}") if high > 0.0 else "–"
-                    numbers = Statement(least, "–", "–", "", "N/µm")
-                words = self.words("quantities.stiffness", axis=own.joint)
-                every[own.joint] = Stated(words, f"1 / {own.label}", numbers, self.found.verdicts.get(own.label))
+                ends, limit = (1.0 / high, 1.0 / low), ""
+                if not low > _HARDLY * middle > 0.0:
+                    limit = self.words("quantities.at_least", value=f"{1e-3 / high:.3g}") if high > 0.0 else "–"
+                sd = float(np.std(1.0 / np.maximum(draws, 0.5 * _HARDLY * middle))) if not limit else np.nan
+                words, entry = self.words("quantities.stiffness", axis=own.joint), self.found.verdicts.get(own.label)
+                every[own.joint] = Stated(words, f"1 / {own.label}", 1.0 / middle, sd, ends, "N/mm", entry, limit)
         return every
 
     @cached_property
@@ -238,9 +259,9 @@ class Numbers:
         several, every = table["plane"].nunique() > 1, {}
         for row in table[table["quantity"].isin(["G", "F_max", "F_min"])].to_dict(orient="records"):
             where = self.words("quantities.plane", plane=row["plane"]) if several else ""
-            numbers = state(row["median"], row["sd"], (row["ci_low"], row["ci_high"]), "um")
+            interval, of = (row["ci_low"], row["ci_high"]), self.words(f"quantities.{row['quantity']}", plane=where)
             symbol = f"{row['quantity']}{' ' + row['plane'] if several else ''}"
-            every[symbol] = Stated(self.words(f"quantities.{row['quantity']}", plane=where), row["quantity"], numbers, None)
+            every[symbol] = Stated(of, row["quantity"], row["median"], row["sd"], interval, "um")
         return every
 
 
@@ -271,7 +292,7 @@ def remark(own: Stated, words: Words) -> str:
 # ---- the sheets
 
 
-def sheets(found: Findings, *, language: str = "en", force_N: float | None = None) -> tuple[ReportSheet, ReportSheet]:
+def sheets(found: Findings, *, language: str = "en", force_N: float | None = None) -> tuple[ReportSheet, ...]:
     """Return sheet 1, the certificate, and sheet 2, its results, in a language."""
     words = words_of(language)
     force = float(found.result["model"]["reference_force_N"] if force_N is None else force_N)
@@ -280,7 +301,7 @@ def sheets(found: Findings, *, language: str = "en", force_N: float | None = Non
     lines = [words("sheet.of", number=str(k), name=name) for k in (1, 2)]
     first = ReportSheet("certificate", words("sheet.first"), lines[0], tuple(_first(numbers)))
     second = ReportSheet("results-sheet", words("sheet.second"), lines[1], tuple(_second(numbers)))
-    return _fitted(first), _fitted(second)
+    return _fitted(first, second)
 
 
 def _first(own: Numbers) -> Iterator[Block]:
@@ -291,6 +312,8 @@ def _first(own: Numbers) -> Iterator[Block]:
     yield _table(own, words("sheet.results", force=words.number(f"{own.force_N:.4g}")), stated, "U")
     yield words("notes.U", percent=words.number(f"{100 * found.ci_prob:g}"))
     missing = [f"{one.words} ({one.symbol}): {remark(one, words)}" for one in own.parameters.values() if one.undetermined]
+    if 0.05 < found.varying < 0.95:
+        missing.insert(0, words("notes.varying", probability=percent(found.varying, words)))
     more = [words("sheet.continued", count=str(len(missing) - 12))] if len(missing) > 12 else []
     traces = picture("traces", found.posterior, words("sheet.traces"), words=words.table["figures"])
     yield Pair(traces, words("sheet.undetermined"), (*missing[:12], *more) if missing else (words("sheet.all_determined"),))
@@ -323,13 +346,13 @@ def _sheet_one(own: Numbers) -> Iterator[Stated]:
 def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) -> Table:
     words, rows = own.words, []
     for one in stated:
-        value = one.numbers
-        low, high = value.interval.strip("[]").split(", ") if value.interval else ("", "")
-        interval = words("interval", low=low, high=high) if low else ""
-        spreads = (value.expanded,) if spread == "U" else (value.u, interval)
-        rows.append(
-            (one.words, one.symbol, *map(words.number, (value.value, *spreads)), words.unit(value.unit), remark(one, words))
-        )
+        if spread == "U":
+            numbers = list(one.with_U)
+        else:
+            *numbers, low, high = one.with_u
+            numbers.append(words("interval", low=low, high=high))
+        unit = words.unit(display_unit(one.unit)[1])
+        rows.append((one.words, one.symbol, *map(words.number, numbers), unit, remark(one, words)))
     percent = words.number(f"{100 * own.found.ci_prob:g}")
     middle = ("U",) if spread == "U" else ("u", "interval")
     keys = ("quantity", "symbol", "value", *middle, "unit", "remark")
@@ -358,7 +381,20 @@ def _verdict(own: Numbers) -> Banner:
 
 
 def _basis(found: Findings, words: Words) -> str:
-    return words("notes.single", degree=words(f"degrees.{_DEGREES[found.result['model']['degree']]}"))
+    """Which models the numbers are of."""
+    if not (share := found.probabilities):
+        return words("notes.single", degree=words(f"degrees.{_DEGREES[found.result['model']['degree']]}"))
+    named = [f"{words(f'degrees.{name}')} ({percent(p, words)})" for name, p in share.items() if name in _DEGREES]
+    rivals = [f"{words(f'rivals.{name}')} ({percent(p, words)})" for name, p in share.items() if name not in _DEGREES]
+    beside = words("notes.rivals", rivals=words.joined(rivals)) if rivals else ""
+    return words("notes.averaged", models=words.joined(named), beside=beside)
+
+
+def percent(probability: float, words: Words) -> str:
+    """Return a probability in per cent."""
+    shown = min(max(100.0 * probability, 1.0), 99.0)
+    sign = "< " if probability < 0.01 else "> " if probability > 0.99 else ""
+    return words("percent", value=f"{sign}{shown:.0f}")
 
 
 _LABELS = ("machine_type", "serial_number", "date", "operator", "place")
@@ -422,16 +458,17 @@ def pdf_of(made: Sequence[ReportSheet], title: str, language: str, created: date
         return bytes(pdf.output())
 
 
-def _fitted(sheet: ReportSheet) -> ReportSheet:
-    """The sheet with letters so small that it stays on its page."""
-    for _ in range(12):
-        with _document() as pdf:
-            end = _draw(pdf, sheet, pictures=False)
-        if end <= _BOTTOM:
-            break
-        share = (_BOTTOM - _TOP) / (end - _TOP)
-        sheet = replace(sheet, scale=sheet.scale * min(0.97, max(0.7, share)))
-    return sheet
+def _fitted(*made: ReportSheet) -> tuple[ReportSheet, ...]:
+    """The sheets with letters so small that each stays on its page."""
+    fitting = list(made)
+    with _document() as pdf:
+        for k, sheet in enumerate(made):
+            for _ in range(12):
+                if (end := _draw(pdf, fitting[k], pictures=False)) <= _BOTTOM:
+                    break
+                share = min(0.97, max(0.7, (_BOTTOM - _TOP) / (end - _TOP)))
+                fitting[k] = replace(sheet, scale=fitting[k].scale * share)
+    return tuple(fitting)
 
 
 @contextmanager
