@@ -5,9 +5,11 @@ from __future__ import annotations
 import html
 import io
 import re
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib.resources import files
 from typing import Any, TypeAlias
 
 import matplotlib as mpl
@@ -119,7 +121,7 @@ def results(found: Findings) -> Iterator[Part]:
     """Parameters, and what the fit says of other effects."""
     yield wording.model_words(found.result["model"])
     yield wording.PAGE["results"].format(percent=wording.percent_of(found.result))
-    yield results_table(found.result, found.verdicts)
+    yield results_table(found.result, found.verdicts, shares=False)
     yield picture("forest", found.posterior)
     yield Details("What the fit says of other effects", (nuisance_table(found.result["nuisances"]),))
     tests = campaign_of(found.posterior)
@@ -128,8 +130,12 @@ def results(found: Findings) -> Iterator[Part]:
 
 
 def limits(found: Findings) -> Iterator[Part]:
-    """Degeneracies with their cures, and how much the readings added to the priors."""
-    yield from parts_of(found.identifiability)
+    """Degeneracies with their cures, and what certificates would be worth; verdicts stand with the results."""
+    own = found.identifiability
+    items = wording.degeneracy_items(own.degeneracies, own.cures)
+    yield wording.ALIKE if items else wording.NONE_ALIKE
+    yield items
+    yield (*map(wording.standing_words, own.standing), *wording.certificate_sentences(own))
 
 
 def degree(found: Findings) -> Iterator[Part]:
@@ -138,10 +144,19 @@ def degree(found: Findings) -> Iterator[Part]:
     if not isinstance(compared, Comparison):
         yield f"The models were not compared: {compared}"
         return
-    yield from parts_of(compared)
+    yield from map(_without_rmse, parts_of(compared))
     yield picture("evidence", compared)
     if not compared.local_fits.empty:
         yield picture("compliance_with_local_fits", compared)
+
+
+def _without_rmse(part: Part) -> Part:
+    """A table of models without their RMSE, which stands with the fit, of other draws."""
+    if not isinstance(part, Table) or not any(head.startswith("RMSE") for head in part.heads):
+        return part
+    kept = [k for k, head in enumerate(part.heads) if not head.startswith("RMSE")]
+    rows = tuple(tuple(row[k] for k in kept) for row in part.rows)
+    return replace(part, heads=tuple(part.heads[k] for k in kept), numeric=tuple(part.numeric[k] for k in kept), rows=rows)
 
 
 _SMALL, _RUNNERS = 0.005, 0.05
@@ -298,6 +313,12 @@ def method(found: Findings) -> Iterator[Part]:
     yield Table.of("Provenance", ("what", "value"), rows, text=("value",))
 
 
+def glossary(_: Findings) -> Iterator[Part]:
+    """Every term of art in a line."""
+    lines = tomllib.loads((files("ldbb_bayes.report") / "templates" / "glossary.toml").read_text(encoding="utf-8"))
+    yield Table.of("Terms", ("term", "meaning"), list(lines.items()), text=("meaning",))
+
+
 def beside(first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float) -> Iterator[Part]:
     """Differences of every parameter with intervals and probabilities; ``first`` is the JSON of the fit they are to."""
     name = str(first["campaign"]["name"])
@@ -333,4 +354,5 @@ SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     "assumptions": ("Priors and assumptions", assumptions),
     "diagnostics": ("Diagnostics", diagnostics),
     "method": ("Method, limitations, provenance", method),
+    "glossary": ("Glossary", glossary),
 }

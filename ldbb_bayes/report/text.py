@@ -259,13 +259,22 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
     return Table.of("", heads, rows, text=("unit",))
 
 
-def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability]) -> Table:
-    """Return value, u, U, interval, unit, stiffness of the direct compliances, and verdict of every parameter."""
+def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability], *, shares: bool = True) -> Table:
+    """Return value, u, U, interval, unit, stiffness of the direct compliances, and verdict of every parameter; with the share of
+    the variance that every partner holds, where no budget stands beside it."""
     rows = []
     for name, entry in result["parameters"].items():
         own = state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
         stiff = stiffness(entry["median"], wording.interval_of(entry)) if is_direct(name) else ""
-        cells = (own.value, own.u, own.expanded, own.interval, own.unit, stiff, wording.verdict_words(verdicts[name]))
+        cells = (
+            own.value,
+            own.u,
+            own.expanded,
+            own.interval,
+            own.unit,
+            stiff,
+            wording.verdict_words(verdicts[name], shares=shares),
+        )
         rows.append((display_name(name), *cells))
     interval = f"{wording.percent_of(result)} interval"
     heads = ("parameter", "value", "u", "U (k = 2)", interval, "unit", "stiffness (N/µm)", "verdict")
@@ -303,7 +312,7 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
         )
     heads = ("parameter", "prior sd", "sd", "unit", "contraction", "gain (nat)", "verdict")
     items = wording.degeneracy_items(result.degeneracies, result.cures)
-    alike = ("The readings of this campaign cannot separate:", items) if items else ("The readings determine every combination.",)
+    alike = (wording.ALIKE, items) if items else (wording.NONE_ALIKE,)
     table = Table.of("", heads, rows, text=("unit", "verdict"))
     return (table, *wording.identifiability_sentences(result), *alike, tuple(map(wording.standing_words, result.standing)))
 
@@ -409,5 +418,9 @@ def _expected_table(design: Design) -> Table:
         rows.append([f"{display_name(name)}{mark}", *(two_digits(size, factor) for size in sizes), unit])
     heads = ["expected u", "recommended", *(own.name for own in design.compared), "no less than", "prior", "unit"]
     return Table.of(
-        "Expected standard uncertainties; no less than: what a million circles would leave", heads, rows, text=("unit",)
+        "Expected standard uncertainties, foretold before the circles are run, truncation left out: to be compared with one "
+        "another, not with u of a fit; no less than: what a million circles would leave",
+        heads,
+        rows,
+        text=("unit",),
     )

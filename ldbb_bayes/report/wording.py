@@ -75,7 +75,8 @@ def _shown(names: Sequence[str]) -> str:
 
 def unit_words(name: str) -> tuple[float, str]:
     """Inside value of one unit that a nuisance coefficient is read in, and its label."""
-    return Term.owner(name).unit_of(name)[1:]
+    inside, one, label = Term.owner(name).unit_of(name)
+    return (1.0 / display_unit(inside)[0], display_unit(inside)[1]) if inside.endswith("/N") else (one, label)
 
 
 def nuisance_words(name: str) -> str:
@@ -392,6 +393,8 @@ def sum_in_words(seen: Seen) -> str:
 
 # ---- identifiability
 
+ALIKE, NONE_ALIKE = "The readings of this campaign cannot separate:", "The readings determine every combination."
+
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
     """Return hyper-parameters with their values, the circles' scales left out."""
@@ -399,13 +402,17 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
     return ", ".join(f"{name}{equals}{size}" for name, size in sizes.items() if not name.startswith("lambda_"))
 
 
-def verdict_words(entry: ParameterIdentifiability) -> str:
-    """Return the verdict with the share of the variance that every partner holds."""
+def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
+    """Return the verdict, with the share of the variance that every partner holds or with the partners' names alone."""
     known = entry.partner_shares
-    shares = {term_words(p): f"{100.0 * known[p]:.0f} %" if p in known else "left out" for p in entry.partners}
+    if not shares and entry.verdict == "confounded":
+        return f"confounded with {joined([term_words(p) + ('' if p in known else ' (left out)') for p in entry.partners])}"
+    if not shares:
+        return str(entry.verdict)
+    parts = {term_words(p): f"{100.0 * known[p]:.0f} %" if p in known else "left out" for p in entry.partners}
     if entry.verdict == "confounded":
-        return "confounded with " + " and ".join(f"{partner} ({share})" for partner, share in shares.items())
-    plain = ", ".join(f"{partner} {share}" for partner, share in shares.items())
+        return "confounded with " + " and ".join(f"{partner} ({share})" for partner, share in parts.items())
+    plain = ", ".join(f"{partner} {share}" for partner, share in parts.items())
     return f"{entry.verdict} ({plain})" if plain else str(entry.verdict)
 
 
@@ -428,25 +435,21 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
         "against the priors; a confounded parameter may be narrowed and still unknown).",
         "Contraction: 1 − (sd / prior sd)². Gain: information in the readings; 1 nat narrows the sd to 37 %. In brackets: the "
         "share of the variance that would go if the effect were known exactly.",
-        *_certificate_sentences(result),
+        *certificate_sentences(result),
     )
 
 
-def _certificate_sentences(result: Identifiability) -> Iterator[str]:
-    """What certificates would be worth: u of the parameters that they narrow by a tenth."""
+def certificate_sentences(result: Identifiability) -> Iterator[str]:
+    """Return what certificates would be worth: how much narrower the parameters that they narrow by a tenth."""
     certificates = dict(result.certificates)
     without = certificates.pop("none of these", {})
     for name, left in certificates.items():
         share = {own: sd / without[own] for own, sd in left.items()}
-        narrowed = []
-        for own in ranked(share, share.__getitem__):
-            entry = result.parameters[own]
-            factor, unit = display_unit(entry.unit)
-            if share[own] < 0.9:
-                before, after = (round_uncertainty(u * factor)[0] for u in (without[own], left[own]))
-                narrowed.append(f"{display_name(own)} {before} → {after} {unit}")
+        narrowed = [
+            f"that of {display_name(own)} to {share[own]:.2f}" for own in ranked(share, share.__getitem__) if share[own] < 0.9
+        ]
         yield (
-            f"A certificate ({name}) would bring u of {joined(narrowed)}."
+            f"A certificate ({name}) would bring u to a fraction of what it is: {joined(narrowed)}."
             if narrowed
             else (f"A certificate ({name}) would narrow no parameter by a tenth.")
         )
@@ -823,6 +826,12 @@ def percent_of(result: Mapping[str, Any]) -> str:
     return f"{next(key for key in entry if key.startswith('ci'))[2:]} %"
 
 
+def annex_words(degree: int, *, averaged: bool) -> str:
+    """Return which model the numbers after the sheets are of."""
+    others = "; those of sheets 1 and 2 are averaged over models" if averaged else ""
+    return f"Numbers from here on are those of {DEGREES[degree]} compliance alone{others}."
+
+
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what forbids or limits the use of the numbers."""
     grave = tuple(concern for concern in fit.concerns if concern.kind not in ("forces", "centre"))
@@ -864,6 +873,6 @@ def difference_doubts(first: str, other: str, converged: bool, conflict: tuple[s
 
 
 __all__ = [
-    "DEGREES", "IN_FORCE", "PAGE", "with_words",
+    "ALIKE", "DEGREES", "IN_FORCE", "NONE_ALIKE", "PAGE", "with_words",
     *sorted(name for name, own in globals().items() if getattr(own, "__module__", "") == __name__ and name[0] != "_"),
 ]  # fmt: skip

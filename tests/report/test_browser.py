@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import pypdfium2 as pdfium
 import pytest
 from reports import AWKWARD, awkward
 
@@ -41,6 +43,26 @@ CUT_OFF = """() => [...document.querySelectorAll('.scroll, .picture')]
 # Sheets whose text does not fit their page.
 SPILT = """() => [...document.querySelectorAll('.sheet')]
   .filter(sheet => sheet.scrollHeight > sheet.clientHeight + 1).map(sheet => [sheet.scrollHeight, sheet.clientHeight])"""
+# Text of less contrast than WCAG's AA asks for, 4.5 to 1.
+FAINT = """() => {
+  const parse = text => {
+    const p = text.match(/[\\d.]+/g).map(Number);
+    return p.length > 3 && p[3] === 0 ? null : p.slice(0, 3);
+  };
+  const light = rgb => rgb.map(v => v / 255).map(v => v <= .03928 ? v / 12.92 : ((v + .055) / 1.055) ** 2.4)
+    .reduce((sum, v, k) => sum + v * [.2126, .7152, .0722][k], 0);
+  const found = [];
+  for (const element of document.querySelectorAll('h1, h2, h3, p, li, summary, figcaption, caption, th, td, dt, dd, a')) {
+    if (!element.getBoundingClientRect().width || !element.textContent.trim()) continue;
+    let behind = element;
+    while (behind && !parse(getComputedStyle(behind).backgroundColor)) behind = behind.parentElement;
+    const ground = behind ? parse(getComputedStyle(behind).backgroundColor) : [255, 255, 255];
+    const pair = [parse(getComputedStyle(element).color), ground];
+    const [low, high] = pair.map(light).sort((a, b) => a - b);
+    if ((high + .05) / (low + .05) < 4.5) found.push([element.tagName, element.textContent.slice(0, 40), pair]);
+  }
+  return found;
+}"""
 UNNAMED = """() => [...document.querySelectorAll('figure svg')].filter(svg => {
   const title = document.getElementById(svg.getAttribute('aria-labelledby'));
   return svg.getAttribute('role') !== 'img' || !title || !title.textContent.trim();
@@ -78,9 +100,19 @@ def look(browser: Any, page: Path) -> None:
         assert asked == [page.as_uri()], where
         assert opened.evaluate(OVERFLOWING) == [], where
         assert opened.evaluate(UNNAMED) == 0, where
+        tree = opened.locator("body").aria_snapshot()
+        assert all(f"- {role}" in tree for role in ("main", "heading", "table", "status", "img", "columnheader", "rowheader")), (
+            where
+        )
+        opened.evaluate("document.querySelector('.annex').open = true")
+        assert opened.evaluate(OVERFLOWING) == [], where
         if medium == "print":
             assert opened.evaluate(CUT_OFF) == [], where
             assert opened.evaluate(SPILT) == [], where
+            opened.emulate_media(media="print", color_scheme="light")
+            with closing(pdfium.PdfDocument(opened.pdf(prefer_css_page_size=True))) as paper:
+                assert [round(side) for k in range(len(paper)) for side in paper.get_page_size(k)] == [595, 842] * 2, where
+        assert opened.evaluate(FAINT) == [], where
         if scheme == "dark":
             colour = opened.evaluate("getComputedStyle(document.body).backgroundColor")
             assert max(int(part) for part in colour.strip("rgba()").split(",")[:3]) < 60, colour

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 import html
 import html.parser
+import json
 import re
+from contextlib import closing
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pypdfium2 as pdfium
 import pytest
-from reports import NOT_COMPARED, SCRIPT, awkward, undrawn
+from campaigns import plan, simulated
+from reports import NOT_COMPARED, SCRIPT, awkward, fitted, undrawn
 
+import ldbb_bayes as lb
+from ldbb_bayes import units
+from ldbb_bayes.inference.posterior import curves_of, record_of
 from ldbb_bayes.report.figures.style import new_figure
 from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, compose, html_page
 from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section
-from ldbb_bayes.report.sheets import Banner, Fields, Pair, ReportSheet
+from ldbb_bayes.report.sheets import Banner, Fields, Pair, ReportSheet, languages, sheets, words_of
 from ldbb_bayes.report.text import nuisance_table
 from ldbb_bayes.result import Table
+from ldbb_bayes.units import value_and_uncertainty
 
 
 class Reader(html.parser.HTMLParser):
@@ -67,6 +78,115 @@ def test_the_page_of_the_published_experiment(published: tuple[Document, str]) -
     assert sum(tag == "figure" for tag, _ in reader.tags) == len(list(document.pictures)) == 11
     assert "18." in page
     assert "N/µm" in page
+
+
+def cells_of(page: str) -> list[tuple[list[str], list[list[str]]]]:
+    """Heads and rows of every table."""
+    found = []
+    for table in re.findall(r"<table>(.*?)</table>", page, flags=re.S):
+        rows = [
+            [html.unescape(re.sub(r"<[^>]*>", "", cell)) for cell in re.findall(r"<t[hd].*?</t[hd]>", row, flags=re.S)]
+            for row in re.findall(r"<tr>(.*?)</tr>", table, flags=re.S)
+        ]
+        found.append((rows[0], rows[1:]))
+    return found
+
+
+# What a column states of the quantity that its row names; a forecast is not the u of the results and is named so.
+STATED = {"value": "value", "mean": "value", "u": "u", "u (1 sd)": "u", "U (k = 2)": "U", "95 % interval": "interval"}
+NAMED = ("parameter", "symbol", "nuisance", "quantity", "expected u", "compliance", "geometric error")
+OTHERS = {
+    *("prior sd", "unit", "stiffness (N/µm)", "verdict", "remark", "largest sources", "what would improve it most", "u then"),
+    *("ESS bulk", "ESS tail", "R-hat", "sensitivity to the prior (1)", "recommended", "equal steps", "no less than", "prior"),
+    *("pattern", "what it is", "stands for", "varies with probability", "symbol"),
+}
+
+
+def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, str]) -> None:
+    """Of every table with a row for a quantity every column is known; what states the same of it agrees to its last digit."""
+    _, page = published
+    found: dict[tuple[str, str], set[str]] = {}
+    for heads, rows in cells_of(page):
+        if heads[0] not in NAMED:
+            continue
+        assert set(heads[1:]) <= {*STATED, *OTHERS}, heads
+        name = heads.index("symbol") if "symbol" in heads else 0
+        for row in rows:
+            for head, cell in zip(heads, row, strict=True):
+                if head in STATED and cell:
+                    found.setdefault((row[name], STATED[head]), set()).add(cell)
+    assert len(found) > 60
+    for (name, what), cells in found.items():
+        if what == "value":  # to the place of u beside u, to that of U beside U
+            numbers = [float(cell.replace("−", "-")) for cell in cells]
+            place = max(10.0 ** -len(cell.partition(".")[2]) for cell in cells)
+            place *= 10.0 if place == 1.0 and all(cell.endswith("0") for cell in cells) else 1.0
+            assert max(numbers) - min(numbers) <= place, (name, cells)
+        else:
+            assert len(cells) == 1, (name, what, cells)
+    for name, u in re.findall(r"<summary>(\S+): u = (\S+) ", page):
+        assert found[name, "u"] == {u}, name
+    rmse = set(re.findall(r"RMSE (?:is )?([\d.]+) µm", re.sub(r"<svg.*?</svg>", "", page, flags=re.S)))
+    assert len(rmse) == 1
+
+
+def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A unit replaced there is replaced on the whole page, its figures and both languages."""
+    for inside, (factor, label) in list(units._UNITS.items()):
+        monkeypatch.setitem(units._UNITS, inside, (1e-3 * factor, label.replace("nm/N", "ells/N")))
+    posterior = awkward("two tests")
+    for language in ("en", "de"):
+        document = compose(find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED), language=language)
+        page = html_page(document)
+        assert "nm/N" not in page
+        assert page.count("ells/N") > 20
+
+
+def test_catalogues_say_the_same() -> None:
+    def leaves(table: dict[str, Any], stem: str = "") -> dict[str, set[str]]:
+        found: dict[str, set[str]] = {}
+        for key, own in table.items():
+            where = f"{stem}.{key}"
+            found |= leaves(own, where) if isinstance(own, dict) else {where: set(re.findall(r"{(\w+)}", own))}
+        return found
+
+    assert set(languages()) >= {"en", "de"}
+    every = [leaves(dict(words_of(language).table)) for language in languages()]
+    assert all(own == every[0] for own in every)
+    with pytest.raises(lb.InputError, match="language"):
+        words_of("xx")
+
+
+def test_paper(tmp_path: Path) -> None:
+    """Two pages of A4 with the words of the sheets, in German with decimal commas, at whatever number of tests and names."""
+    named = {"machine_type": "Μ 5 axes", "serial_number": "12.5", "operator": "Ö" * 60, "date": "2026-11-20"}
+    for kind in ("two tests", "forty tests"):
+        posterior = awkward(kind)
+        record = record_of(posterior)
+        record["campaign"]["fields"] |= named
+        posterior["provenance"].attrs["json"] = json.dumps(record)
+        lb.write_report(posterior, tmp_path / kind, comparison=NOT_COMPARED, recommended=NOT_COMPARED, language="de")
+        with closing(pdfium.PdfDocument(tmp_path / kind / "report.pdf")) as paper:
+            assert [tuple(round(side) for side in own) for own in map(paper.get_page_size, range(len(paper)))] == [(595, 842)] * 2
+            first, second = (paper[k].get_textpage().get_text_range() for k in (0, 1))
+        assert all(
+            word in first for word in ("Steifigkeit der Achse X", "N/µm", "12.5", "Ort, Datum, Unterschrift", "2026-11-20")
+        )
+        assert all(re.search(r"C_XXX\s+\d+(,\d+)?\s+\d+(,\d+)? \[\d+(,\d+)?; ", text) for text in [second])
+        assert not re.search(r"\d\.\d", (first + second).replace("12.5", "").replace(lb.__version__, ""))
+
+
+def test_numbers_of_an_average() -> None:
+    campaign, model = simulated(plan()), lb.HybridModel.first(1).without("discrepancy", "setup-shift")
+    averaged = lb.average({"constant": model.with_degree(0), "linear": model}, campaign, draws=400)
+    found = find(fitted(model, campaign), comparison=NOT_COMPARED, recommended=NOT_COMPARED, averaged=averaged)
+    for force in (None, 500.0):
+        first, second = sheets(found, force_N=force)
+        row = next(row for block in second.blocks if isinstance(block, Table) for row in block.rows if row[1] == "C_XXX")
+        draws = averaged["posterior"]["C_XXX"].values if force is None else curves_of(averaged, np.array([500.0]))[:, 0, 0]
+        assert row[2:4] == value_and_uncertainty(1e6 * float(draws.mean()), 1e6 * float(draws.std(ddof=1)))
+        said = next(block for block in first.blocks if isinstance(block, str) and block.startswith("Numbers"))
+        assert re.search(r"averaged over constant \(.*%\) and linear \(.*%\) compliance", said)
 
 
 def test_every_place_is_escaped() -> None:
