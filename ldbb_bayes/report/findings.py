@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
+from ldbb_bayes.analysis.conformity import state_of
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_of, nuisances, record_of, result_json
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from ldbb_bayes.analysis.comparison import Comparison
+    from ldbb_bayes.analysis.conformity import Conformity, Judgement
     from ldbb_bayes.analysis.design.design import Design
     from ldbb_bayes.analysis.identifiability import Budget, Identifiability, ParameterIdentifiability
 
@@ -130,6 +132,15 @@ class Findings:
     def path(self) -> pd.DataFrame:
         """Circular-test quantities of the machine."""
         return lb.circularity(self.posterior, ci_prob=self.ci_prob)
+
+    def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
+        """With the tolerances given or else those of the campaign."""
+        return lb.conformity(self.numbers, self.tolerances or None, force_N=force_N)
+
+    def judged(self, stated: Collection[str]) -> Judgement:
+        """Whether a certificate that states these parameters can be used."""
+        compared = None if isinstance(self.comparison, str) else self.comparison
+        return state_of(fit_of(self.posterior), self.verdicts, stated, comparison=compared)
 
     @property
     def flat(self) -> bool:

@@ -257,7 +257,9 @@ def write_report(
     asked: dict[str, Any] = {"language": language, "annex": annex, "force_N": force_N}
     document = compose(found, apart, same_instrument=same_instrument, **asked, progress=progress)
     frames = tables(found, apart)
-    record, page = json_text(_record(found, document, frames)), html_page(document)
+    conform = {name: own.as_dict() for name, own in found.conformity(force_N).items()}
+    record = json_text(_record(found, document, frames) | {"state": document.state, "conformity": conform})
+    page = html_page(document)
     paper = pdf_of(document.sheets, document.title, language, datetime.fromisoformat(found.result["provenance"]["started"]))
     with staged_folder(folder / "tables", force=True, ours=_TABLES) as staging:
         for name, frame in frames.items():

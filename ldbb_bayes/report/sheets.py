@@ -19,11 +19,13 @@ import matplotlib as mpl
 import numpy as np
 
 from ldbb_bayes.analysis.circularity import circularity
+from ldbb_bayes.analysis.conformity import Use, is_determined
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import State, bound_of, curves_of, draws_of, fit_of, numbers_of
+from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, numbers_of
 from ldbb_bayes.model.fourier import geometric_errors_of
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.sections import Picture, picture
+from ldbb_bayes.report.text import two_digits
 from ldbb_bayes.result import Array, Table
 from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value_and_uncertainty
 
@@ -37,8 +39,8 @@ if TYPE_CHECKING:
 __all__ = ["Banner", "Block", "Fields", "Pair", "ReportSheet", "Words", "languages", "pdf_of", "sheets", "words_of"]
 
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
-# From this share of the variance on a quantity that hangs on an assumption counts as not determined.
-_INSEPARABLE, _MOST_NAMES, _LONGEST, _HARDLY = 0.5, 2, 70, 0.2
+# A partner of this share of the variance is named alone.
+_INSEPARABLE, _MOST_REASONS, _MOST_NAMES, _LONGEST, _HARDLY = 0.5, 2, 2, 70, 0.2
 _DEGREES = ("constant", "linear", "quadratic")
 
 
@@ -155,6 +157,7 @@ class Stated:
     unit: str
     entry: ParameterIdentifiability | None = None
     limit: str = ""
+    hangs_on: tuple[str, ...] = ()  # what its parts are confounded with
 
     @property
     def with_u(self) -> tuple[str, str, str, str]:
@@ -177,16 +180,15 @@ class Stated:
 
     @property
     def undetermined(self) -> bool:
-        """Whether its value hangs on priors or assumptions more than on the readings."""
-        own = self.entry
-        return own is not None and (own.verdict == "prior-limited" or bool(self.inseparable))
+        """Whether the readings do not determine it."""
+        return self.entry is not None and not is_determined(self.entry)
 
     @property
     def inseparable(self) -> list[str]:
-        """What it is confounded with by half of its variance or more."""
+        """What it is confounded with, where the readings do not determine it: by half of its variance or else most."""
         own = self.entry
-        shares = {} if own is None or own.verdict != "confounded" else own.partner_shares
-        return [name for name, share in shares.items() if share >= _INSEPARABLE]
+        shares = {} if own is None or own.verdict != "confounded" or not self.undetermined else own.partner_shares
+        return [name for name, share in shares.items() if share >= _INSEPARABLE] or [*shares]
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +240,7 @@ class Numbers:
 
     @cached_property
     def stiffnesses(self) -> dict[str, Stated]:
-        """1 / C of every axis, keyed by it: of the median, only a lower limit where C may be a fifth of it or less."""
+        """1 / C of every axis, keyed by C: of the median, only a lower limit where C may be a fifth of it or less."""
         every = {}
         for own in bound_of(self.found.numbers).compliances:
             if own.kind == "direct":
@@ -249,19 +251,28 @@ class Numbers:
                     limit = self.words("quantities.at_least", value=f"{1e-3 / high:.3g}") if high > 0.0 else "–"
                 sd = float(np.std(1.0 / np.maximum(draws, 0.5 * _HARDLY * middle))) if not limit else np.nan
                 words, entry = self.words("quantities.stiffness", axis=own.joint), self.found.verdicts.get(own.label)
-                every[own.joint] = Stated(words, f"1 / {own.label}", 1.0 / middle, sd, ends, "N/mm", entry, limit)
+                every[own.label] = Stated(words, f"1 / {own.label}", 1.0 / middle, sd, ends, "N/mm", entry, limit)
         return every
+
+    @cached_property
+    def further(self) -> dict[str, Stated]:
+        """What stands on sheet 1 beside stiffnesses: other compliances, and squareness."""
+        shown = ("cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment", "squareness")
+        kinds = {name: one.kind for name, one in _names(bound_of(self.found.numbers)).items()}
+        return {name: stated for name, stated in self.parameters.items() if kinds.get(name) in shown}
 
     @cached_property
     def path(self) -> dict[str, Stated]:
         """G, F_max and F_min of every plane; they hang on what the geometric errors hang on."""
         table = circularity(self.found.numbers, [self.force_N], ci_prob=self.found.ci_prob)
         several, every = table["plane"].nunique() > 1, {}
+        geometric = [own for name, own in self.parameters.items() if name.startswith("E_") and own.undetermined]
+        hangs_on = tuple(dict.fromkeys(partner for own in geometric for partner in own.inseparable))
         for row in table[table["quantity"].isin(["G", "F_max", "F_min"])].to_dict(orient="records"):
             where = self.words("quantities.plane", plane=row["plane"]) if several else ""
             interval, of = (row["ci_low"], row["ci_high"]), self.words(f"quantities.{row['quantity']}", plane=where)
-            symbol = f"{row['quantity']}{' ' + row['plane'] if several else ''}"
-            every[symbol] = Stated(of, row["quantity"], row["median"], row["sd"], interval, "um")
+            symbol = f"{row['quantity']}{'_' + row['plane'] if several else ''}"
+            every[symbol] = Stated(of, row["quantity"], row["median"], row["sd"], interval, "um", hangs_on=hangs_on)
         return every
 
 
@@ -275,7 +286,8 @@ def remark(own: Stated, words: Words) -> str:
     """Return what the readings tell of a quantity, in a few words."""
     entry = own.entry
     if entry is None:
-        return ""
+        hangs_on = words.joined([words.term(name) for name in own.hangs_on[:_MOST_NAMES]])
+        return words("remarks.inseparable", partners=hangs_on) if hangs_on else ""
     if entry.verdict != "confounded":
         return words("remarks.identified" if entry.verdict == "identified" else "remarks.prior")
     left_out = [name for name in entry.partners if name not in entry.partner_shares]
@@ -306,10 +318,11 @@ def sheets(found: Findings, *, language: str = "en", force_N: float | None = Non
 
 def _first(own: Numbers) -> Iterator[Block]:
     words, found = own.words, own.found
-    yield _verdict(own)
+    yield _banner(own)
     yield Fields(tuple(_entries(found, words)))
-    stated = [*own.stiffnesses.values(), *_sheet_one(own), *own.path.values()]
+    stated = [*own.stiffnesses.values(), *own.further.values(), *own.path.values()]
     yield _table(own, words("sheet.results", force=words.number(f"{own.force_N:.4g}")), stated, "U")
+    yield from _conformity(own)
     yield words("notes.U", percent=words.number(f"{100 * found.ci_prob:g}"))
     missing = [f"{one.words} ({one.symbol}): {remark(one, words)}" for one in own.parameters.values() if one.undetermined]
     if 0.05 < found.varying < 0.95:
@@ -336,13 +349,6 @@ def _second(own: Numbers) -> Iterator[Block]:
     )
 
 
-def _sheet_one(own: Numbers) -> Iterator[Stated]:
-    """Compliances that are no stiffness of an axis, and squareness."""
-    kinds = {name: one.kind for name, one in _names(bound_of(own.found.numbers)).items()}
-    shown = ("cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment", "squareness")
-    return (stated for name, stated in own.parameters.items() if kinds.get(name) in shown)
-
-
 def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) -> Table:
     words, rows = own.words, []
     for one in stated:
@@ -360,24 +366,36 @@ def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) ->
     return Table.of(caption, heads, rows, text=[heads[1], *heads[-2:]])
 
 
-def _verdict(own: Numbers) -> Banner:
-    """Whether the numbers can be used, with the reason."""
-    words, found = own.words, own.found
-    fit = fit_of(found.posterior)
-    doubted = [one.symbol for one in (*own.stiffnesses.values(), *_sheet_one(own)) if one.undetermined]
-    kinds = set(fit.kinds)
-    if fit.state != State.USABLE:
-        kind = "unusable"
-        tests = words.joined(list(dict.fromkeys(check.test for check in fit.misfits))[:4])
-        key = "not_converged" if "not-converged" in kinds else "truncation" if "truncation" in kinds else "misfit"
-        reason = words(f"state.{key}", tests=tests)
-    elif found.flat:
-        kind, reason = "reserved", words("state.least_squares")
-    elif doubted:
-        kind, reason = "reserved", words("state.reservation", symbols=words.joined(doubted))
-    else:
-        kind, reason = "usable", words("state.fits")
-    return Banner(kind, words("state.sentence", state=words(f"state.{kind}"), reason=reason))
+def _banner(own: Numbers) -> Banner:
+    """Whether the numbers can be used, with the gravest reasons."""
+    words, found, stated = own.words, own.found, own.stiffnesses | own.further
+    judged = found.judged(stated)
+    by_kind: dict[str, list[str]] = {}
+    for reason in judged.reasons:
+        names = [stated[name].words if name in stated else name for name in reason.names]
+        by_kind.setdefault(str(reason.kind).replace("-", "_"), []).extend(names)
+    reasons = [words(f"state.{kind}", names=words.joined(names)) for kind, names in by_kind.items()]
+    reasons += [words("state.least_squares")] if found.flat else []
+    kind = "unusable" if judged.use == Use.DO_NOT_USE else "reserved" if reasons else "usable"
+    because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")
+    return Banner(kind, words("state.sentence", state=words(f"state.{kind}"), reason=because))
+
+
+def _conformity(own: Numbers) -> Iterator[Table]:
+    """Tolerances, where there are any, and what is decided."""
+    words, rows = own.words, []
+    known = own.parameters | {f"stiffness_{name[2]}": one for name, one in own.stiffnesses.items()} | own.path
+    for name, one in own.found.conformity(own.force_N).items():
+        factor, label = display_unit(one.unit)
+        low, high = (f"{end * factor:.4g}".replace("-", "−") for end in one.limits)
+        limits = f"≤ {high}" if one.lower is None else f"≥ {low}" if one.upper is None else f"{low} … {high}"
+        quantity = known[name].words if name in known else display_name(name)
+        band, decided = two_digits(one.guard_band, factor), words(f"decisions.{str(one.decision).replace(' ', '_')}")
+        cells = (limits, words.unit(label), percent(one.probability, words), band, decided)
+        rows.append((quantity, *map(words.number, cells[:1]), cells[1], *map(words.number, cells[2:4]), cells[4]))
+    if rows:
+        heads = [words(f"heads.{key}") for key in ("quantity", "tolerance", "unit", "probability", "guard", "decision")]
+        yield Table.of(words("sheet.conformity"), heads, rows, text=[heads[2], heads[5]])
 
 
 def _basis(found: Findings, words: Words) -> str:
