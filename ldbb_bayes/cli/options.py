@@ -323,18 +323,13 @@ GivenCampaign = Annotated["Campaign", group(campaign_from, _PATH, **_TABLE, **_C
 Certificates = Annotated[dict[str, Any], group(certified, **_CERTIFICATES)]
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE)]
 ChosenModel = Annotated["HybridModel", _MODEL]
-Tolerances = Annotated[
-    dict[str, str],
-    group(
-        lambda pairs=None: pairs or {},
-        tolerance=option(
-            Kind(list[str], lambda own, flag: pairs_in(own, flag, 'NAME="VALUE UNIT"'), "NAME=VALUE"),
-            'Limit of a quantity: C_XXX="60 nm/N", stiffness_X="18 N/µm", G="20 µm", E_XX1="-20..40 µm/m"; can be repeated. '
-            "Before what campaign.toml says.",
-            to="pairs",
-        ),
-    ),
-]
+TOLERANCE = option(
+    Kind(list[str], lambda own, flag: pairs_in(own, flag, 'NAME="VALUE UNIT"'), "NAME=VALUE"),
+    'Limit of a quantity: C_XXX="60 nm/N", stiffness_X="18 N/µm", G="20 µm", E_XX1="-20..40 µm/m"; can be repeated. '
+    "Before what campaign.toml says.",
+    to="tolerances",
+)
+Tolerances = Annotated[dict[str, str], group(lambda tolerances=None: tolerances or {}, tolerance=TOLERANCE)]
 
 
 # ---- options that several commands have

@@ -13,7 +13,7 @@ import typer
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import options
-from ldbb_bayes.cli.analyses import RESULT_FILES, write_result
+from ldbb_bayes.cli.analyses import RESULT_FILES, with_tolerances, write_result
 from ldbb_bayes.cli.campaigns import LAYOUT_OPTIONS
 from ldbb_bayes.cli.options import Output, command, group, option
 from ldbb_bayes.errors import InputError, require
@@ -206,6 +206,7 @@ def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.Hy
     output.out = output.out or source.folder()
     output.check(*RESULT_FILES, *REPORT_FILES, *BESIDE)
     campaign, imported = source.campaign(ask=ask)
+    campaign = with_tolerances(campaign, model, asked.get("tolerances", {}))
     with options.step_progress(output.quiet, **_STEPS) as begin:
         fits, worked = _worked(campaign, model, begin, asked)
         linear = fits["linear"]
@@ -290,7 +291,8 @@ def _said(
     made = imported.assumptions if imported else ()
     made += (balls,) if campaign.instrument.work == campaign.instrument.tool == lb.Ball() else ()
     assumed = text.parts_of(replace(imported, assumptions=made)) if imported else tuple(map(wording.assumption_words, made))
-    return (*assumed, *wording.preview_sentences(lb.preview(campaign)), head, table, weighed, planned)
+    limits = [text.conformity_table(result["conformity"])] if "conformity" in result else []
+    return (*assumed, *wording.preview_sentences(lb.preview(campaign)), head, table, *limits, weighed, planned)
 
 
 # ---- the report of fits
@@ -298,7 +300,8 @@ def _said(
 
 def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
     """The page, written into the folder of the fit or another."""
-    from ldbb_bayes.inference.posterior import record_of
+    from ldbb_bayes.analysis.conformity import quantities_of, tolerances_in
+    from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
     from ldbb_bayes.report.page import REPORT_FILES, check_folder
 
     source.check_alone()
@@ -315,14 +318,17 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
         raise InputError("--tests must not go with --design, got both. The design says how many.")
     if asked["same_instrument"] and len(paths) == 1:
         raise InputError("--same-instrument must go with a second fit, got one alone. Name the fit to set beside it.")
+    first, *others = (lb.load(path) for path in paths)
+    tolerances = dict(campaign_of(first).tolerances) | asked.get("tolerances", {})
+    tolerances_in(quantities_of(bound_of(first)), tolerances)
     with options.counting_progress(output.quiet, "sections") as progress:
-        first, *others = (lb.load(path) for path in paths)
         document = lb.write_report(
             first,
             folder,
             beside_it=_named(first, others, paths[1:]),
             **{key: asked[key] for key in ("tests", "same_instrument") if key in asked},
             **_of_page(asked),
+            tolerances=tolerances,
             comparison=None if comparison is None else lb.read_comparison(comparison),
             recommended=None if design is None else lb.read_design(design),
             averaged=lb.load(own / AVERAGED_NAME) if (own / AVERAGED_NAME).exists() else None,
@@ -357,6 +363,7 @@ _REPORT = group(
     same_instrument=option(bool, "Fits beside one another share bar, balls, mount and force device.", False),
     language=option(str, "Of the two sheets: en or de.", "en", metavar="en|de"),
     annex=option(bool, "Print all that follows the two sheets too.", False),
+    tolerance=options.TOLERANCE,
     force_N=option(float, "Force (N) at which the sheets state stiffness. Default: the middle of those tested.", min=0.0),
     ci=options.CI,
     seed=options.SEED,
