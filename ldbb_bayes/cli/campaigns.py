@@ -174,7 +174,8 @@ def simulate(
         if truths.plan is not None:
             raise InputError(f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove one of them.")
     made = model.simulate(plan, seed=seed, parameters=truths.parameters, hyper_um=truths.hyper_um, exact=truths.exact)
-    record = {"schema": 1, "seed": seed, "sha256": made.campaign.sha256, "parameters": made.parameters, "hyper_um": made.hyper_um}
+    found = {"parameters": made.parameters, "units": made.units, "hyper_um": made.hyper_um}
+    record = {"schema": 1, "seed": seed, "sha256": made.campaign.sha256, **found}
     output = Output(out, force, as_json, quiet=False, files=tuple(files_of(out)))
     _deliver(output, made.campaign, record, (), {TRUTH_NAME: record}, f", the truth in {out}/truth.json")
 

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 EXIT_MISSED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 REQUIRED = inspect.Parameter.empty
+# Short, so that names of options stay whole in the help on narrow terminals.
+_METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
 
 
 # ---- groups of options
@@ -67,6 +69,7 @@ class Option:
         if isinstance(typed, Kind):
             more.setdefault("metavar", typed.metavar)
             typed = typed.typed
+        more.setdefault("metavar", _METAVARS.get(typed))
         typed = typed | None if default is None else typed
         annotation = Annotated[typed, typer.Option(self.flag(name), help=self.help, **more)]  # type: ignore[valid-type]
         return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)

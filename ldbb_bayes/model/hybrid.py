@@ -226,17 +226,19 @@ class HybridModel(Result):
             replace(plan, tests=tuple(tests)),
             dict(zip(bound.names, beta.tolist(), strict=True)),
             bound.hyper_prior.named(np.array([*phi.values()])),
+            {parameter.name: parameter.unit for parameter in bound.parameters},
         )
 
 
 @dataclass(frozen=True)
 class Simulation(Result):
-    """A simulated campaign, and the true parameters in inside units (mm, N, rad) and hyper-parameters, lengths in µm, it was made
-    from."""
+    """A simulated campaign, and what it was made from: true parameters in inside units (mm, N, rad), hyper-parameters, lengths in
+    µm, and the parameters' units."""
 
     campaign: Campaign
     parameters: dict[str, float]
     hyper_um: dict[str, float]
+    units: dict[str, str]
 
 
 Group = Literal["compliance", "slope", "geometric"]

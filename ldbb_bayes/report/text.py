@@ -193,9 +193,13 @@ def _(model: HybridModel) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(made: Simulation) -> tuple[Passage, ...]:
-    rows = [*made.parameters.items(), *((f"{name}_um", value) for name, value in made.hyper_um.items())]
+    sizes = {name: display_unit(unit) for name, unit in made.units.items()}
+    rows = [(display_name(name), value * sizes[name][0], sizes[name][1]) for name, value in made.parameters.items()]
+    rows += [
+        (name, value, "" if name == "decay" or name.startswith("lambda_") else "µm") for name, value in made.hyper_um.items()
+    ]
     caption = f"Simulation of {made.campaign.name}, {len(made.campaign.tests)} tests"
-    return (Table.of(caption, ("true parameter", "value (mm, N, rad; hyper-parameters µm)"), rows),)
+    return (Table.of(caption, ("true parameter", "value", "unit"), rows, text=("unit",)),)
 
 
 @parts_of.register
@@ -206,9 +210,12 @@ def _(fit: Fit) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(result: LeastSquares) -> tuple[Passage, ...]:
-    frame = result.table.reset_index(names="parameter")
-    caption, cells = f"Least squares (Eq. 31), RMSE {result.quality.rmse_um:.3g} µm", frame.to_numpy(dtype=object).tolist()
-    return (Table.of(caption, list(frame.columns), cells, text=("unit",)),)
+    rows = []
+    for name, row in result.table.iterrows():
+        factor, unit = display_unit(row["unit"])
+        rows.append((display_name(str(name)), *value_and_uncertainty(row["estimate"] * factor, row["u"] * factor), unit))
+    caption = f"Least squares (Eq. 31), RMSE {result.quality.rmse_um:.3g} µm; u from the scatter of the readings alone"
+    return (Table.of(caption, ("parameter", "estimate", "u (1 sd)", "unit"), rows, text=("unit",)),)
 
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:

@@ -79,3 +79,12 @@ def test_nothing_is_cut(printed: dict[str, list[Any]], width: int) -> None:
                 assert {word for head in filled for word in re.findall(r"\w+", head)} <= set(re.findall(r"\w+", flat)), where
                 for row in part.shown():
                     assert all(" ".join(cell.split()) in flat for cell in row if cell != "–"), where
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_names_of_options_are_whole(width: int) -> None:
+    for command in app.registered_commands:
+        name = command.name or str(command.callback.__name__).rstrip("_")  # type: ignore[union-attr]
+        shown = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": str(width)}).stdout
+        assert "--help" in shown
+        assert not re.search(r"[a-z]…", shown), shown
