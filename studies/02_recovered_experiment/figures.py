@@ -124,8 +124,10 @@ def with_least_squares(figure: Figure, fits: Mapping[str, lb.LeastSquares], forc
             axes.plot(force, SHOWN[unit] * values, color=colour, linestyle=dashes, linewidth=1.6, label=text)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legends[0].remove()
+    figure.set_figheight(figure.get_figheight() + 0.5)
+    figure.set_layout_engine("constrained")
     clear = [label.replace(", mean", ", posterior mean").replace("constant, ±", "constant, posterior ±") for label in labels]
-    figure.legend(handles, clear, loc="outside lower center", ncols=4)
+    figure.legend(handles, clear, loc="outside lower center", ncols=2)
     return figure
 
 

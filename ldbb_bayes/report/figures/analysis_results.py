@@ -235,6 +235,7 @@ def rank_ecdf(validation: Validation) -> Figure:
         axes.plot(level, validation.ecdf(name) - level, color=PALETTE[1] if outside else ACCENT, drawstyle="steps-mid")
         shown = "ln likelihood" if name == LOG_LIKELIHOOD else display_name(name)
         axes.set_title(f"{shown}: outside" if outside else shown, fontsize=8)
+        axes.set_xticks([0.0, 0.5, 1.0])
         if k % columns == 0:
             axes.set_ylabel("difference (1)")
         if k + columns >= len(names):

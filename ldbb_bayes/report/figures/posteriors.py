@@ -227,7 +227,7 @@ def _head(bound: BoundModel, plane: str, every: int, zero: float, banded: bool, 
     said += [words[key] for key, there in (("counterclockwise", plane in bound.setting.both_ways), ("band", banded)) if there]
     scale = words["rings" if len(radii) == 1 else "rings_of_several_radii"].format(scale=f"{max(radii) * 1e3 / zero:.0f}")
     lines = [f"{words['plane']} {plane}", ", ".join(said), scale.replace(" : ", "\N{NO-BREAK SPACE}:\N{NO-BREAK SPACE}")]
-    return "\n".join(textwrap.fill(line, 64) for line in lines[len(bound.setting.planes) == 1 :])
+    return "\n".join(textwrap.fill(line, 72) for line in lines[len(bound.setting.planes) == 1 :])
 
 
 def _force_scale(figure: Figure, forces: Array, outward: bool, label: str) -> None:

@@ -13,6 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.units import display_name, display_unit
@@ -71,7 +72,8 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure [inch] whose parts keep clear of one another."""
-    return Figure(figsize=(width, height), layout="constrained")
+    # Letters may be a little wider at another resolution.
+    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
 
 def force_colours(forces_N: Sequence[float]) -> list[Any]:
