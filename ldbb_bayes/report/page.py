@@ -161,8 +161,18 @@ def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.rename(columns=named | {name: f"{name}_um" for name in sizes})
 
 
-_NAMES = "results covariance correlation budget circularity measured_circularity contributions measured_pairs differences"
-_TABLES = tuple(f"{name}.csv" for name in _NAMES.split())
+_NAMES = [
+    "results",
+    "covariance",
+    "correlation",
+    "budget",
+    "circularity",
+    "measured_circularity",
+    "contributions",
+    "measured_pairs",
+    "differences",
+]
+_TABLES = tuple(f"{name}.csv" for name in (*_NAMES, "conformity"))
 REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 
@@ -258,6 +268,8 @@ def write_report(
     document = compose(found, apart, same_instrument=same_instrument, **asked, progress=progress)
     frames = tables(found, apart)
     conform = {name: own.as_dict() for name, own in found.conformity(force_N).items()}
+    if conform:
+        frames["conformity"] = pd.DataFrame.from_dict(conform, orient="index").rename_axis("quantity")
     record = json_text(_record(found, document, frames) | {"state": document.state, "conformity": conform})
     page = html_page(document)
     paper = pdf_of(document.sheets, document.title, language, datetime.fromisoformat(found.result["provenance"]["started"]))

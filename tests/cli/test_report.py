@@ -50,9 +50,17 @@ def comparison(tmp_path_factory: pytest.TempPathFactory, compared: Comparison) -
 
 def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "out"
-    code, shown, _ = invoke("report", result, "--out", out, "--comparison", comparison, "--quiet", "--json")
+    limits = ("--tolerance", "C_XXX=60 nm/N", "--tolerance", "stiffness_Y=18N/um")
+    code, shown, _ = invoke("report", result, "--out", out, "--comparison", comparison, *limits, "--quiet", "--json")
     record = json.loads(shown)
     assert code == 0
+    conform = {
+        name: own.as_dict()
+        for name, own in lb.conformity(lb.load(result), {"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm"}).items()
+    }
+    assert record["conformity"] == conform
+    filed = pd.read_csv(out / "tables" / "conformity.csv", index_col="quantity")
+    assert filed["probability"].to_dict() == {name: pytest.approx(own["probability"]) for name, own in conform.items()}
     assert record == json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert sorted(path.name for path in out.iterdir()) == sorted(REPORT_FILES)
     assert sorted(path.name for path in result.iterdir()) == ["model.toml", "posterior.nc", "summary.json"]
@@ -143,6 +151,8 @@ def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke,
             "must hold nothing but earlier results",
         ),
         (["report", result, "--comparison", comparison, "--same-instrument"], "must go with a second fit"),
+        (["report", result, "--tolerance", "C_XXX=60"], "tolerance of C_XXX must be a number with its unit, got '60'"),
+        (["report", result, "--tolerance", "stifness_X=60 N/µm"], "Did you mean 'stiffness_X'?"),
         (["report", result, result, "--comparison", comparison], "results must be of different readings"),
         (["report", spoiled(result, tmp_path / "altered", cut=False), "--comparison", comparison], "not those of its digest"),
     ]
