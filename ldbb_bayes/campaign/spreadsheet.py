@@ -109,7 +109,11 @@ def numbers_of(
     if bad.size:
         cell = cells[bad[0]]
         got = repr(cell[:_SHOWN]) if cell else "nothing"
-        cure = "Give --decimal" if not strict and re.fullmatch(r"[+\-−–]?\d+[.,]\d+", cell) else "Correct or remove the line"
+        cure = (
+            "Correct it, or give another --decimal"
+            if not strict and re.fullmatch(r"[+\-−–]?\d+[.,]\d+", cell)
+            else "Correct or remove the line"
+        )
         if re.match(r"\d{4}-\d\d-\d\d", cell):
             cure = "A spreadsheet took a number for a date: format the column as number"
         raise InputError(f"{place}, line {lines[bad[0]]}: {what} must be a finite number, got {got}. {cure}.")
@@ -142,7 +146,9 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
         wrong = alone[other]
     if wrong is not None:
         got = f"the decimal mark must be the same in all rows, got {wrong[1][:_SHOWN]!r}"
-        raise InputError(f"{place}, line {wrong[0]}: {got}. Correct it, or give --decimal.")
+        raise InputError(
+            f"{place}, line {wrong[0]}: {got}. Correct it; or give --decimal, if the other stands between thousands."
+        )
     return sure or next(iter(alone), None)
 
 

@@ -187,7 +187,7 @@ class Given:
 
 # ---- the report of files
 
-_STEPS = {"constant": 1.0, "linear": 1.0, "compare": 12.0, "average": 1.0, "next tests": 3.0, "page": 8.0}
+_STEPS = {"fit": 1.0, "compare": 12.0, "average": 1.0, "next tests": 3.0, "page": 8.0}
 Begin = Callable[[str], Callable[..., None] | None]
 Reported = tuple["Document", tuple[Any, ...], bool]
 
@@ -208,14 +208,14 @@ def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.Hy
     campaign, imported = source.campaign(ask=ask)
     campaign = with_tolerances(campaign, model, asked.get("tolerances", {}))
     with options.step_progress(output.quiet, **_STEPS) as begin:
-        fits, worked = _worked(campaign, model, begin, asked)
-        linear = fits["linear"]
-        result = full_result(linear, asked["ci_prob"])
+        fit, worked = _worked(campaign, model, begin, asked)
+        result = full_result(fit, asked["ci_prob"])
         with staged_folder(output.out, force=output.force, ours=output.files) as staging:
-            _write_beside(staging, linear, result, imported, worked)
-            document = lb.write_report(linear, staging, **worked, **_of_page(asked), progress=begin("page"))
-    parts = _said(campaign, imported, fits, worked, asked["ci_prob"])
-    return document, parts, all(record_of(own)["sampler"]["converged"] for own in fits.values())
+            _write_beside(staging, fit, result, imported, worked)
+            document = lb.write_report(fit, staging, **worked, **_of_page(asked), progress=begin("page"))
+    stated = result if worked["averaged"] is None else full_result(worked["averaged"], asked["ci_prob"])
+    parts = _said(imported, fit, stated, worked)
+    return document, parts, record_of(fit)["sampler"]["converged"]
 
 
 def _of_page(asked: dict[str, Any]) -> dict[str, Any]:
@@ -225,14 +225,13 @@ def _of_page(asked: dict[str, Any]) -> dict[str, Any]:
 
 def _worked(
     campaign: lb.Campaign, model: lb.HybridModel, begin: Begin, asked: dict[str, Any]
-) -> tuple[dict[str, xr.DataTree], dict[str, Any]]:
-    """Fits of constant and linear compliance; how they compare, their average, the tests to run next, or why not."""
+) -> tuple[xr.DataTree, dict[str, Any]]:
+    """The fit of linear compliance; how constant and linear compare, their average, and the tests to run next, or why not."""
     from ldbb_bayes.inference.evidence import Evidences
 
-    models, fits, seed = {"constant": model.with_degree(0), "linear": model}, {}, asked["seed"]
-    for name, own in models.items():
-        begin(name)
-        fits[name] = lb.sample(own, campaign, sampler="independent", seed=seed)
+    seed, models = asked["seed"], {"constant": model.with_degree(0), "linear": model}
+    begin("fit")
+    fit = lb.sample(model, campaign, sampler="independent", seed=seed)
     both, told = {"evidences": Evidences(campaign), "seed": seed}, begin("compare")
     comparison = _or_reason(partial(lb.compare, models, campaign, ci_prob=asked["ci_prob"], progress=told, **both))
     begin("average")
@@ -240,7 +239,7 @@ def _worked(
     begin("next tests")
     design = _or_reason(partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed))
     averaged = None if isinstance(averaged, str) else averaged
-    return fits, {"comparison": comparison, "recommended": design, "averaged": averaged}
+    return fit, {"comparison": comparison, "recommended": design, "averaged": averaged}
 
 
 def _or_reason(work: Callable[[], Any]) -> Any:
@@ -271,20 +270,17 @@ def _write_beside(
     options.write_files(folder, found)
 
 
-def _said(
-    campaign: lb.Campaign, imported: Imported | None, fits: dict[str, xr.DataTree], worked: dict[str, Any], ci_prob: float
-) -> tuple[Any, ...]:
+def _said(imported: Imported | None, fit: xr.DataTree, result: dict[str, Any], worked: dict[str, Any]) -> tuple[Any, ...]:
     """What is printed: what was assumed, what looks odd, the results but for slopes, constant or linear, what to run next."""
     from ldbb_bayes.campaign.layout import Assumption
+    from ldbb_bayes.inference.posterior import campaign_of, model_of
     from ldbb_bayes.report import text, wording
-    from ldbb_bayes.report.findings import full_result
 
-    comparison, design, averaged = worked["comparison"], worked["recommended"], worked["averaged"]
-    result, verdicts = full_result(fits["linear"] if averaged is None else averaged, ci_prob), lb.verdicts(fits["linear"])
-    constant = lb.verdicts(fits["constant"])
+    campaign, comparison, design = campaign_of(fit), worked["comparison"], worked["recommended"]
+    constant = model_of(fit).with_degree(0).bind(campaign).names
     shown = {name: own for name, own in result["parameters"].items() if name in constant}
-    table = text.results_table(result | {"parameters": shown}, verdicts)
-    head = "Linear compliance:" if averaged is None else "Averaged over constant and linear compliance, by their probabilities:"
+    table = text.results_table(result | {"parameters": shown}, lb.verdicts(fit))
+    head = "Linear compliance:" if worked["averaged"] is None else "Averaged over constant and linear compliance:"
     weighed = comparison if isinstance(comparison, str) else wording.comparison_sentences(comparison)[0]
     planned = design if isinstance(design, str) else f"Run next: {', '.join(test.name for test in design.plan().tests)}"
     balls = Assumption("", "balls", "as the model assumes", "nothing says otherwise", "--balls, --work-ball, --tool-ball")

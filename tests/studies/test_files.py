@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import awkward
@@ -9,6 +10,7 @@ import fuzz
 import malformed
 import numpy as np
 import pytest
+from click.testing import Result
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
@@ -47,6 +49,44 @@ def test_the_page_counts_them(root: Path) -> None:
     page = (root / "docs" / "readings.md").read_text(encoding="utf-8")
     assert f"{len(awkward.CASES)} awkward ways" in page
     assert f"{len(malformed.CASES)} files that are refused" in page
+
+
+# What a message names: options that say otherwise, or the line to leave out. The others name what only its owner can mend.
+CURES = {
+    "23_no_load": "--forces-N 36", "24_force_changes": "--forces-N 36", "26_direction": "--direction CW",
+    "27_both_directions": "--direction CW", "28_two_readings": "--reading-column reading_um",
+    "29_no_reading": "--reading-column blue",
+    "30_no_angle": "--angle-column blue", "31_unit": "--unit um", "32_angle_unit": "--angle-unit deg", "33_metres": "--unit um",
+    "34_column_asked": "--reading-column reading_um", "35_column_number": "--reading-column 2",
+    "36_header_line": "--header-line 1",
+    "38_not_utf8": "--encoding cp1252", "39_unknown_encoding": "--encoding utf-8", "44_no_feed": "--feed-mm-per-min 2000",
+    "45_short_log": "--feed-mm-per-min 2000", "46_averaged_arc": "--laps keep", "60_sheet_asked": "--sheets 36_N", "61_sheets_of_text": "",
+    "62_zero_radius": "--radius-mm 150", "65_thousands": "--forces-N 1000", "66_not_distances": "--zero deviation",
+    "67_other_radius": "--radius-mm 155", "68_two_senses": "--direction CW",
+}  # fmt: skip
+LINES = "08 09 10 11 12 13 14 16 17 18 19 20 21 22 41 43 63"
+
+
+@pytest.mark.parametrize("name", [*CURES, *(name for name in malformed.CASES if name[:2] in LINES.split())])
+def test_the_cure_that_is_named_works(name: str, tmp_path: Path) -> None:
+    case = malformed.CASES[name]
+    path = tmp_path / case.file
+    path.write_bytes(case.content)
+
+    def done(*options: str) -> Result:
+        return CliRunner().invoke(app, ["import", str(path), "--out", str(tmp_path / "c"), *options])
+
+    said = done(*case.options).output
+    if name in CURES:
+        options = [own.replace("36_N", "36 N") for own in CURES[name].split()]
+        assert not options or options[0] in said or options[0] in case.options or name == "33_metres", said
+        last = done(*(own for own in case.options if not options), *options) if options else done()
+    else:
+        (line,) = re.findall(r"line (\d+):", said)
+        rows = case.content.split(b"\n")
+        path.write_bytes(b"\n".join([*rows[: int(line) - 1], *rows[int(line) :]]))
+        last = done(*case.options)
+    assert last.exit_code == 0, f"{said} -> {last.output}"
 
 
 def without_memory(found: fuzz.Findings) -> list[str]:
