@@ -60,7 +60,8 @@ CURES = {
     "34_column_asked": "--reading-column reading_um", "35_column_number": "--reading-column 2",
     "36_header_line": "--header-line 1",
     "38_not_utf8": "--encoding cp1252", "39_unknown_encoding": "--encoding utf-8", "44_no_feed": "--feed-mm-per-min 2000",
-    "45_short_log": "--feed-mm-per-min 2000", "46_averaged_arc": "--laps keep", "60_sheet_asked": "--sheets 36_N", "61_sheets_of_text": "",
+    "45_short_log": "--feed-mm-per-min 2000", "46_averaged_arc": "--laps keep", "60_sheet_asked": "--sheets 36_N",
+    "61_sheets_of_text": "",
     "62_zero_radius": "--radius-mm 150", "65_thousands": "--forces-N 1000", "66_not_distances": "--zero deviation",
     "67_other_radius": "--radius-mm 155", "68_two_senses": "--direction CW",
 }  # fmt: skip
