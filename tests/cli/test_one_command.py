@@ -122,7 +122,7 @@ def test_what_files_say_is_understood(name: str, tmp_path: Path, invoke: Invoke)
     assert set(record["unsaid"]) == {"topology", "mount"} | ({"radius_mm"} if name != "instrument" else set())
 
 
-WRITTEN = {"averaged.nc", "campaign", "comparison.json", "design.json", "model.toml", "posterior.nc", "report.html",
+WRITTEN = {"averaged.nc", "campaign", "comparison.json", "dcc.xml", "design.json", "model.toml", "posterior.nc", "report.html",
            "report.json", "report.pdf", "summary.json", "tables"}  # fmt: skip
 
 
