@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
@@ -66,20 +67,18 @@ def _bell(value: Array, mean: float, sd: float) -> Array:
 def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
     """Share of every source in the variance of every parameter; right: its standard uncertainty."""
     figure = style.new_figure(style.WIDTH, 1.3 + 0.2 * len(budgets))
-    axes, rows = figure.subplots(), np.arange(len(budgets))[::-1]
-    axes.set_yticks(rows, [display_name(name) for name in budgets])
-    axes.set_ylim(-0.6, len(budgets) - 0.4)
+    axes = figure.subplots()
+    rows = style.name_rows(axes, list(budgets))
     start = np.zeros(len(rows))
     for term, colour in style.term_colours(line.term for budget in budgets.values() for line in budget.contributions).items():
         share = np.array([100.0 * own.share(term) for own in budgets.values()])
         if share.max() >= _VISIBLE:
             words = source_words(term)
             axes.barh(rows, share, left=start, color=colour, edgecolor="white", linewidth=0.4, height=0.8, label=words)
-            ink = "white" if style.is_dark(colour) else "black"
+            ink = "white" if np.dot(to_rgb(colour), (0.2126, 0.7152, 0.0722)) < 0.45 else "black"
             for k in np.flatnonzero(share > _PER_LETTER * len(words)):  # for grey print
                 axes.text(start[k] + 0.5 * share[k], rows[k], words, color=ink, fontsize=6.5, ha="center", va="center")
             start = start + share
-    axes.grid(axis="y", visible=False)
     axes.set(xlim=(0.0, 100.0), xlabel="share of the variance (%)", title="What each uncertainty is made of; right: u")
     style.right_labels(axes, rows, [_size(budget.u, budget.unit) for budget in budgets.values()])
     figure.legend(loc="outside lower center", ncols=4, fontsize=7)
@@ -94,7 +93,7 @@ def _size(u: float, unit: str) -> str:
 # ---- comparison
 
 _DASHES = ("-", "--", ":")
-_NEAR = 20.0
+_NEAR, _BREAK = 20.0, ((-0.6, -1.0), (0.6, 1.0))
 
 
 @styled
@@ -109,7 +108,7 @@ def evidence(comparison: Comparison) -> Figure:
     allowed = np.array([True] * len(scales) + [comparison.allowed(own) for own, _ in every])
     near = max(_NEAR, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
     stretches = [value[value < -near], value[np.abs(value) <= near], value[value > near]]
-    ends = [own for own, there in zip(map(_stretch, stretches), map(len, stretches), strict=True) if there]
+    ends = [_stretch(own, k == 1) for k, own in enumerate(stretches) if len(own)]
     middle = len(stretches[0]) > 0
     figure = style.new_figure(style.WIDTH, 1.1 + 0.21 * len(entries))
     ratios = [2.2 if k == middle else 1.0 for k in range(len(ends))]
@@ -128,9 +127,7 @@ def evidence(comparison: Comparison) -> Figure:
         if limits[0] < 0.0 < limits[1]:
             axes.axvline(0.0, color="black", linewidth=0.8)
         for end in ([1.0] if k + 1 < len(ends) else []) + ([0.0] if k else []):  # the break
-            axes.plot(
-                end, 0.0, marker=((-0.6, -1.0), (0.6, 1.0)), color="black", markersize=8, transform=axes.transAxes, clip_on=False
-            )
+            axes.plot(end, 0.0, marker=_BREAK, color="black", markersize=8, transform=axes.transAxes, clip_on=False)
     parts[0].set_yticks(rows, [entry[0] for entry in entries], fontsize=7)
     parts[middle].set_xlabel(f"ln B({comparison.sensitivity_of}) (nat)")
     gains = ["" if gain is None else f"{gain:+.{int(abs(gain) < 100.0)}f}".replace("-", "−") for *_, gain in entries]
@@ -142,12 +139,9 @@ def evidence(comparison: Comparison) -> Figure:
     return figure
 
 
-def _stretch(values: Array) -> tuple[float, float]:
-    """Limits of a stretch of the scale that shows these values, and zero where that is near."""
-    if not len(values):
-        return 0.0, 0.0
-    low, high = float(values.min()), float(values.max())
-    low, high = (min(low, 0.0), max(high, 0.0)) if min(abs(low), abs(high)) <= _NEAR or low * high < 0.0 else (low, high)
+def _stretch(values: Array, zero: bool) -> tuple[float, float]:
+    """Limits of a stretch of the scale that shows these values, and zero where it is asked for."""
+    low, high = (float(end(initial=0.0) if zero else end()) for end in (values.min, values.max))
     room = 0.08 * (high - low) or 0.2 * abs(high) or 1.0
     return low - room, high + room
 

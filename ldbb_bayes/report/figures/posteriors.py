@@ -47,7 +47,7 @@ from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, PALETTE, band, panels, styled
 from ldbb_bayes.result import Array
-from ldbb_bayes.units import display_name, inside_name, plus_minus, round_like, round_uncertainty
+from ldbb_bayes.units import display_name, display_unit, inside_name, plus_minus, round_like, round_uncertainty
 
 __all__ = [
     "FIGURES", "WORDS", "circularity", "compliance_against_force", "compliance_atlas", "contributions", "corner", "forest",
@@ -78,10 +78,15 @@ def forest(posterior: xr.DataTree) -> Figure:
     """Every parameter's 95 % and 50 % interval in its own unit, a panel for each; faint: 95 % of its prior; right: value ± U."""
     group, (prior_sd, _) = posterior["posterior"], priors_of(posterior)
     units = {name: group[name].attrs["unit"] for name in record_of(posterior)["model"]["groups"]}
-    figure, every = style.unit_panels(units, 0.19, 0.35)
-    for axes, factor, label, rows in every:
-        texts = []
-        for row, name in rows:
+    groups: dict[tuple[float, str], list[str]] = {}
+    for name, unit in units.items():
+        groups.setdefault(display_unit(unit), []).append(name)
+    sizes = [len(names) + 0.2 for names in groups.values()]
+    figure = style.new_figure(style.WIDTH, 0.35 + 0.19 * sum(sizes) + 0.4 * len(sizes))
+    every = figure.subplots(len(sizes), 1, squeeze=False, height_ratios=sizes)[:, 0]
+    for axes, ((factor, label), names) in zip(every, groups.items(), strict=True):
+        rows, texts = style.name_rows(axes, names), []
+        for row, name in zip(rows, names, strict=True):
             draws = np.asarray(group[name]).ravel()
             found = numbers_of(draws, 0.95)
             first, last = np.quantile(draws, [0.25, 0.75]) * factor
@@ -91,12 +96,12 @@ def forest(posterior: xr.DataTree) -> Figure:
             texts.append(plus_minus(found["mean"], found["sd"], (found["ci_low"], found["ci_high"]), units[name]))
         axes.axvline(0.0, color=GREY, linewidth=0.8)
         axes.set_xlim(axes.get_xlim())  # as wide as the readings leave it: a prior may be much wider
-        for row, name in rows:
+        for row, name in zip(rows, names, strict=True):
             if prior_sd[name] is not None:
                 before = np.quantile(np.asarray(posterior["prior"][name]), [0.025, 0.975]) * factor
                 axes.plot(before, [row, row], color=FAINT, linewidth=0.8, zorder=1)
         axes.set_xlabel(f"value ({label})")
-        style.right_labels(axes, [row for row, _ in rows], texts)
+        style.right_labels(axes, rows, texts)
     flat = all(prior_sd[name] is None for name in units)
     title = "95 % and 50 % intervals; dot: mean; right: value ± U (k = 2) or 95 % interval"
     figure.suptitle(title if flat else f"{title}\nFaint line: 95 % of the prior, as far as the panel goes")
@@ -269,7 +274,7 @@ def residuals(posterior: xr.DataTree) -> Figure:
         axes.plot(angle[order], rest[r][order], color=colours[r], linewidth=0.6)
         axes.set_ylabel(f"{tests[r].name}\n(µm)", rotation=0, ha="right", va="center")
         axes.set(ylim=(-limit, limit), yticks=(-step, 0.0, step))
-    style.angle_axis(every[-1], 45)
+    every[-1].set(xlim=(0.0, 360.0), xticks=range(0, 361, 45), xlabel="angle of the bar (°)")
     few = "" if len(shown) == len(rest) else f", {len(shown)} of {len(rest)} tests"
     figure.suptitle(f"Reading minus prediction{few}; each circle's own shift and discrepancy are left in")
     return figure

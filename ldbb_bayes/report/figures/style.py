@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import cycle
 from pathlib import Path
-from typing import Any, ParamSpec, TypeAlias, cast
+from typing import Any, ParamSpec, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ldbb_bayes.campaign.campaign import distinct_forces
+from ldbb_bayes.result import Array
 from ldbb_bayes.units import display_name, display_unit
 
 __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
@@ -95,32 +96,21 @@ def panels(count: int, columns: int, height: float, extra: float = 0.6, **shared
     rows = -(-count // columns)
     figure = new_figure(WIDTH, extra + height * rows)
     every = list(figure.subplots(rows, columns, squeeze=False, **shared).flat)
-    for axes in every[count:]:
-        axes.remove()
-    for axes in every[:count]:
-        if axes.name == "rectilinear":
+    for k, axes in enumerate(every):
+        if k >= count:
+            axes.remove()
+        elif axes.name == "rectilinear":
             axes.locator_params(nbins=5)
     return figure, every[:count]
 
 
-Rows: TypeAlias = list[tuple[float, str]]
-
-
-def unit_panels(units: Mapping[str, str], each: float, extra: float) -> tuple[Figure, list[tuple[Axes, float, str, Rows]]]:
-    """Return a figure with a panel for every unit for reading: axes, factor, unit, heights and names of its parameters' rows."""
-    groups: dict[tuple[float, str], list[str]] = {}
-    for name, unit in units.items():
-        groups.setdefault(display_unit(unit), []).append(name)
-    sizes = [len(names) + 0.2 for names in groups.values()]
-    figure, found = new_figure(WIDTH, extra + each * sum(sizes) + 0.4 * len(groups)), []
-    every = figure.subplots(len(groups), 1, squeeze=False, height_ratios=sizes)[:, 0]
-    for axes, ((factor, unit), names) in zip(every, groups.items(), strict=True):
-        rows = [float(len(names) - 1 - k) for k in range(len(names))]
-        axes.set_yticks(rows, [display_name(name) for name in names])
-        axes.set_ylim(-0.6, len(names) - 0.4)
-        axes.grid(axis="y", visible=False)
-        found.append((axes, factor, unit, list(zip(rows, names, strict=True))))
-    return figure, found
+def name_rows(axes: Axes, names: Sequence[str]) -> Array:
+    """Name rows by parameters, from top to bottom; returns their heights."""
+    rows = np.arange(len(names))[::-1]
+    axes.set_yticks(rows, [display_name(name) for name in names])
+    axes.set_ylim(-0.6, len(names) - 0.4)
+    axes.grid(axis="y", visible=False)
+    return rows
 
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
@@ -137,19 +127,9 @@ def term_colours(terms: Iterable[str]) -> dict[str, str]:
     return ours | dict(zip(strangers, cycle(_SPARE), strict=False))
 
 
-def is_dark(colour: str) -> bool:
-    """Whether white letters read better on a colour than black ones."""
-    return float(np.dot(mpl.colors.to_rgb(colour), (0.2126, 0.7152, 0.0722))) < 0.45
-
-
 def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **more: Any) -> None:
     """Shade what lies between two curves."""
     axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **more)
-
-
-def angle_axis(axes: Axes, step: int = 90) -> None:
-    """Mark the angle of the bar."""
-    axes.set(xlim=(0.0, 360.0), xticks=range(0, 361, step), xlabel="angle of the bar (°)")
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
