@@ -179,22 +179,27 @@ class Table:
         kept, same, beneath = list(range(len(heads))), list[int](), list[int]()
         lines = {k: heads[k].replace(" (", "\n(").split("\n") for k in kept}
 
-        def size(k: int) -> int:
-            return max(map(len, [*lines[k], *(row[k] for row in rows)]))
+        def size(k: int, head: Sequence[str] = ()) -> int:
+            return max(map(len, [*(head or lines[k]), *(row[k] for row in rows)]))
 
         def too_wide() -> bool:
             return sum(map(size, kept)) + 2 * (len(kept) - 1) > width
 
-        if too_wide():
+        def broken(least: int) -> dict[int, list[str]]:
             words = {k: _glued(heads[k]).split(" ") for k in kept}
-            widest = {k: max(map(len, [*words[k], *(row[k] for row in rows)])) for k in kept}
-            lines = {k: textwrap.wrap(" ".join(words[k]), max(widest[k], 1)) for k in kept}
+            return {k: textwrap.wrap(" ".join(own), max(least, size(k, own))) for k, own in words.items()}
+
+        if narrow := too_wide():
+            lines = broken(1)
         if too_wide() and len(rows) > 1:
             same = [k for k in kept[1:] if heads[k] != "unit" and len({row[k] for row in rows}) == 1]
         for k in sorted(kept[1:], key=lambda k: (heads[k] == "unit", self.numeric[k], -k)):
             if too_wide() and k not in same:
                 beneath.insert(0, k)
             kept = [k for k in kept if k not in same and k not in beneath]
+        for least in (12, 9, 7, 1) if narrow else ():
+            if too_wide() or least == 12:
+                lines = broken(least)
         high = max(len(lines[k]) for k in kept)
         over = {k: [""] * (high - len(lines[k])) + lines[k] for k in kept}
 

@@ -307,7 +307,7 @@ def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
 
 @parts_of.register
 def _(result: Identifiability) -> tuple[Passage, ...]:
-    """With prior and posterior sd, contraction, information and verdict of every parameter."""
+    """With prior sd and u, contraction, information and verdict of every parameter."""
     rows = []
     for name, entry in result.parameters.items():
         factor, unit = display_unit(entry.unit)
@@ -317,7 +317,7 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
         rows.append(
             (display_name(name), prior, round_uncertainty(entry.sd * factor)[0], unit, *gains, wording.verdict_words(entry))
         )
-    heads = ("parameter", "prior sd", "sd", "unit", "contraction", "gain (nat)", "verdict")
+    heads = ("parameter", "prior sd", "u, sign free", "unit", "contraction", "gain (nat)", "verdict")
     items = wording.degeneracy_items(result.degeneracies, result.cures)
     alike = (wording.ALIKE, items) if items else (wording.NONE_ALIKE,)
     table = Table.of("", heads, rows, text=("unit", "verdict"))

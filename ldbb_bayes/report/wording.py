@@ -429,8 +429,8 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     """Return what the numbers rest on, and how much the readings narrow."""
     values = joined_sizes(result.hyper_um, " = ")
     return (
-        f"Worked out at {values} ({'posterior mean' if result.measured else 'prior median; no readings'}), without the condition "
-        "that no compliance is negative.",
+        f"Sign free: without the condition that no compliance is negative; at {values} "
+        f"({'posterior mean' if result.measured else 'prior median; no readings'}).",
         f"Effective number of parameters {result.effective_parameters:.1f} of {len(result.parameters)} (what the readings narrow "
         "against the priors; a confounded parameter may be narrowed and still unknown).",
         "Contraction: 1 − (sd / prior sd)². Gain: information in the readings; 1 nat narrows the sd to 37 %. In brackets: the "
@@ -788,7 +788,7 @@ def population_sentences(found: Any) -> tuple[str, ...]:
         *(f"{name} does not belong with the others: {_how_far(found.machine[name])}." for name in found.not_belonging),
     ]
     if found.judged and not found.not_belonging:
-        sentences.append("No machine stands out from the others (Holm, 5 %).")
+        sentences.append("No machine stands out from the others (at 5 %, with regard to their number).")
     return tuple(sentences)
 
 
