@@ -115,8 +115,9 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
     forces = bound.setting.force_N
     force = np.linspace(forces.min(), forces.max(), 31) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
     curves = curves_of(posterior, force, _DRAWS_OF_CURVES)
-    count = len(bound.compliances)
-    figure, every = panels(count, 3, 1.7 if count <= 6 else 1.35, 0.3, sharex=True)
+    few = len(bound.compliances) <= 6
+    columns = 3 if few else 5
+    figure, every = panels(len(bound.compliances), columns, 1.7 if few else 1.2, 0.3, sharex=True)
     for j, (axes, kind) in enumerate(zip(every, bound.compliances, strict=True)):
         factor, text = style.axis_label(kind.label, compliance_unit(kind))
         value = curves[:, :, j] * factor
@@ -126,8 +127,10 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
         look: dict[str, Any] = {"color": "black", "markersize": 4, "clip_on": False, "transform": foot}
         axes.plot(forces, np.zeros_like(forces), "^", label=words["tested"], **look)
         axes.axhline(0.0, color=GREY, linewidth=0.8)
-        axes.set_ylabel(text)
-        if j + 3 >= count:
+        name = axes.set_ylabel if few else axes.set_title
+        name(text, fontsize=9 if few else 6.5)
+        axes.tick_params(labelsize=8 if few else 7)
+        if j + columns >= len(every):
             axes.set_xlabel(words["force"])
             axes.tick_params(labelbottom=True)
     style.legend_below(figure, every[0])
