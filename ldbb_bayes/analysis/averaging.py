@@ -39,12 +39,7 @@ _NEGLIGIBLE, _ROUGH = 1e-3, 0.1
 
 @one_blas_thread
 def average(
-    models: Mapping[str, HybridModel],
-    campaign: Campaign,
-    *,
-    seed: int = 1,
-    draws: int = 4000,
-    evidences: Evidences | None = None,
+    models: Mapping[str, HybridModel], campaign: Campaign, *, seed: int = 1, draws: int = 4000, evidences: Evidences | None = None
 ) -> xr.DataTree:
     """Average the posterior over models and over what else explains a change with force.
 

@@ -174,7 +174,12 @@ def validate(
     executor : runs the replicates, one BLAS thread each; default: here, one after the other. The result does not depend on it.
     progress : called with the number of replicates done and their total.
     """
-    _check(model, generator, replicates, draws, sampler, prob)
+    check_sampler(sampler)
+    proper = not (model.prior.flat or (generator is not None and generator.prior.flat))
+    require(proper, "validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.")
+    for name, value, least in (("replicates", replicates, 10), ("draws", draws, 9)):
+        require(value >= least, f"{name} must be at least {least}, got {value}. Ask for more.")
+    require(0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99.")
     bound = model.bind(plan)
     job = partial(_ranks, model, generator or model, plan, sampler, draws)
     rows: dict[int, Array | str] = {}
@@ -209,12 +214,3 @@ def _ranks(
     p = len(bound.names)
     true_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
     return np.append(ranks, [(bound.log_likelihood(phi, beta) < true_likelihood).sum(), by_emcee and sampler == "independent"])
-
-
-def _check(model: HybridModel, generator: HybridModel | None, replicates: int, draws: int, sampler: str, prob: float) -> None:
-    check_sampler(sampler)
-    proper = not (model.prior.flat or (generator is not None and generator.prior.flat))
-    require(proper, "validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.")
-    for name, value, least in (("replicates", replicates, 10), ("draws", draws, 9)):
-        require(value >= least, f"{name} must be at least {least}, got {value}. Ask for more.")
-    require(0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99.")

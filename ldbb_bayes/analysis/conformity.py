@@ -278,11 +278,7 @@ def is_determined(entry: ParameterIdentifiability) -> bool:
 
 
 def state_of(
-    fit: Fit,
-    verdicts: Mapping[str, ParameterIdentifiability],
-    stated: Collection[str],
-    *,
-    comparison: Comparison | None = None,
+    fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str], *, comparison: Comparison | None = None
 ) -> Judgement:
     """Say whether the numbers of a certificate can be used.
 

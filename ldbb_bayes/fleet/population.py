@@ -406,11 +406,9 @@ def pool(
         parameters=parameters,
         machine=_pooled_machines(statistics, machines, likelihood, few, common, belonging, tails),
         campaigns=len(statistics),
-        reference_force_N=statistics.reference_force_N,
-        forces_N=statistics.forces_N,
-        topology=statistics.topology,
-        compliances=statistics.compliances,
-        instrument=statistics.instrument,
+        **{
+            name: getattr(statistics, name) for name in ("reference_force_N", "forces_N", "topology", "compliances", "instrument")
+        },
         spread_scale=spread_scale,
         seed=seed,
         pareto_k=spreads.pareto_k,

@@ -15,14 +15,7 @@ import numpy as np
 
 from ldbb_bayes.model.terms import OWN, Term
 from ldbb_bayes.result import ByClass
-from ldbb_bayes.units import (
-    display_name,
-    display_unit,
-    plus_minus,
-    ranked,
-    round_uncertainty,
-    typeset,
-)
+from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, typeset
 
 if TYPE_CHECKING:
     import pandas as pd

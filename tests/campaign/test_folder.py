@@ -64,10 +64,7 @@ def test_certificates_are_read_and_written(root: Path, tmp_path: Path) -> None:
     assert (back.mount, back.force_law, back.sha256) == (stated.mount, stated.force_law, stated.sha256)
 
 
-@given(
-    reading=hnp.arrays(float, 12, elements=st.floats(-1e5, 1e5)),
-    force=st.floats(1.0, 2000.0),
-)
+@given(reading=hnp.arrays(float, 12, elements=st.floats(-1e5, 1e5)), force=st.floats(1.0, 2000.0))
 def test_numbers_read_back_to_the_same_doubles(tmp_path_factory, reading: np.ndarray, force: float) -> None:
     test = lb.CircularTest(force_N=force, angle_deg=np.arange(12) * 30.0 + 1e-9, reading_um=reading)
     campaign = lb.Campaign((test,))

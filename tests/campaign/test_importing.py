@@ -280,8 +280,7 @@ CONTRADICTIONS = ("Plane: YZ\nPlane: ZX", "Readings raw\nCompensated: yes", "Dat
 
 
 @pytest.mark.parametrize(
-    ("above", "given"),
-    [*((own, {}) for own in CONTRADICTIONS), ("Readings raw", {"mount": lb.MountCompensation(3.0)})],
+    ("above", "given"), [*((own, {}) for own in CONTRADICTIONS), ("Readings raw", {"mount": lb.MountCompensation(3.0)})]
 )
 def test_lines_above_that_contradict_are_refused(above: str, given: dict[str, Any], tmp_path: Path) -> None:
     """Each other; and a deflection of the mount given without saying that the readings are raw."""

@@ -14,9 +14,7 @@ from campaigns import Invoke
 import ldbb_bayes as lb
 
 # File, what stands in it, what is put in its place, and the message.
-SPOILED = [
-    ("f300.csv", "angle_deg,reading_um", "angle_deg,readng_um", "line 1: columns must be among"),
-]
+SPOILED = [("f300.csv", "angle_deg,reading_um", "angle_deg,readng_um", "line 1: columns must be among")]
 
 
 def refused(invoke: Invoke, *arguments: object) -> str:
