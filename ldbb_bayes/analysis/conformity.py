@@ -111,11 +111,9 @@ def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
 
 
 def tolerances_in(known: Mapping[str, Quantity], given: Mapping[str, str | Tolerance]) -> dict[str, Tolerance]:
-    """Tolerances by name: texts with a unit read, names and limits checked.
-
-    ``60 nm/N`` is an upper limit of what cannot be negative, of a stiffness a lower one (``18 N/µm``), of anything else ±;
-    ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±`` before a number say which.
-    """
+    """Tolerances by name: texts with a unit read, names and limits checked. ``60 nm/N`` is an upper limit of what cannot be
+    negative, of a stiffness a lower one (``18 N/µm``), of anything else ±; ``−20..40 µrad`` is both, and ``≤``, ``≥`` or ``±``
+    before a number say which."""
     read = {}
     for name, tolerance in ((inside_name(name), own) for name, own in given.items()):
         check_known("tolerance", [name], known)

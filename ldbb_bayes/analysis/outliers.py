@@ -36,10 +36,8 @@ _CLOSER, _TOGETHER, _MORE, _FEWER_TOGETHER = 0.05, 5, 2, 2
 
 @dataclass(frozen=True)
 class Outlier:
-    """One test against what the others, flagged ones aside, expect.
-
-    Two tests that disagree with one another have a small p-value both, and no flag: nothing says which of them is wrong.
-    """
+    """One test against what the others, flagged ones aside, expect. Two tests that disagree with one another have a small p-value
+    both, and no flag: nothing says which of them is wrong."""
 
     p_value: float  # probability that a circle of the same machine stands out so much in any Fourier order
     family_wise_p_value: float  # the same, allowing for all tests (Holm)

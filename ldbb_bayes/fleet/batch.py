@@ -53,12 +53,9 @@ _LARGEST_LIST = 2**30
 
 
 def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
-    """Return the campaigns that folders of campaigns and lists stand for, each once.
-
-    A campaign folder, a campaign.toml or a tidy CSV stands for itself; any other folder for its direct subfolders with a
-    campaign.toml, sorted; ``@FILE`` or a .txt file for the paths in it, one a line but for comments (#). What does not exist
-    stays: the batch says so in its row.
-    """
+    """Return the campaigns that folders of campaigns and lists stand for, each once. A campaign folder, a campaign.toml or a tidy
+    CSV stands for itself; any other folder for its direct subfolders with a campaign.toml, sorted; ``@FILE`` or a .txt file for
+    the paths in it, one a line but for comments (#). What does not exist stays: the batch says so in its row."""
     seen: dict[str, str] = {}
     for path in _opened([given] if isinstance(given, str | os.PathLike) else given):
         if not (path.isprintable() and path == path.strip() and path and path[0] != "#"):

@@ -189,11 +189,9 @@ def fleet_statistics(
     reference_force_N: float | None = None,
     one_instrument: bool = True,
 ) -> FleetStatistics:
-    """Return the statistics of a batch's rows, those to rely on (`choose`); by default of all constant compliances.
-
-    Compliances are meant at ``reference_force_N``, by default the median of the campaigns' own. With ``one_instrument`` mount and
-    force gain are those of one bar, so that their errors do not average out; else each campaign has its own.
-    """
+    """Return the statistics of a batch's rows, those to rely on (`choose`); by default of all constant compliances. Compliances
+    are meant at ``reference_force_N``, by default the median of the campaigns' own. With ``one_instrument`` mount and force gain
+    are those of one bar, so that their errors do not average out; else each campaign has its own."""
     topologies = sorted(set(rows["topology"]))
     if len(topologies) > 1:
         raise InputError(

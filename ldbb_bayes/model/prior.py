@@ -101,10 +101,8 @@ class Prior:
             cure = f"got {value}. To drop a term, leave it out instead."
             require(np.isfinite(value) and value > 0, f"prior {name} must be a positive number, {cure}")
         both = self.flat and self.truncated
-        require(
-            not both,
-            "a flat prior must allow negative compliances, got truncated = true too. Set truncated = false or flat = false.",
-        )
+        cure = "Set truncated = false or flat = false."
+        require(not both, f"a flat prior must allow negative compliances, got truncated = true too. {cure}")
         for name in ("overrides", "means"):
             some = self.flat and getattr(self, name)
             require(not some, f"a flat prior must have no {name}, got some. Set flat = false or remove them.")
