@@ -425,8 +425,8 @@ def _expected_table(design: Design) -> Table:
         rows.append([f"{display_name(name)}{mark}", *(two_digits(size, factor) for size in sizes), unit])
     heads = ["expected u", "recommended", *(own.name for own in design.compared), "no less than", "prior", "unit"]
     return Table.of(
-        "Expected standard uncertainties, foretold before the circles are run, truncation left out: to be compared with one "
-        "another, not with u of a fit; no less than: what a million circles would leave",
+        "Expected standard uncertainties before the circles are run: to be compared with one another, not with u of a fit; no "
+        "less than: what a million circles would leave",
         heads,
         rows,
         text=("unit",),

@@ -439,10 +439,12 @@ def certificate_sentences(result: Identifiability) -> Iterator[str]:
     for name, left in certificates.items():
         share = {own: sd / without[own] for own, sd in left.items()}
         narrowed = [
-            f"that of {display_name(own)} to {share[own]:.2f}" for own in ranked(share, share.__getitem__) if share[own] < 0.9
+            f"u of {display_name(own)} to {100.0 * share[own]:.0f} %"
+            for own in ranked(share, share.__getitem__)
+            if share[own] < 0.9
         ]
         yield (
-            f"A certificate ({name}) would bring u to a fraction of what it is: {joined(narrowed)}."
+            f"A certificate ({name}) would bring {joined(narrowed)} of what it is."
             if narrowed
             else (f"A certificate ({name}) would narrow no parameter by a tenth.")
         )
