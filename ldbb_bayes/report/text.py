@@ -227,16 +227,15 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
 
 
 def conformity_table(found: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return estimate, tolerance, probability, guard band and decision of every quantity, from the JSON of `conformity`."""
+    """Return tolerance, probability of conformance, guard band and decision of every quantity, from the JSON of `conformity`."""
     rows = []
     for name, own in found.items():
         factor, label = display_unit(own["unit"])
-        value, u = value_and_uncertainty(own["mean"] * factor, own["sd"] * factor)
         band = round_uncertainty(own["guard_band"] * factor)[0]
         limits = wording.limit_words(own["lower"], own["upper"], factor)
-        cells = (value, u, limits, wording.probability_words(own["probability"]), band, label, own["decision"])
+        cells = (limits, wording.probability_words(own["probability"]), band, label, own["decision"])
         rows.append((display_name(name), *cells))
-    heads = ("quantity", "value", "u", "tolerance", "P(conforms)", "guard band", "unit", "decision")
+    heads = ("quantity", "tolerance", "P(conforms)", "guard band", "unit", "decision")
     return Table.of("Conformity (ISO 14253-1, JCGM 106)", heads, rows, text=("unit", "decision"))
 
 
