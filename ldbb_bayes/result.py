@@ -73,10 +73,8 @@ else:
 
 
 class Result:
-    """Base of the frozen dataclasses that analyses return.
-
-    Numbers, names and enums only: `ldbb_bayes.report.wording` writes the sentences, and nothing decides by reading them.
-    """
+    """Base of the frozen dataclasses that analyses return. Numbers, names and enums only: `ldbb_bayes.report.wording` writes the
+    sentences, and nothing decides by reading them."""
 
     __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
@@ -143,10 +141,8 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it is read, and as it is filed.
-
-    Columns that are ``numeric`` stand flush right. A number is shown with four digits, None as a dash, all else as it is.
-    """
+    """A table as it is read, and as it is filed. Columns that are ``numeric`` stand flush right. A number is shown with four
+    digits, None as a dash, all else as it is."""
 
     caption: str
     heads: tuple[str, ...]  # of the columns, with their units: force (N)
@@ -170,11 +166,9 @@ class Table:
         return tuple(tuple(typeset(_cell(value)) for value in row) for row in self.rows)
 
     def text(self, width: int = 120) -> str:
-        """Return the table as lines of at most ``width`` characters, no number or phrase broken.
-
-        Where it is too wide, heads are broken into lines; then what is the same in every row is said once, at the end; then
-        columns go beneath their row, text before numbers, the last first.
-        """
+        """Return the table as lines of at most ``width`` characters, no number or phrase broken. Where it is too wide, heads are
+        broken into lines; then what is the same in every row is said once, at the end; then columns go beneath their row, text
+        before numbers, the last first."""
         heads, rows = [*map(typeset, self.heads)], self.shown()
         kept, same, beneath = list(range(len(heads))), list[int](), list[int]()
         lines = {k: heads[k].replace(" (", "\n(").split("\n") for k in kept}

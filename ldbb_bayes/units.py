@@ -54,12 +54,8 @@ def display_unit(unit: str) -> tuple[float, str]:
 def to_inside(text: str, unit: str, what: str = "value") -> float:
     """A number with its unit, "0.5 nm/N", as the number in an inside unit, here of mm/N: 5e-7.
 
-    Any unit of the same kind will do: nm/N, µm/kN or um/kN; nm/N per kN, nm/N/kN; µrad/(N m), µrad/N/m.
-
-    Raises
-    ------
-    InputError
-        For a number alone, and a unit of another kind.
+    Any unit of the same kind will do: nm/N, µm/kN or um/kN; nm/N per kN, nm/N/kN; µrad/(N m), µrad/N/m. InputError for a number
+    alone, and a unit of another kind.
     """
     parts = re.fullmatch(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)", text.strip().replace("−", "-"), re.IGNORECASE)
     written, wanted = _size(parts[2]) if parts else None, _size(unit)
@@ -102,9 +98,7 @@ def inside_name(text: str) -> str:
 
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
     """Return the items from the largest key to the smallest; those within the relative tolerance of one another keep their order.
-
-    So what is named first does not hang on the rounding of a processor. A trillionth of the largest key counts as zero.
-    """
+    So what is named first does not hang on the rounding of a processor. A trillionth of the largest key counts as zero."""
     left = sorted(((key(item), i, item) for i, item in enumerate(items)), key=lambda entry: (-entry[0], entry[1]))
     zero = _ZERO * max((abs(value) for value, _, _ in left if math.isfinite(value)), default=0.0)
     found: list[T] = []

@@ -193,13 +193,10 @@ _CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 @refusing("test")
 @dataclass(frozen=True, eq=False)
 class CircularTest(TestFields):
-    """One circle at one force. Without readings it is a planned test. Force or pressure must be given (the campaign's force
-    law supplies the other), angles in one of two units, readings in at most one. Angles may go any number of turns.
+    """One circle at one force. Without readings it is a planned test. Force or pressure must be given (the campaign's force law
+    supplies the other), angles in one of two units, readings in at most one. Angles may go any number of turns.
 
-    Raises
-    ------
-    InputError
-        For missing, non-finite, too few or unequal numbers of angles and readings, or a force that is not positive.
+    InputError for missing, non-finite, too few or unequal numbers of angles and readings, or a force that is not positive.
     """
 
     force_N: Force | None = None
@@ -340,10 +337,8 @@ class CampaignFields:
 class Campaign(CampaignFields):
     """The tests of one machine.
 
-    Raises
-    ------
-    InputError
-        For no tests, repeated names, tests in planes the machine does not have, or a mix of tests with and without readings.
+    InputError for no tests, repeated names, tests in planes the machine does not have, or a mix of tests with and without
+    readings.
     """
 
     tests: tuple[CircularTest, ...]

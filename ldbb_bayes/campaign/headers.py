@@ -246,10 +246,8 @@ _RULE = re.compile(r"[-=+_|: ]*")
 
 
 def unit_of(header: str) -> tuple[str, str]:
-    """A header's name and unit: ``Angle [°]`` → ("Angle", "deg"), ``reading_um`` → ("reading", "um").
-
-    What stands in brackets or after "in" and is no unit comes back as it is, to be refused where the column is used.
-    """
+    """A header's name and unit: ``Angle [°]`` → ("Angle", "deg"), ``reading_um`` → ("reading", "um"). What stands in brackets or
+    after "in" and is no unit comes back as it is, to be refused where the column is used."""
     header = header.strip().lstrip("#").strip()
     if len(header) > _LONGEST_NAME:
         return header, ""
@@ -373,10 +371,8 @@ class Heading:
 
 
 def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
-    """Find the table in a sheet.
-
-    It begins below its header, whatever its first rows hold: a bad row is for the reader of rows to refuse.
-    """
+    """Find the table in a sheet. It begins below its header, whatever its first rows hold: a bad row is for the reader of rows to
+    refuse."""
     rows, block = sheet.rows, _block(sheet, layout)
     k, width = _header_row(sheet, layout, block), len(rows[block][1])
     if k is None:

@@ -521,9 +521,7 @@ def import_campaign(
 
 def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
     """Return the files that are named: ``*`` and ``?`` stand for what they match, as not every shell sees to, in natural order.
-
-    Backslashes may separate folders; hidden files, and those that a spreadsheet has open (``~$``), match nothing.
-    """
+    Backslashes may separate folders; hidden files, and those that a spreadsheet has open (``~$``), match nothing."""
     found: list[Path] = []
     for given in files:
         text = os.fspath(given).strip('"')
@@ -651,11 +649,9 @@ def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularT
 def angles_from_time(
     time_s: Array, *, feed_mm_per_min: float, radius_mm: float, start_deg: float, overshoot_deg: float, sense: int
 ) -> Array:
-    """Angle of every reading of a log over time, shape (n,) [deg], not modulo 360°.
-
-    The axes run at constant feed along the circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0 the first
-    reading's time and sense 1 counter-clockwise, −1 clockwise. Acceleration at the ends is inside the overshoot, or neglected.
-    """
+    """Angle of every reading of a log over time, shape (n,) [deg], not modulo 360°. The axes run at constant feed along the
+    circle: θ(t) = start + sense · (feed (t − t0) / R − overshoot), with t0 the first reading's time and sense 1
+    counter-clockwise, −1 clockwise. Acceleration at the ends is inside the overshoot, or neglected."""
     travelled = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm) * (time_s - time_s[0])
     got = f"{travelled[-1]:.1f}° at {feed_mm_per_min:g} mm/min on {radius_mm:g} mm. Check feed, radius and the unit of time"
     enough = travelled[-1] >= overshoot_deg + 0.5 * _TURN
@@ -664,10 +660,8 @@ def angles_from_time(
 
 
 def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
-    """Which readings of a log lie on the circle: from its start over whole turns, run-in and run-out left out.
-
-    A turn may lack its closing reading. A log that ends before a turn is complete is an arc, kept to its end.
-    """
+    """Which readings of a log lie on the circle: from its start over whole turns, run-in and run-out left out. A turn may lack
+    its closing reading. A log that ends before a turn is complete is an arc, kept to its end."""
     along = sense * (angle_deg - start_deg)
     step = float(np.median(np.diff(along)))
     turns = np.floor((along.max() + 1.5 * step) / _TURN)

@@ -165,10 +165,8 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
 
 
 def _path(test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks) -> tuple[float, int]:
-    """Scatter off a Fourier fit to order 12 [µm], and the number of spikes; what looks odd is remarked.
-
-    Where the circle closes, a drift linear in the angle is fitted too: last and first reading are a step of the path apart.
-    """
+    """Scatter off a Fourier fit to order 12 [µm], and the number of spikes; what looks odd is remarked. Where the circle closes,
+    a drift linear in the angle is fitted too: last and first reading are a step of the path apart."""
     turns, reading = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1))), np.asarray(test.reading_um)
     path, turn = np.hstack([turns.real, turns.imag[:, 1:]]), test.angle_deg / 360.0
     columns = np.column_stack([path, turn]) if closes else path
@@ -211,10 +209,8 @@ def _without_spikes(columns: Array, reading: Array) -> NDArray[np.bool_]:
 
 
 def resolution_of(reading_um: Array) -> float | None:
-    """Return the step by which readings differ [µm]: the smallest difference, if all are whole multiples of it within 5 %.
-
-    None where fewer than a tenth of the readings repeat another and the step is below 0.005 µm: a number of digits then.
-    """
+    """Return the step by which readings differ [µm]: the smallest difference, if all are whole multiples of it within 5 %. None
+    where fewer than a tenth of the readings repeat another and the step is below 0.005 µm: a number of digits then."""
     values = np.unique(np.round(reading_um, 6))
     if len(values) < 3:
         return None

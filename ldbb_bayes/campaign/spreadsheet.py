@@ -121,11 +121,9 @@ def numbers_of(
 
 
 def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
-    """The decimal mark of a table's (line, cell); None where no cell has one.
-
-    Of a comma and a point in one cell the last is the decimal mark. Cells of commas alone beside cells of points alone
-    contradict each other, unless those of one kind can only be thousands of the other.
-    """
+    """The decimal mark of a table's (line, cell); None where no cell has one. Of a comma and a point in one cell the last is the
+    decimal mark. Cells of commas alone beside cells of points alone contradict each other, unless those of one kind can only be
+    thousands of the other."""
     sure: str | None = None
     alone: dict[str, tuple[int, str]] = {}
     wrong: tuple[int, str] | None = None

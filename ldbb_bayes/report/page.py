@@ -203,46 +203,32 @@ def write_report(
 ) -> Document:
     """Write report.html, report.pdf (its two sheets), dcc.xml (their numbers), report.json and tables (CSV) into a folder.
 
+    InputError for a comparison of other readings, results of other machines, or a folder that cannot be written.
+
     Parameters
     ----------
-    posterior : DataTree
-        From `sample` or `load`.
-    folder : path
-        Made where it is missing; other files in it stay.
+    posterior : from `sample` or `load`.
+    folder : made where it is missing; other files in it stay.
     beside_it : mapping of name to DataTree, optional
         Other campaigns to set beside this one.
-    same_instrument : bool
-        Whether these were run with the same bar, balls, mount and force device.
-    ci_prob : float
-        Probability of the credible intervals.
-    tests : int, optional
-        Circles to recommend; default: as many as the campaign has.
-    comparison : Comparison, optional
-        From `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
-    recommended : Design, optional
-        From `design` or `read_design` after the same readings; default: as many circles as ``tests``, of the forces tested.
-    averaged : DataTree, optional
-        From `average`: what the sheets state; default: the posterior itself, and the sheets say so.
+    same_instrument : whether these were run with the same bar, balls, mount and force device.
+    ci_prob : probability of the credible intervals.
+    tests : circles to recommend; default: as many as the campaign has.
+    comparison : from `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
+    recommended : from `design` or `read_design` after the same readings; default: as many circles as ``tests``, of the forces
+        tested.
+    averaged : from `average`: what the sheets state; default: the posterior itself, and the sheets say so.
     tolerances : mapping of quantity to Tolerance, optional
         That the sheets are to state conformity with.
-    language : str
-        Of the sheets: en or de.
-    annex : bool
-        Whether all that follows the sheets is printed too.
-    force_N : float, optional
-        At which the sheets state stiffness and circular deviation; default: the reference force.
-    progress : callable, optional
-        Called with the sections done and their number.
+    language : of the sheets: en or de.
+    annex : whether all that follows the sheets is printed too.
+    force_N : at which the sheets state stiffness and circular deviation; default: the reference force.
+    progress : called with the sections done and their number.
 
     Returns
     -------
     Document
         What was written; its pictures hold the figures.
-
-    Raises
-    ------
-    InputError
-        For a comparison of other readings, results of other machines, or a folder that cannot be written.
     """
     folder = Path(folder)
     check_folder(folder)

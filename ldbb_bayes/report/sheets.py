@@ -89,10 +89,7 @@ def languages() -> tuple[str, ...]:
 def words_of(language: str) -> Words:
     """Return the words of a language.
 
-    Raises
-    ------
-    InputError
-        For a language without a catalogue.
+    InputError for a language without a catalogue.
     """
     check_known("language", [language], languages())
     return Words(language, tomllib.loads((_TEMPLATES / f"words_{language}.toml").read_text(encoding="utf-8")))

@@ -46,11 +46,8 @@ Passage: TypeAlias = Table | str | tuple[str, ...]
 
 
 def _as_it_is(result: Any) -> tuple[Passage, ...]:
-    """Return a result as tables, sentences and lists, in the order they are read.
-
-    Every room registers a function for each of its kinds of result (``@parts_of.register``), which takes its sentences from
-    `ldbb_bayes.report.wording`.
-    """
+    """Return a result as tables, sentences and lists, in the order they are read. Every room registers a function for each of its
+    kinds of result (``@parts_of.register``), which takes its sentences from `ldbb_bayes.report.wording`."""
     return (repr(result),)
 
 

@@ -148,10 +148,8 @@ def _stretch(values: Array, zero: bool) -> tuple[float, float]:
 
 @styled
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
-    """C(F): band averaged over slope subsets, mean of every model, and local fits (the paper's Fig. 15).
-
-    A local fit, its geometry free, estimates the tangent d(F C)/dF; that of the averaged C(F) is drawn for it.
-    """
+    """C(F): band averaged over slope subsets, mean of every model, and local fits (the paper's Fig. 15). A local fit, its
+    geometry free, estimates the tangent d(F C)/dF; that of the averaged C(F) is drawn for it."""
     first = next(iter(comparison.models.values()))
     curves = comparison.compliance_against_force or first.compliance_against_force
 

@@ -141,15 +141,11 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
 def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure:
     """Pairwise posterior of a few parameters.
 
+    InputError for a parameter the posterior does not have.
+
     Parameters
     ----------
-    names : sequence of str, optional
-        Default: the direct compliances, C_CCY, and the geometric errors that share their patterns, where the model has them.
-
-    Raises
-    ------
-    InputError
-        For a parameter the posterior does not have.
+    names : default: the direct compliances, C_CCY, and the geometric errors that share their patterns, where the model has them.
     """
     from corner import corner as draw_corner  # brings pyplot
 
