@@ -289,11 +289,8 @@ def _columns_of(where: str, layout: Layout, headers: Sequence[str]) -> tuple[dic
     found, readings = {role: columns[0] for role, columns in each.items()}, each.get("reading", [])
     if not any(headers):
         if "reading" not in found or not {"angle", "time"} & set(found):
-            require(
-                not found and len(headers) == 2,
-                f"{where}: columns without a header must be named by number, got {len(headers)} of them. "
-                "Give --reading-column and --angle-column or --time-column.",
-            )
+            got = f"got {len(headers)} of them. Give --reading-column and --angle-column or --time-column."
+            require(not found and len(headers) == 2, f"{where}: columns without a header must be named by number, {got}")
             found = {"angle": 0, "reading": 1}
         return found, readings or [found["reading"]]
     names = [unit_of(header)[0] for header in headers]

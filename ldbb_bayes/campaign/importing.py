@@ -281,10 +281,8 @@ class _Table:
         far = median_mm > _SMALLEST_RADIUS_MM and scatter_mm < 0.01 * median_mm
         given = self.layout.zero
         if {"distance": not near, "deviation": far, None: far and not near}[given]:
-            raise InputError(
-                f"{self.place}: readings must be deviations from {self.radius_mm:g} mm, or distances near it, got "
-                f"{median_mm:.5g} mm{f' as {given} (--zero)' if given else ''}. Give --radius-mm, or --unit, or --zero."
-            )
+            got = f"got {median_mm:.5g} mm{f' as {given} (--zero)' if given else ''}. Give --radius-mm, or --unit, or --zero."
+            raise InputError(f"{self.place}: readings must be deviations from {self.radius_mm:g} mm, or distances near it, {got}")
         zero = given or ("distance" if near else "deviation")
         if given is None:
             self.notes.keep(zero=zero)
@@ -691,8 +689,6 @@ def direction_run(angle_deg: Array) -> str | None:
     way = angle_deg - angle_deg[0]
     far = float(way[np.argmax(np.abs(way))])
     if abs(far) > 0.5 * _TURN and abs(far - way[-1]) > 0.5 * _TURN:
-        raise InputError(
-            f"angles must run one way in a test, got {way[-1] - far:+.0f}° after {far:+.0f}°. "
-            "Name the test of each row in a column (--test-column), or split the file."
-        )
+        cure = "Name the test of each row in a column (--test-column), or split the file."
+        raise InputError(f"angles must run one way in a test, got {way[-1] - far:+.0f}° after {far:+.0f}°. {cure}")
     return None if abs(far) <= 0.5 * _TURN else "CCW" if far > 0.0 else "CW"

@@ -142,10 +142,8 @@ class Given:
     def check_alone(self) -> None:
         """Refuse what goes with an import beside a fit."""
         plain = self.layout == lb.Layout() and not self.table and not self.certificates
-        require(
-            plain,
-            f"options of tables, machine and instrument must go with files, got a fit, {self.paths[0]}. Fit again with them.",
-        )
+        cure = "Fit again with them."
+        require(plain, f"options of tables, machine and instrument must go with files, got a fit, {self.paths[0]}. {cure}")
 
     def folder(self) -> Path:
         """Where the report goes by default: beside the first file."""
