@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.conformity import Conformity, Judgement
     from ldbb_bayes.analysis.design.design import Design
-    from ldbb_bayes.analysis.identifiability import Budget, Identifiability, ParameterIdentifiability
+    from ldbb_bayes.analysis.identifiability import Budget, ParameterIdentifiability
 
 __all__ = ["Compared", "Findings", "Recommended", "find", "fit_in_words", "full_result", "further_remarks"]
 
@@ -117,11 +117,6 @@ class Findings:
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
         """What the readings tell of every parameter."""
         return lb.verdicts(self.posterior)
-
-    @cached_property
-    def identifiability(self) -> Identifiability:
-        """The same of campaign and model, degeneracies included."""
-        return lb.identify(model_of(self.posterior), campaign_of(self.posterior))
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:

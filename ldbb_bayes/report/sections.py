@@ -14,8 +14,10 @@ from typing import Any, TypeAlias
 
 import matplotlib as mpl
 import pandas as pd
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from ldbb_bayes.analysis.aliases import cures, degeneracies, standing_degeneracies
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squareness_name
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design.design import Design
@@ -48,8 +50,14 @@ class Picture:
     def svg(self) -> str:
         """The figure as SVG to stand in a page: responsive, with an accessible name, its ids kept apart from other figures'."""
         drawn = io.StringIO()
+        grounds = [own.patch for own in (self.figure, *self.figure.axes) if own.patch.get_visible()]
         with mpl.rc_context({"svg.hashsalt": "ldbb", "svg.fonttype": "none"}):
-            self.figure.savefig(drawn, format="svg", metadata={"Date": None}, transparent=True)
+            for ground in grounds:
+                ground.set_visible(False)
+            canvas: Any = FigureCanvasSVG(self.figure)
+            canvas.print_svg(drawn, metadata={"Date": None})  # savefig draws a figure twice
+        for ground in grounds:
+            ground.set_visible(True)
         text = _REFERENCE.sub(rf"\g<1>{self.key}-", _PROLOGUE.sub("", drawn.getvalue()))
         # A hundredth of a point is finer than any screen or printer.
         text = _COORDINATES.sub(lambda match: _DIGITS.sub(r"\1", match[0]), text)
@@ -130,12 +138,12 @@ def results(found: Findings) -> Iterator[Part]:
 
 
 def limits(found: Findings) -> Iterator[Part]:
-    """Degeneracies with their cures, and what certificates would be worth; verdicts stand with the results."""
-    own = found.identifiability
-    items = wording.degeneracy_items(own.degeneracies, own.cures)
+    """Degeneracies with their cures; verdicts stand with the results."""
+    bound = bound_of(found.posterior)
+    alike = degeneracies(bound)
+    items = wording.degeneracy_items(alike, cures(bound, alike))
     yield wording.ALIKE if items else wording.NONE_ALIKE
-    yield items
-    yield (*map(wording.standing_words, own.standing), *wording.certificate_sentences(own))
+    yield (*items, *map(wording.standing_words, standing_degeneracies(bound, alike)))
 
 
 def degree(found: Findings) -> Iterator[Part]:

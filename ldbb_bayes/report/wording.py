@@ -428,12 +428,12 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
         "against the priors; a confounded parameter may be narrowed and still unknown).",
         "Contraction: 1 − (sd / prior sd)². Gain: information in the readings; 1 nat narrows the sd to 37 %. In brackets: the "
         "share of the variance that would go if the effect were known exactly.",
-        *certificate_sentences(result),
+        *_certificate_sentences(result),
     )
 
 
-def certificate_sentences(result: Identifiability) -> Iterator[str]:
-    """Return what certificates would be worth: how much narrower the parameters that they narrow by a tenth."""
+def _certificate_sentences(result: Identifiability) -> Iterator[str]:
+    """What certificates would be worth: how much narrower the parameters that they narrow by a tenth."""
     certificates = dict(result.certificates)
     without = certificates.pop("none of these", {})
     for name, left in certificates.items():
