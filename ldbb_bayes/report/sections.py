@@ -50,7 +50,8 @@ class Picture:
     def svg(self) -> str:
         """The figure as SVG to stand in a page: responsive, with an accessible name, its ids kept apart from other figures'."""
         drawn = io.StringIO()
-        grounds = [own.patch for own in (self.figure, *self.figure.axes) if own.patch.get_visible()]
+        every: list[Any] = [self.figure, *self.figure.axes]
+        grounds = [own.patch for own in every if own.patch.get_visible()]
         with mpl.rc_context({"svg.hashsalt": "ldbb", "svg.fonttype": "none"}):
             for ground in grounds:
                 ground.set_visible(False)
