@@ -30,6 +30,11 @@ def awkward(kind: str) -> xr.DataTree:
         return fitted(constant, simulated(plan((40, 40), forces_N=(100.0, 600.0))))
     if kind == "forty tests":
         return fitted(linear, simulated(plan([60] * 40, forces_N=np.linspace(36.0, 742.0, 40).tolist())))
+    if kind == "three planes":
+        circles = [
+            lb.CircularTest(f, np.arange(0.0, 360.0, 5.0), plane=own) for own in ("XY", "YZ", "ZX") for f in (100.0, 700.0)
+        ]
+        return fitted(linear, simulated(lb.Campaign(tuple(circles), name="three planes")))
     if kind == "degree 2":
         return fitted(lb.HybridModel.first(2), simulated(plan()))
     if kind == "unconverged":
@@ -45,7 +50,7 @@ def awkward(kind: str) -> xr.DataTree:
     raise ValueError(kind)
 
 
-AWKWARD = ("script", "long name", "two tests", "forty tests", "degree 2", "unconverged", "contradiction", "paper")
+AWKWARD = ("script", "long name", "three planes", "two tests", "forty tests", "degree 2", "unconverged", "contradiction", "paper")
 
 
 _FITTED: dict[tuple[str, str, str], xr.DataTree] = {}

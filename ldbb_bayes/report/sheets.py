@@ -122,6 +122,12 @@ class Pair:
     heading: str
     beside: tuple[str, ...]
 
+    @property
+    def wide(self) -> bool:
+        """Whether the figure needs the whole width, so that what stands beside it comes below."""
+        width, height = self.picture.figure.get_size_inches()
+        return bool(width > _WIDE * height)
+
 
 Block: TypeAlias = str | Fields | Banner | Table | Pair | Picture
 """A note, or what its name says."""
@@ -457,9 +463,10 @@ def _short(text: str) -> str:
 
 # ---- on paper: A4 by fpdf2, millimetres
 
-_WIDTH, _LEFT, _TOP, _BOTTOM, _INK, _SOFT = 182.0, 14.0, 14.0, 283.0, 0, 85
+# A browser, which takes the sheets' scale, sets the same lines a little higher: FULL leaves it room.
+_WIDTH, _LEFT, _TOP, _FULL, _INK, _SOFT = 182.0, 14.0, 14.0, 272.0, 0, 85
 _SHADES = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
-_PAIRED, _LARGEST, _DPI = 104.0, 88.0, 300.0
+_PAIRED, _LARGEST, _WIDE, _DPI = 104.0, 88.0, 1.6, 300.0
 
 
 def pdf_of(made: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
@@ -479,9 +486,9 @@ def _fitted(*made: ReportSheet) -> tuple[ReportSheet, ...]:
     with _document() as pdf:
         for k, sheet in enumerate(made):
             for _ in range(12):
-                if (end := _draw(pdf, fitting[k], pictures=False)) <= _BOTTOM:
+                if (end := _draw(pdf, fitting[k], pictures=False)) <= _FULL:
                     break
-                share = min(0.97, max(0.7, (_BOTTOM - _TOP) / (end - _TOP)))
+                share = min(0.97, max(0.7, (_FULL - _TOP) / (end - _TOP)))
                 fitting[k] = replace(sheet, scale=fitting[k].scale * share)
     return tuple(fitting)
 
@@ -575,14 +582,14 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
 
 
 def _draw_pair(pdf: FPDF, block: Pair, scale: float, pictures: bool) -> None:
-    top = pdf.y
-    _draw_picture(pdf, block.picture, _PAIRED, _LARGEST * scale, pictures)
-    foot, left = pdf.y, _LEFT + _PAIRED + 4.0
-    pdf.set_xy(left, top)
-    _write(pdf, block.heading, 9.0 * scale, width=_WIDTH - _PAIRED - 4.0, bold=True)
-    for item in block.beside:
-        pdf.set_xy(left, pdf.y + 0.6 * scale)
-        _write(pdf, item, 7.2 * scale, width=_WIDTH - _PAIRED - 4.0)
+    top, indent = pdf.y, 0.0 if block.wide else _PAIRED + 4.0
+    _draw_picture(pdf, block.picture, _WIDTH if block.wide else _PAIRED, _LARGEST * scale, pictures)
+    foot = pdf.y
+    pdf.set_xy(_LEFT + indent, foot + scale if block.wide else top)
+    _write(pdf, block.heading, 9.0 * scale, width=_WIDTH - indent, bold=True)
+    for item in ["; ".join(block.beside)] if block.wide else block.beside:
+        pdf.set_xy(_LEFT + indent, pdf.y + 0.6 * scale)
+        _write(pdf, item, 7.2 * scale, width=_WIDTH - indent)
     pdf.set_y(max(foot, pdf.y))
 
 
