@@ -368,9 +368,9 @@ def _assumption_table(comparison: Comparison) -> Table:
     rows = [(f"slope scale {s.slope_scale:g}", s.log_bayes_factor, s.error, "") for s in comparison.prior_sensitivity]
     every = comparison.discrepancy_sensitivity
     rows += [(a.assumption, a.log_bayes_factor, a.log_bayes_factor_error, f"{comparison.gain(a):+.1f}") for a in every]
-    heads = ("assumption", f"ln B({comparison.sensitivity_of}) (nat)", "error", "preferred by (nat)")
+    heads = ("assumption", "ln B (nat)", "error", "preferred by (nat)")
     shown = [(name, f"{value:+.2f}", f"{max(error, 1e-3):.1g}", gain) for name, value, error, gain in rows]
-    return Table.of("Under other assumptions", heads, shown)
+    return Table.of(f"ln B({comparison.sensitivity_of}) under other assumptions", heads, shown)
 
 
 def _slopes_table(comparison: Comparison) -> Table:

@@ -93,7 +93,7 @@ def _amount(value: float, factor: float, label: str, name: str, plus: str = "+")
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
         size, label = size * 1e3, "n" + label[1:]
-    return f"{plus if value > 0 else '−'}{round_uncertainty(size, 3)[0]} {label} of {name}"
+    return f"{plus if value > 0 else '−'}{round_uncertainty(size, 3)[0]}{'' if label == '°' else ' '}{label} of {name}"
 
 
 def statement(found: Degeneracy) -> str:
