@@ -466,7 +466,7 @@ def _short(text: str) -> str:
 # A browser, which takes the sheets' scale, sets the same lines a little higher: FULL leaves it room.
 _WIDTH, _LEFT, _TOP, _FULL, _INK, _SOFT = 182.0, 14.0, 14.0, 272.0, 0, 85
 _SHADES = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
-_PAIRED, _LARGEST, _WIDE, _DPI = 104.0, 88.0, 1.6, 300.0
+_PAIRED, _LARGEST, _WIDE, _DPI, _SIGNED = 104.0, 88.0, 1.6, 300.0, 256.0
 
 
 def pdf_of(made: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
@@ -485,10 +485,10 @@ def _fitted(*made: ReportSheet) -> tuple[ReportSheet, ...]:
     fitting = list(made)
     with _document() as pdf:
         for k, sheet in enumerate(made):
-            for _ in range(12):
+            for _ in range(20):
                 if (end := _draw(pdf, fitting[k], pictures=False)) <= _FULL:
                     break
-                share = min(0.97, max(0.7, (_FULL - _TOP) / (end - _TOP)))
+                share = min(0.985, max(0.8, (_FULL - _TOP) / (end - _TOP)) ** 0.5)
                 fitting[k] = replace(sheet, scale=fitting[k].scale * share)
     return tuple(fitting)
 
@@ -520,6 +520,7 @@ def _draw(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
         if isinstance(block, str):
             _write(pdf, block, 7.2 * sheet.scale, grey=_SOFT)
         elif isinstance(block, Fields):
+            pdf.set_y(max(pdf.y, _SIGNED if block.tall else 0.0))
             _draw_fields(pdf, block, sheet.scale)
         elif isinstance(block, Banner):
             fill, ink = _SHADES[block.kind]
