@@ -220,5 +220,5 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
         lb.population(pd.DataFrame({"campaign": ["a"], "status": ["done"]}))
     with pytest.raises(InputError, match=r"two machines, got only M6. Add campaigns of others. Left out on request: c01"):
         lb.population(rows, exclude=[f"M{k}" for k in range(6)])
-    with pytest.raises(InputError, match=r"campaigns of one machine to rely on, got 1. Measure again. Left out, as was asked"):
+    with pytest.raises(InputError, match=r"campaigns of one machine to rely on, got 1. Measure again. Left out on request"):
         lb.trend(rows, machine="M6", exclude=["c08"])
