@@ -58,7 +58,7 @@ def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
     assert lb.read_campaign(lb.write_campaign(lb.read_campaign(folder), tmp_path / "c")).instrument == expected
     options = [part for kind in ("bar", "force", "work-ball", "tool-ball") for part in (f"--{kind}-dcc", str(SCHEIN))]
     shown = [CliRunner().invoke(app, ["check", *args]).stdout for args in ([str(folder)], [str(write(plain)), *options])]
-    tables = [text[text.index("A fit will take for granted") :] for text in shown]
+    tables = [text[text.index("What a fit assumes of the instrument") :] for text in shown]
     assert tables[0] == tables[1]
     assert f"Certificate of the bar: {NAME}Längenabweichung vom Nennmaß: Messwert" in tables[0]
     assert lb.read_campaign(folder, certificates={"bar_U_um": 2.0}).instrument.bar_certificate is None
