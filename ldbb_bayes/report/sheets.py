@@ -23,7 +23,7 @@ from ldbb_bayes.analysis.conformity import Use, is_determined
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, numbers_of
 from ldbb_bayes.model.fourier import geometric_errors_of
-from ldbb_bayes.model.terms import Term
+from ldbb_bayes.model.terms import BarLength, Term, uncertainties
 from ldbb_bayes.report.sections import Picture, picture
 from ldbb_bayes.report.text import two_digits
 from ldbb_bayes.result import Array, Table
@@ -270,7 +270,9 @@ class Numbers:
         table = circularity(self.found.numbers, [self.force_N], ci_prob=self.found.ci_prob)
         several, every = table["plane"].nunique() > 1, {}
         geometric = [own for name, own in self.parameters.items() if name.startswith("E_") and own.undetermined]
-        hangs_on = tuple(dict.fromkeys(partner for own in geometric for partner in own.inseparable))
+        # The bar's length makes the circle larger, not less round.
+        partners = dict.fromkeys(partner for own in geometric for partner in own.inseparable)
+        hangs_on = tuple(name for name in partners if name != BarLength.__name__)
         for row in table[table["quantity"].isin(["G", "F_max", "F_min"])].to_dict(orient="records"):
             where = self.words("quantities.plane", plane=row["plane"]) if several else ""
             interval, of = (row["ci_low"], row["ci_high"]), self.words(f"quantities.{row['quantity']}", plane=where)
@@ -324,10 +326,13 @@ def _first(own: Numbers) -> Iterator[Block]:
     yield _banner(own)
     yield Fields(tuple(_entries(found, words)))
     stated = [*own.stiffnesses.values(), *own.further.values(), *own.path.values()]
-    yield _table(own, words("sheet.results", force=words.number(f"{own.force_N:.4g}")), stated, "U")
+    middle = words("sheet.middle") if own.force_N == found.result["model"]["reference_force_N"] else ""
+    yield _table(own, words("sheet.results", force=words.number(f"{own.force_N:.4g}"), middle=middle), stated, "U")
     yield from _conformity(own)
     yield words("notes.U", percent=words.number(f"{100 * found.ci_prob:g}"))
     missing = [f"{one.words} ({one.symbol}): {remark(one, words)}" for one in own.parameters.values() if one.undetermined]
+    if hanging := [one for one in own.path.values() if one.hangs_on]:
+        missing.append(f"{words.joined([one.symbol for one in hanging])}: {remark(hanging[0], words)}")
     if 0.05 < found.varying < 0.95:
         missing.insert(0, words("notes.varying", probability=percent(found.varying, words)))
     more = [words("sheet.continued", count=str(len(missing) - 12))] if len(missing) > 12 else []
@@ -342,6 +347,7 @@ def _second(own: Numbers) -> Iterator[Block]:
     yield _table(own, "", [*own.parameters.values(), *own.path.values()], "u")
     percent = words.number(f"{100 * found.ci_prob:g}")
     yield words("notes.u", percent=percent, force=words.number(f"{own.force_N:.4g}"))
+    yield words("notes.words", names="; ".join(_partners(own)))
     yield picture("compliance_against_force", found.numbers, words("sheet.curve"), words=words.table["figures"])
     provenance = found.result["provenance"]
     yield words(
@@ -350,6 +356,14 @@ def _second(own: Numbers) -> Iterator[Block]:
         version=provenance["versions"]["ldbb-bayes"],
         started=provenance["started"][:10],
     )
+
+
+def _partners(own: Numbers) -> Iterator[str]:
+    """What the remarks name, in a line each."""
+    entries = [one.entry for one in own.parameters.values() if one.entry is not None]
+    for name in dict.fromkeys(partner for entry in entries for partner in entry.partners):
+        if name in (lines := own.words.table["means"]):
+            yield f"{own.words.term(name)}: {lines[name]}"
 
 
 def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) -> Table:
@@ -379,12 +393,15 @@ def _banner(own: Numbers) -> Banner:
         by_kind.setdefault(str(reason.kind).replace("-", "_"), []).extend(names)
     reasons = [words(f"state.{kind}", names=words.joined(names)) for kind, names in by_kind.items()]
     reasons += [words("state.least_squares")] if found.flat else []
+    certified = [] if found.flat else [given for *_, given in _instrument(found)]
     kind = "unusable" if judged.use == Use.DO_NOT_USE else "reserved" if reasons else "usable"
     because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")
+    if kind != "unusable" and not all(certified):
+        because += words(f"state.{'partly' if any(certified) else 'none'}_stated")
     return Banner(kind, words("state.sentence", state=words(f"state.{kind}"), reason=because))
 
 
-def _conformity(own: Numbers) -> Iterator[Table]:
+def _conformity(own: Numbers) -> Iterator[Table | str]:
     """Tolerances, where there are any, and what is decided."""
     words, rows = own.words, []
     known = own.parameters | {f"stiffness_{name[2]}": one for name, one in own.stiffnesses.items()} | own.path
@@ -392,23 +409,25 @@ def _conformity(own: Numbers) -> Iterator[Table]:
         factor, label = display_unit(one.unit)
         low, high = (f"{end * factor:.4g}".replace("-", "−") for end in one.limits)
         limits = f"≤ {high}" if one.lower is None else f"≥ {low}" if one.upper is None else f"{low} … {high}"
-        quantity = known[name].words if name in known else display_name(name)
-        band, decided = two_digits(one.guard_band, factor), words(f"decisions.{str(one.decision).replace(' ', '_')}")
-        cells = (limits, words.unit(label), percent(one.probability, words), band, decided)
-        rows.append((quantity, *map(words.number, cells[:1]), cells[1], *map(words.number, cells[2:4]), cells[4]))
+        quantity, value = (known[name].words, known[name].with_U[0]) if name in known else (display_name(name), "–")
+        numbers = (value, limits, two_digits(one.guard_band, factor))
+        decided = words(f"decisions.{str(one.decision).replace(' ', '_')}")
+        rows.append((quantity, *map(words.number, numbers), words.unit(label), percent(one.probability, words), decided))
     if rows:
-        heads = [words(f"heads.{key}") for key in ("quantity", "tolerance", "unit", "probability", "guard", "decision")]
-        yield Table.of(words("sheet.conformity"), heads, rows, text=[heads[2], heads[5]])
+        keys = ("quantity", "value", "tolerance", "guard", "unit", "probability", "decision")
+        heads = [words(f"heads.{key}") for key in keys]
+        yield Table.of(words("sheet.conformity"), heads, rows, text=[heads[4], heads[6]])
+        yield words("notes.conformity")
 
 
 def _basis(found: Findings, words: Words) -> str:
     """Which models the numbers are of."""
     if not (share := found.probabilities):
         return words("notes.single", degree=words(f"degrees.{_DEGREES[found.result['model']['degree']]}"))
-    named = [f"{words(f'degrees.{name}')} ({percent(p, words)})" for name, p in share.items() if name in _DEGREES]
-    rivals = [f"{words(f'rivals.{name}')} ({percent(p, words)})" for name, p in share.items() if name not in _DEGREES]
-    beside = words("notes.rivals", rivals=words.joined(rivals)) if rivals else ""
-    return words("notes.averaged", models=words.joined(named), beside=beside)
+    named = [f"{words(f'degrees.{name}')} {percent(p, words)}" for name, p in share.items() if name in _DEGREES]
+    rivals = [f"{words(f'rivals.{name}')} {percent(p, words)}" for name, p in share.items() if name not in _DEGREES]
+    beside = words("notes.rivals", rivals=", ".join(rivals)) if rivals else ""
+    return words("notes.averaged", models=", ".join(named), beside=beside)
 
 
 def percent(probability: float, words: Words) -> str:
@@ -433,28 +452,44 @@ def _entries(found: Findings, words: Words) -> Iterator[tuple[str, str]]:
     yield words("fields.machine"), words("entries.machine", topology=campaign.topology, planes=planes)
     yield from map(entry, ("ball_bar", "ball_bar_calibrated", "force_device"))
     degrees = [test.temperature_C for test in campaign.tests if test.temperature_C is not None]
-    ends = {key: words.number(f"{end(degrees):.1f}") for key, end in (("low", min), ("high", max))} if degrees else {}
-    yield words("fields.temperature"), words("entries.temperature", **ends) if degrees else ""
+    ends = [words.number(f"{end(degrees):.1f}") for end in (min, max)] if degrees else []
+    yield words("fields.temperature"), words("entries.temperature", range=" … ".join(dict.fromkeys(ends))) if ends else ""
     forces, radii = campaign.forces_N, sorted({test.circle.radius_mm for test in campaign.tests})
     low, high = (words.number(f"{force:.4g}") for force in (min(forces), max(forces)))
     radius = words.number(", ".join(f"{own:g}" for own in radii))
     yield words("fields.tests"), words("entries.tests", count=str(len(campaign.tests)), low=low, high=high, radius=radius)
-    instrument = campaign.instrument
+    ways = "/".join(dict.fromkeys(str(test.direction) for test in campaign.tests if test.direction))
+    feed = words("entries.feed", feed=f"{campaign.feed_mm_per_min:g}") if campaign.feed_mm_per_min else ""
+    yield words("fields.path"), ", ".join(filter(None, (feed, ways)))
     stated, assumed = list[str](), list[str]()
-    for key, given in (
-        ("bar", instrument.bar_U_um),
-        ("work", instrument.work.stated_sphericity_um or instrument.work.harmonics_um),
-        ("tool", instrument.tool.stated_sphericity_um or instrument.tool.harmonics_um),
-        ("mount", instrument.mount_U_percent),
-        ("force", instrument.force_U_percent or instrument.force_linearity_percent or instrument.force_random_N),
-        ("angle", instrument.angle_U_deg),
-    ):
-        named = next(
-            (f" ({own.split(': ')[0][:32]})" for what, own in instrument.certificates.items() if what.startswith(key)), ""
-        )
-        (stated if given else assumed).append(words(f"entries.{key}") + named * bool(given))
+    for key, size, given in _instrument(found):
+        names = campaign.instrument.certificates.items()
+        named = next((f" ({own.split(': ')[0][:32]})" for what, own in names if what.startswith(key)), "")
+        (stated if given else assumed).append(words(f"entries.{key}") + (named if given else f" {words.number(size)}"))
     yield words("fields.certificates"), ", ".join(stated) or words("entries.none")
     yield words("fields.assumed"), ", ".join(assumed) or words("entries.none")
+
+
+_INSTRUMENT = {
+    "bar": "bar_length", "work": "work_form_2", "tool": "tool_form_2", "mount": "mount", "force": "force_gain",
+    "angle": "angle_reference",
+}  # fmt: skip
+
+
+def _instrument(found: Findings) -> Iterator[tuple[str, str, bool]]:
+    """Parts of the instrument that the model knows, U (k = 2) of each, and whether a certificate states it."""
+    bound = bound_of(found.posterior)
+    known = {own.name: own for own in uncertainties(bound.campaign, bound.model.nuisances).assumed}
+    for key, name in _INSTRUMENT.items():
+        if name in known:
+            own = known[name]
+            if own.value or own.unit == "1":
+                yield key, f"± {two_digits(2.0 * own.sd / (own.value or 1.0), 100.0)} %", own.stated
+            elif own.unit == "rad":
+                yield key, f"± {two_digits(np.degrees(2.0 * own.sd))}°", own.stated
+            else:
+                factor, label = display_unit(own.unit)
+                yield key, f"± {two_digits(2.0 * own.sd, factor)} {label}", own.stated
 
 
 def _short(text: str) -> str:
