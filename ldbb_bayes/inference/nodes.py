@@ -268,9 +268,11 @@ def conditional_draws(bound: BoundModel, free: Array, rng: np.random.Generator) 
     """One draw of β (w, p) for each free coordinates from its exact conditional Gaussian inside the truncation; and whether it is
     exact: not where the rejection sampler gave up, or rounding left β outside."""
     beta, exact = np.zeros((len(free), len(bound.names))), np.ones(len(free), dtype=bool)
+    nodes, node = np.unique(free, axis=0, return_inverse=True)
+    once = bound.given(bound.hyper_prior.phi(nodes))[1] if 2 * len(nodes) <= len(free) else None
     for start in range(0, len(free), CHUNK):
         part = slice(start, start + CHUNK)
-        _, given = bound.given(bound.hyper_prior.phi(free[part]))
+        given = once.picked(node.ravel()[part]) if once else bound.given(bound.hyper_prior.phi(free[part]))[1]
         beta[part], exact[part] = given.draw_inside(rng) if bound.truncation.active else (given.draw(rng), True)
     return beta, exact
 

@@ -52,6 +52,12 @@ class ParameterConditional(Gaussian):
 
     physical: Truncation
 
+    def picked(self, index: Index) -> ParameterConditional:
+        """Those of some φ, of one perhaps several times."""
+        picked = ParameterConditional.factored(self.mean[index], self.root[index], self.scale[index])
+        picked.physical = self.physical
+        return picked
+
     @cached_property
     def orthant(self) -> Orthant:
         """The problem of P(A β ≥ 0 | y, φ)."""

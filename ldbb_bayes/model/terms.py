@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -221,13 +222,14 @@ class Term:
         Term.kinds[cls.__name__] = cls
 
     def __post_init__(self) -> None:
-        hints: dict[str, Any] = {}
+        kind: Any = type(self)
+        choices: dict[str, tuple[Any, ...]] = {}
         with suppress(NameError):
-            hints = get_type_hints(type(self))
+            choices = _choices(kind)
         for name, value in vars(self).items():
             what = f"{type(self).__name__} {name}"
-            if get_origin(hints.get(name)) is Literal:
-                check_known(what, [value], get_args(hints[name]))
+            if name in choices:
+                check_known(what, [value], choices[name])
             elif isinstance(value, str | bool) or (value == 0.0 and name.startswith("curvature")):  # no curvature, the rest stays
                 continue
             elif not (np.isfinite(value) and value > 0.0):
@@ -290,6 +292,12 @@ class Term:
 
 
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
+
+
+@cache
+def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
+    """The values that fields of one kind of term may have, where its annotations list them."""
+    return {name: get_args(hint) for name, hint in get_type_hints(kind).items() if get_origin(hint) is Literal}
 
 
 def _order(coefficient: str) -> str:
