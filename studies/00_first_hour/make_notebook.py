@@ -22,8 +22,8 @@ CELLS = (
     "%matplotlib inline\nimport ldbb_bayes as lb\n\ncampaign = lb.read_campaign(lb.embedded_campaign())\ncampaign",
     "What is in the campaign, and what looks odd, before anything is fitted:",
     "lb.preview(campaign)",
-    "The model: compliance linear in force, all nuisances on.",
-    "linear = lb.HybridModel.first(degree=1)\nlinear",
+    "The model: compliance linear in force, and everything that is not the machine.",
+    "linear = lb.HybridModel.default(degree=1)\nlinear",
     "Sampling takes a few seconds. The result is an ArviZ DataTree; `summarize` is a pandas table in mm, N and rad.",
     "posterior = lb.sample(linear, campaign, seed=1)\nlb.summarize(posterior).round(12)",
     "Which of these numbers come from the readings, and which are two names for one thing?",
@@ -53,7 +53,7 @@ def main() -> None:
     from ldbb_bayes.report.figures import traces
 
     campaign = lb.read_campaign(lb.embedded_campaign())
-    posterior = lb.sample(lb.HybridModel.first(degree=1), campaign, seed=1)
+    posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
     traces(posterior).savefig(HERE / "traces.png", dpi=110)
 
 
