@@ -18,8 +18,8 @@ from ldbb_bayes.campaign.spreadsheet import Rows, Sheet, could_be_thousands, is_
 from ldbb_bayes.errors import InputError, nearest, require
 
 __all__ = [
-    "Heading", "Said", "directions_said", "find_headings", "load_in_name", "note_heading", "said_above",
-    "said_elsewhere", "unit_of",
+    "Heading", "Said", "directions_said", "find_headings", "load_in_name", "not_understood", "note_heading",
+    "said_above", "said_elsewhere", "unit_of",
 ]  # fmt: skip
 
 # Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make one.
@@ -29,6 +29,7 @@ _BETWEEN = r"[\s:=;,|]"
 # A number, not the beginning of a clock, a date or a longer number.
 _WHOLE = r"(?![\d:/]|[.,]\d|[\-−]\d|\s\d{3}(?!\d))"
 _MM_PER_MIN = {"mm/min": 1.0, "m/min": 1e3, "inch/min": 25.4, "in/min": 25.4, "ipm": 25.4, "mm/s": 60.0, "mm/sec": 60.0}
+_IN_MM = {unit: 1e-3 * one for unit, one in UNITS["reading"].items()}
 _OF_PART = r"(?:machine|work(?:piece)?|part|maschinen|werkstück)"
 # By word: the unit meant where none is named, and all units with what one is in ours.
 _SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
@@ -38,7 +39,7 @@ _SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
         UNITS["force"],
     ),
     "pressure_bar": (r"(?:pressure|(?:prüf|mess|regel|zylinder|soll|ist)?druck|pressure_bar)(?: P)?", "bar", UNITS["pressure"]),
-    "radius_mm": (r"(?:radius|nominal length)(?: R)?", "mm", {unit: 1e-3 * one for unit, one in UNITS["reading"].items()}),
+    "radius_mm": (r"(?:(?:mess|prüf|nenn|soll|bahn|kreis)?radius|nominal length)(?: R)?", "mm", _IN_MM),
     "feed_mm_per_min": (r"(?:feed|feedrate|feed rate|vorschub)", "mm/min", _MM_PER_MIN),
     "start_deg": (r"(?:start(?:ing)? angle|start|startwinkel)(?: at)?", "deg", UNITS["angle"]),
     "overshoot_deg": (r"(?:angular overshoot|overshoot|run-in|überlauf)(?: angle)?", "deg", UNITS["angle"]),
@@ -102,11 +103,11 @@ _CUT = re.compile(
 _AS_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
 # Up to these a number with a mark before three digits may be of thousands.
 _LARGEST = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
-_COUNTER = ("ccw", "counter", "anti", "contra", "gegen", "entgegen")
-_CLOCK_HAND = r"(?:ent)?gegen(?:[ _-]de[nm])?[ _-]?uhrzeigersinn|(?:im[ _-])?uhrzeigersinn"
+_COUNTER = ("ccw", "counter", "anti", "contra", "gegen", "entgegen", "guz")
+_CLOCK_HAND = r"(?:(?:ent)?gegen(?:[ _-]de[nm])?[ _-]?|im[ _-])?(?:uhrzeigersinn|uzs?)|guzs?"
 _SENSES = rf"({_CLOCK_HAND}|ccw|cw|(?:counter|anti|contra)[^a-z0-9]{{0,3}}clock[-_ ]?wise|clock[-_ ]?wise)(?![a-z])"
 _SENSE = re.compile(rf"(?<![a-zA-Z]){_SENSES}", re.IGNORECASE)
-_DIRECTION = re.compile(r"\b(?:direction|dir|\w*richtung|sense)\b(.*)", re.IGNORECASE)
+_DIRECTION = re.compile(r"\b(?:direction|dir|\w*richtung|(?:dreh|umlauf)sinn|sense)\b(.*)", re.IGNORECASE)
 Lines = Sequence[tuple[int | str, str]]
 
 
@@ -147,11 +148,8 @@ def _said_in_words(text: str) -> Iterator[tuple[str, str]]:
             value = re.sub("[-/]", "", value.upper()) if key == "plane" else value
             value = _iso(value) if key in ("date", "ball_bar_calibrated") else value
             if key in _NAMES:
-                value = (
-                    ""
-                    if _KEY.fullmatch(value) or _is_header(value)
-                    else re.split(rf",\s*{_AND_CALIBRATED}", value, flags=re.I)[0]
-                )
+                column = _KEY.fullmatch(value) or (_is_header(value) and not re.search(r"[:=\d]", match[0]))
+                value = "" if column else re.split(rf",\s*{_AND_CALIBRATED}", value, flags=re.I)[0]
             if value.isprintable() and not is_missing(value or "-"):
                 yield key, value
     for part in (text, *re.split(r"[;|\t]|,(?!\s)", text)):
@@ -395,7 +393,7 @@ def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
 
 def _texts(sheet: Sheet, rows: Rows) -> Iterator[tuple[int, str]]:
     """Lines as text, with their numbers."""
-    return ((line, (sheet.separator or ";").join(cells)) for line, cells in rows)
+    return ((line, (sheet.separator or ";").join(cells if sheet.separator else filter(None, cells))) for line, cells in rows)
 
 
 def _block(sheet: Sheet, layout: Layout) -> int:
@@ -535,20 +533,53 @@ def _names_readings(cells: Sequence[str]) -> bool:
 
 
 def said_elsewhere(sheets: Iterable[Sheet], names: Collection[str]) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Lines of sheets without a table: those above any header, which speak of all tests; and of each row with one of these
+    """Lines of sheets without a table: those outside lists of tests, which speak of all tests; and of each row with one of these
     names, which speaks of that test, its cells as ``header: cell``."""
     of_all, of_one, wanted = [], [], {plain(name) for name in names}
     for sheet in sheets:
         header: list[str] = []
         for line, cells in sheet.rows[:_LARGEST_ABOVE]:
-            where = f"{line} of {sheet.place}"
-            if wanted & {plain(cell) for cell in cells if cell}:
-                of_one += [(where, f"{name}: {cell}") for name, cell in zip(header, cells, strict=False) if name and cell]
-            elif _names_columns(cells) and any(map(_is_header, cells)):
+            where, filled = f"{line} of {sheet.place}", [cell for cell in cells if cell]
+            if (mine := wanted & set(map(plain, filled))) and (plain(filled[0]) in mine or not _labels(filled[0])):
+                named = [(name, cell) for name, cell in zip(header, cells, strict=False) if name and cell]
+                of_one += [(where, f"{'direction' if _SENSE.fullmatch(cell) else name}: {cell}") for name, cell in named]
+            elif _heads_a_list(filled):
                 header = list(cells)
-            elif not header:
-                of_all.append((where, (sheet.separator or ";").join(cells)))
+            elif not header or _labels(filled[0]):
+                of_all.append((where, (sheet.separator or ";").join(filled)))
     return of_all, of_one
+
+
+def _labels(cell: str) -> bool:
+    """Whether a cell is the label of a value beside or behind it: ``Radius``, ``Ort:``."""
+    name = unit_of(cell)[0].rstrip(" :")
+    known = bool(_KEY.fullmatch(name) or _DIRECTION.fullmatch(name))
+    known = known or any(re.fullmatch(words, name, re.IGNORECASE) for words, _, _ in _SAID.values())
+    return bool(known or re.search(r"\D:|:$", cell))
+
+
+def _heads_a_list(filled: Sequence[str]) -> bool:
+    """Whether a row names the columns of a list of tests, and is no label with its value: ``Radius | 100 mm``."""
+    if not _names_columns(filled) or any(cell.endswith(":") or re.match(_NUMBER, cell) for cell in filled):
+        return False
+    if len(filled) == 2 and _labels(filled[0]):
+        return _called(unit_of(filled[1])[0], "test")
+    return any(_is_header(cell) or cell in PER_TEST for cell in filled[len(filled) == 2 or _labels(filled[0]) :])
+
+
+# What a line of such a sheet may speak of in words that are not understood.
+_SPOKEN_OF = {key: re.compile(rf"\b{_SAID[key][0]}\b", re.I) for key in ("force_N", "pressure_bar", "feed_mm_per_min")}
+_SPOKEN_OF |= {"radius_mm": re.compile("radius", re.I), "direction": _DIRECTION, "mount": re.compile("ompens|mount", re.I)}
+
+
+def not_understood(lines: Lines) -> dict[str, str]:
+    """By field, the first line that speaks of it and says nothing that is understood."""
+    found: dict[str, str] = {}
+    for line, text in lines:
+        if not (said_above([(line, text)]) or len(directions_said([(line, text)], ())) == 1 or _ANOTHER.search(text)):
+            for key in (key for key, words in _SPOKEN_OF.items() if words.search(text[:_LONGEST])):
+                found.setdefault(key, f"line {line} says {key.split('_')[0]}, not understood")
+    return found
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, notes: Notes) -> None:

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from pydantic import PlainSerializer
 
 from ldbb_bayes.campaign import spreadsheet
-from ldbb_bayes.campaign.campaign import LABELS, PER_TEST, Campaign, CircularTest, MountCompensation
+from ldbb_bayes.campaign.campaign import LABELS, PER_TEST, Campaign, CircularTest, ForceLaw, MountCompensation
 from ldbb_bayes.campaign.headers import (
     Heading,
     Said,
     directions_said,
     find_headings,
     load_in_name,
+    not_understood,
     note_heading,
     said_above,
     said_elsewhere,
@@ -49,8 +50,8 @@ _MORE_THAN_A_TURN = 1.02
 _HALF_DEG, _OF_A_FILE = (150.0, 240.0), ("name", "time_s", "temperature_C")
 # Steps of readings that a readout may have [µm], at most this share of their span.
 _STEPS_UM, _LARGEST_STEP = (0.001, 5.0), 0.1
-# Shares by which a value may be rounded: in a line, in a name.
-_IN_LINE, _IN_NAME = 1e-3, 0.02
+# Shares by which a value may be rounded: in a line, in a name; and a force be off what the force law makes of its pressure.
+_IN_LINE, _IN_NAME, _OFF_LAW = 1e-3, 0.02, 0.05
 _UNIT = {"force_N": "N", "pressure_bar": "bar", "radius_mm": "mm", "feed_mm_per_min": "mm/min"}
 _UNIT |= {"resolution_um": "µm"}
 _LOADS = {"force_N": ("force", "forces_N"), "pressure_bar": ("pressure", "pressures_bar")}
@@ -60,8 +61,8 @@ _OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {key: f"--{key.replac
 # Of these each test may say its own; of people, places and instruments all are named.
 _OF_EACH, _OF_SEVERAL = ("plane", "date"), ("operator", "place", "ball_bar", "force_device")
 _MAY_DIFFER = (*_OF_SEVERAL, "ball_bar_calibrated", "feed_mm_per_min")
-_SENSES = dict.fromkeys(("CLOCKWISE", "-", "G2", "G02"), "CW")
-_SENSES |= dict.fromkeys(("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03"), "CCW")
+_SENSES = dict.fromkeys(("CLOCKWISE", "-", "G2", "G02", "UZ", "UZS", "IMUZS", "IMUHRZEIGERSINN"), "CW")
+_SENSES |= dict.fromkeys(("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03", "GUZ", "GUZS", "GEGENDENUHRZEIGERSINN"), "CCW")
 
 
 def _option(key: str) -> str:
@@ -89,6 +90,7 @@ class _Table:
     campaign: Mapping[str, Any]  # fields of the campaign that were given
     notes: Notes
     fields: dict[str, Any]  # of the test, from columns that hold one value for it
+    of_all: Sequence[tuple[str, str]]  # lines of sheets left out that speak of all tests
 
     @property
     def place(self) -> str:
@@ -169,7 +171,8 @@ class _Table:
         """CW or CCW: as given, by the words of its column, the lines above and names; None where none says it."""
         given: str | None = self.given("direction")
         lines = {_sense(word): line for word, line in self.words.items() if word}
-        said = set(lines) or directions_said(self.heading.above, self.names())
+        elsewhere = directions_said(self.of_all, ())  # both: not of one test
+        said = set(lines) or directions_said(self.heading.above, self.names()) or (elsewhere if len(elsewhere) == 1 else set())
         if given is not None:
             if said - {given}:
                 self.note("direction", f"{given}, as given", "the file says the other", "--direction")
@@ -405,7 +408,7 @@ def _tests_in(
             }
             heard = replace(own, above=[*own.above, *of_one])
             above = all_said | said_above(heard.above)
-            yield _Table(sheet, heard, name, at, part, words, above, layout, stated, campaign, notes, fields)
+            yield _Table(sheet, heard, name, at, part, words, above, layout, stated, campaign, notes, fields, of_all)
 
 
 def _names(sheet: Sheet, label: str) -> list[str]:
@@ -512,7 +515,7 @@ def import_campaign(
         if entry.file not in used:
             notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], "no file, sheet or label of that name", "--layout")
     _take_resolution(campaign, tests, notes)
-    unsaid = _note_machine(campaign, tests, notes)
+    unsaid = _note_machine(campaign, tests, notes, not_understood(tables[0].of_all))
     campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
     return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid)
 
@@ -607,9 +610,11 @@ def _take_resolution(campaign: dict[str, Any], tests: Sequence[CircularTest], no
         )
 
 
-def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], notes: Notes) -> tuple[str, ...]:
-    """What the model needs to know of the machine and no table says: its fields are told."""
-    unsaid = []
+def _note_machine(
+    campaign: Mapping[str, Any], tests: Sequence[CircularTest], notes: Notes, unclear: Mapping[str, str]
+) -> tuple[str, ...]:
+    """What the model needs to know of the machine and no table says, or not clearly: its fields are told."""
+    unsaid, law, unclear = [], ForceLaw(), dict(unclear)
     for key, value, option in (
         ("topology", "wCAFYXZSt", "--topology"),
         ("plane", "XY", "--plane"),
@@ -618,11 +623,19 @@ def _note_machine(campaign: Mapping[str, Any], tests: Sequence[CircularTest], no
         ("mount", "readings compensated for its deflection", "--raw"),
     ):
         if key not in campaign and not (key in ("radius_mm", "plane") and all(getattr(test, key) for test in tests)):
-            notes.add("", key, value, "nothing says otherwise", option)
+            notes.add("", key, value, unclear.pop(key, "nothing says otherwise"), option)
             unsaid.append(key)
+    for key, line in unclear.items():
+        notes.add("", key, "not taken from there", line, _option(key))
+    both = [(own.force_N, own.pressure_bar) for own in tests]
+    apart = [(f, bar) for f, bar in both if f is not None and bar is not None and abs(law.force_N(bar) - f) > _OFF_LAW * abs(f)]
+    if apart and "force_law" not in campaign:
+        said = ", ".join(f"{force:g} N at {bar:g} bar" for force, bar in apart)[:_LONGEST_LIST]
+        by_law = ", ".join(f"{law.force_N(bar):.4g} N" for _, bar in apart)[:_LONGEST_LIST]
+        notes.add("", "force", said, f"of the pressures the force law makes {by_law}", "--force-slope, --force-offset")
     if any(test.force_N is None for test in tests) and "force_law" not in campaign:
-        law = "126.04 N/bar × pressure − 14.2 N"
-        notes.add("", "force", law, "pressure alone is given", "--force-slope, --force-offset")
+        words = f"{law.slope_N_per_bar:g} N/bar × pressure − {-law.offset_N:g} N"
+        notes.add("", "force", words, "pressure alone is given", "--force-slope, --force-offset")
     return tuple(unsaid)
 
 
