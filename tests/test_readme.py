@@ -55,7 +55,7 @@ def desk(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_python_runs(root: Path, desk: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", text(root), re.S)
-    assert len(blocks) == 5
+    assert len(blocks) == 6
     for block in blocks:
         done = subprocess.run([sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, cwd=desk, check=False)
         assert done.returncode == 0, done.stderr

@@ -60,6 +60,9 @@ def average(
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     check_campaign(campaign)
+    holds = isinstance(models, Mapping) and all(isinstance(own, HybridModel) for own in models.values())
+    cure = 'Call lb.average({"constant": model.with_degree(0), "linear": model}, campaign)'
+    require(holds, f"models must be HybridModels by name, not yet fitted, got {type(models).__name__}. {cure}.")
     require(len(models) > 0, "models must be given, got none. Average for example constant and linear compliance.")
     require(draws >= _FEWEST, f"draws must be at least {_FEWEST}, got {draws}. The default is 4000.")
     evidences = (evidences or Evidences(campaign)).of_campaign(campaign)

@@ -17,6 +17,7 @@ from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import path_draws
 from ldbb_bayes.analysis.identifiability import ParameterIdentifiability, Verdict
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.posterior import ConcernKind, Fit, State, bound_of, curves_of, draws_of
 from ldbb_bayes.jobs import one_blas_thread
@@ -30,13 +31,29 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
 
 __all__ = [
-    "Conformity", "Decision", "Judgement", "Quantity", "Reason", "ReasonKind", "Tolerance", "Use", "conformity", "is_determined",
-    "normal_conformity", "quantities", "quantities_of", "state_of", "tolerances_in",
+    "Conformity",
+    "Decision",
+    "Judgement",
+    "Quantity",
+    "Reason",
+    "ReasonKind",
+    "Tolerance",
+    "Use",
+    "check_force",
+    "conformity",
+    "is_determined",
+    "normal_conformity",
+    "quantities",
+    "quantities_of",
+    "state_of",
+    "tolerances_in",
 ]  # fmt: skip
 
 _PATHS = {"G": ("upper",), "F_max": ("upper",), "F_min": ("lower",)}
 _POSITIVE = re.compile(r"C_(.)\1.")  # deflection and tilt under their own force and moment
+_NEVER_NEGATIVE = re.compile(_POSITIVE.pattern + r"|stiffness_.|G(_..)?")
 _FEW, _TRACES = 10, 2000
+_LEAST, _MOST = 0.1, 1.5  # of the tested forces, where C(F) may be stated
 _HARDLY = 0.9
 
 
@@ -117,8 +134,22 @@ def tolerances_in(known: Mapping[str, Quantity], given: Mapping[str, str | Toler
     read = {}
     for name, tolerance in ((inside_name(name), own) for name, own in given.items()):
         check_known("tolerance", [name], known)
-        read[name] = tolerance if isinstance(tolerance, Tolerance) else _read(name, tolerance, known[name])
+        read[name] = own = tolerance if isinstance(tolerance, Tolerance) else _read(name, tolerance, known[name])
+        limit = own.lower if own.upper is None else own.upper
+        said = (
+            f"tolerance of {name} must have a limit above 0, for {name} cannot be negative, got {tolerance}. Leave the sign out."
+        )
+        require(limit is None or limit > 0.0 or not _NEVER_NEGATIVE.fullmatch(name), said)
     return read
+
+
+def check_force(campaign: Campaign, force_N: float | None) -> None:
+    """Refuse a force far from those tested, at which nothing can be stated; None passes."""
+    least, most = (float(end) for end in (campaign.forces_N.min(), campaign.forces_N.max()))
+    got = f"{campaign.name!r} was tested from {least:g} to {most:g} N, got {force_N}"
+    cure = "Choose one within what was tested, or test at that force"
+    said = f"force_N (--force-N) must be a force from {_LEAST * least:g} to {_MOST * most:g} N, for {got}. {cure}."
+    require(force_N is None or (force_N > 0.0 and _LEAST * least <= force_N <= _MOST * most), said)
 
 
 def _read(name: str, text: str, quantity: Quantity) -> Tolerance:
@@ -157,7 +188,8 @@ def conformity(
     tolerances : mapping of name to str or Tolerance, optional
         Default: those of the campaign. Names are parameters, ``stiffness_X`` (1/C_XXX), and G, F_max and F_min of the machine's
         path, with the plane where there are several (``G_YZ``).
-    force_N : at which compliances, stiffnesses and the path are stated; default: the model's reference force, where C(F) is C.
+    force_N : at which compliances, stiffnesses and the path are stated, from a tenth of the least force tested to 1.5 times the
+        largest; default: the model's reference force, where C(F) is C.
     confidence : probability that a decision asks for.
     """
     require(0.5 < confidence < 1.0, f"confidence must lie between 0.5 and 1, got {confidence}. For 95 % give 0.95.")
@@ -165,7 +197,7 @@ def conformity(
     known = quantities_of(bound)
     read = tolerances_in(known, bound.campaign.tolerances if tolerances is None else tolerances)
     force = bound.setting.reference_force_N if force_N is None else float(force_N)
-    require(np.isfinite(force) and force > 0.0, f"force_N must be a force above 0, got {force}. Give it in N.")
+    check_force(bound.campaign, force_N)
     if not read:
         return {}
     draws = dict(_draws(posterior, bound, read, force))

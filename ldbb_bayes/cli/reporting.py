@@ -194,6 +194,7 @@ Reported = tuple["Document", tuple[Any, ...], bool]
 
 def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.HybridModel, *, ask: bool) -> Reported:
     """Everything, into a folder of its own: the page, what is printed, and whether all fits reached their target."""
+    from ldbb_bayes.analysis.conformity import check_force
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.inference.posterior import record_of
     from ldbb_bayes.report.findings import full_result
@@ -206,14 +207,18 @@ def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.Hy
     output.out = output.out or source.folder()
     output.check(*RESULT_FILES, *REPORT_FILES, *BESIDE)
     campaign, imported = source.campaign(ask=ask)
+    check_force(campaign, asked.get("force_N"))
     campaign = with_tolerances(campaign, model, asked.get("tolerances", {}))
     with options.step_progress(output.quiet, **_STEPS) as begin:
         fit, worked = _worked(campaign, model, begin, asked)
-        result = full_result(fit, asked["ci_prob"])
+        numbers = fit if worked["averaged"] is None else worked["averaged"]
+        result, stated = (full_result(own, asked["ci_prob"]) for own in (fit, numbers))
+        if campaign.tolerances:  # decided once: what the sheets state, at their force
+            decided = lb.conformity(numbers, force_N=asked.get("force_N"))
+            result["conformity"] = stated["conformity"] = {name: own.as_dict() for name, own in decided.items()}
         with staged_folder(output.out, force=output.force, ours=output.files) as staging:
             _write_beside(staging, fit, result, imported, worked)
             document = lb.write_report(fit, staging, **worked, **_of_page(asked), progress=begin("page"))
-    stated = result if worked["averaged"] is None else full_result(worked["averaged"], asked["ci_prob"])
     parts = _said(imported, fit, stated, worked)
     return document, parts, record_of(fit)["sampler"]["converged"]
 
@@ -360,7 +365,7 @@ _REPORT = group(
     language=option(str, "Of the two sheets: en or de.", "en", metavar="en|de"),
     annex=option(bool, "Print all that follows the two sheets too.", False),
     tolerance=options.TOLERANCE,
-    force_N=option(float, "Force (N) at which the sheets state stiffness. Default: the middle of those tested.", min=0.0),
+    force_N=option(float, "Force (N) at which the sheets state stiffness. Default: the middle of those tested."),
     ci=options.CI,
     seed=options.SEED,
 )

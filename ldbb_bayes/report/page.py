@@ -17,10 +17,11 @@ from markupsafe import Markup
 
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, MINIMUM_ZONES, QUANTITIES, contributions, measured_circularity
 from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.conformity import check_force
 from ldbb_bayes.analysis.design.design import Design
 from ldbb_bayes.analysis.differences import differences
 from ldbb_bayes.files import check_target, staged_folder, write_whole
-from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of, result_json
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of, result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.dcc import write_dcc
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find
@@ -232,6 +233,7 @@ def write_report(
     """
     folder = Path(folder)
     check_folder(folder)
+    check_force(campaign_of(posterior), force_N)
     apart = tuple(
         Beside(
             name,

@@ -21,7 +21,7 @@ import numpy as np
 from ldbb_bayes.analysis.circularity import circularity
 from ldbb_bayes.analysis.conformity import Use, is_determined
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, numbers_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, curves_of, draws_of, numbers_of
 from ldbb_bayes.model.fourier import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength, Term, uncertainties
 from ldbb_bayes.report.sections import Picture, picture
@@ -393,6 +393,9 @@ def _banner(own: Numbers) -> Banner:
         by_kind.setdefault(str(reason.kind).replace("-", "_"), []).extend(names)
     reasons = [words(f"state.{kind}", names=words.joined(names)) for kind, names in by_kind.items()]
     reasons += [words("state.least_squares")] if found.flat else []
+    forces = campaign_of(found.numbers).forces_N
+    if not forces.min() <= own.force_N <= forces.max():
+        reasons.insert(int(judged.use == Use.DO_NOT_USE), words("state.outside", force=words.number(f"{own.force_N:.4g}")))
     certified = [] if found.flat else [given for *_, given in _instrument(found)]
     kind = "unusable" if judged.use == Use.DO_NOT_USE else "reserved" if reasons else "usable"
     because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")

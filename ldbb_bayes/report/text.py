@@ -233,7 +233,8 @@ def conformity_table(found: Mapping[str, Mapping[str, Any]]) -> Table:
         cells = (limits, wording.probability_words(own["probability"]), band, label, own["decision"])
         rows.append((display_name(name), *cells))
     heads = ("quantity", "tolerance", "P(conforms)", "guard band", "unit", "decision")
-    return Table.of("Conformity (ISO 14253-1, JCGM 106)", heads, rows, text=("unit", "decision"))
+    where = "".join(f", at {force:g} N" for force in sorted({own["force_N"] for own in found.values()} - {None}))
+    return Table.of(f"Conformity (ISO 14253-1, JCGM 106){where}", heads, rows, text=("unit", "decision"))
 
 
 _ODD = 2.5

@@ -114,5 +114,7 @@ def test_refusals() -> None:
         lb.average({"constant": LINEAR.with_degree(0).without("joint-load", "discrepancy"), "linear": LINEAR}, CAMPAIGN)
     with pytest.raises(InputError, match=r"draws must be at least 400, got 10\."):
         lb.average(PAIR, CAMPAIGN, draws=10)
+    with pytest.raises(InputError, match=r"models must be HybridModels by name, .*got DataTree\. Call lb\.average\({"):
+        lb.average(lb.sample(LINEAR, CAMPAIGN, sampler="independent"), CAMPAIGN)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"evidences must be of the campaign .*Evidences\(campaign\)"):
         lb.average(PAIR, CAMPAIGN, evidences=lb.Evidences(simulated(plan((30,) * 4), seed=2)))

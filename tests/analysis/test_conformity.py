@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -109,6 +110,10 @@ def test_texts_are_limits_with_their_units() -> None:
         ({"C_XXX": "60 µm"}, r"tolerance of C_XXX must be a number with its unit, got '60 µm'\."),
         ({"E_XX1": "40..−20 µm/m"}, r"tolerance of E_XX1 must have its lower limit first, got '40\.\.−20 µm/m'\."),
         ({"G_YZ": "4 µm"}, r"tolerance must be one of .*got 'G_YZ'"),
+        *(
+            ({name: limit}, f"tolerance of {name} must have a limit above 0, .*got {re.escape(limit)}")
+            for name, limit in {"C_XXX": "-5 nm/N", "C_CCY": "≤ -1 µrad/(N m)", "stiffness_X": "-2 N/µm", "G": "0 µm"}.items()
+        ),
     ],
 )
 def test_refused(posterior: Any, given: dict[str, str], message: str) -> None:
@@ -127,6 +132,9 @@ def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
     table = lb.circularity(posterior, [force]).set_index("quantity")
     assert found["G"].mean == pytest.approx(table.loc["G", "mean"] * 1e-3, rel=1e-9)
     assert (found["G"].force_N, found["E_XX1"].force_N) == (force, None)
+    for far in (-5.0, 0.0, float("nan"), 0.09 * CAMPAIGN.forces_N.min(), 1.6 * CAMPAIGN.forces_N.max()):
+        with pytest.raises(InputError, match=rf"force_N \(--force-N\) must be a force from .* tested from .* got {far}"):
+            lb.conformity(posterior, {"C_XXX": "60 nm/N"}, force_N=far)
     middle = lb.conformity(posterior, {"C_XXX": "60 nm/N"})["C_XXX"]
     assert (middle.mean, middle.force_N) == (pytest.approx(lb.summarize(posterior).loc["C_XXX", "mean"]), 389.0)
 

@@ -130,14 +130,19 @@ WRITTEN = {"averaged.nc", "campaign", "comparison.json", "dcc.xml", "design.json
 @pytest.mark.parametrize("name", CASES)
 def test_one_command_from_files_to_two_sheets(name: str, tmp_path: Path, invoke: Invoke) -> None:
     given = CASES[name](tmp_path)
-    code, shown, said = invoke("report", *given, "--out", tmp_path / "out", "--language", "de", "--annex")
+    asked = ("--language", "de", "--annex", "--force-N", 350)
+    code, shown, said = invoke("report", *given, "--out", tmp_path / "out", *asked, "--tolerance", "C_XXX=70 nm/N")
     assert (code, said) == (0, "")
     assert {own.name for own in (tmp_path / "out").iterdir()} == WRITTEN
     assert "Averaged over constant and linear" in shown
+    assert "JCGM 106), at 350 N" in shown
+    averaged = lb.conformity(lb.load(tmp_path / "out" / "averaged.nc"), force_N=350.0)["C_XXX"].as_dict()
+    for file in ("summary.json", "report.json"):
+        assert json.loads((tmp_path / "out" / file).read_text(encoding="utf-8"))["conformity"] == {"C_XXX": averaged}
     first, _ = sheets(tmp_path / "out" / "report.pdf")
     for word in ("DMG Mori DMU 50", "1139-4711", "Jörg Müller", "QC20-W Nr. K12345"):
         assert word in first
-    code, _, said = invoke("report", tmp_path / "out", "--force", "--language", "de", "--annex", "--quiet")
+    code, _, said = invoke("report", tmp_path / "out", "--force", *asked, "--quiet")
     assert (code, said) == (0, "")
     assert sheets(tmp_path / "out" / "report.pdf")[0] == first, "the page of the result is the page of the files"
 

@@ -97,6 +97,8 @@ COMMANDS: dict[str, list[tuple[str, str]]] = {
         ("PLAN", "must have readings to be reported"),
         ("CAMPAIGN --unit mm", "must go with tables"),
         ("CAMPAIGN --degree 2", "--degree 1"),
+        ("CAMPAIGN --force-N 99999", "(--force-N) must be a force from"),
+        ("CAMPAIGN --force-N -5", "got -5.0. Choose one within what was tested"),
     ],
 }
 

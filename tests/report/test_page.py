@@ -180,12 +180,14 @@ def test_numbers_of_an_average() -> None:
     campaign, model = simulated(plan()), lb.HybridModel.first(1).without("discrepancy", "setup-shift")
     averaged = lb.average({"constant": model.with_degree(0), "linear": model}, campaign, draws=400)
     found = find(fitted(model, campaign), comparison=NOT_COMPARED, recommended=NOT_COMPARED, averaged=averaged)
-    for force in (None, 500.0):
+    for force in (None, 500.0, 1000.0):
         first, second = sheets(found, force_N=force)
         row = next(row for block in second.blocks if isinstance(block, Table) for row in block.rows if row[1] == "C_XXX")
-        draws = averaged["posterior"]["C_XXX"].values if force is None else curves_of(averaged, np.array([500.0]))[:, 0, 0]
+        draws = averaged["posterior"]["C_XXX"].values if force is None else curves_of(averaged, np.array([force]))[:, 0, 0]
         assert row[2:4] == value_and_uncertainty(1e6 * float(draws.mean()), 1e6 * float(draws.std(ddof=1)))
         said = next(block for block in first.blocks if isinstance(block, str) and block.startswith("Does compliance"))
+        (banner,) = (block for block in first.blocks if isinstance(block, Banner))
+        assert ("stated at 1000 N, outside the tested forces" in banner.sentence) == (force == 1000.0)
         assert re.search(r"constant compliance .* %, linear compliance .* %", said)
 
 
