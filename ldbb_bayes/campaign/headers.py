@@ -569,7 +569,7 @@ def _heads_a_list(filled: Sequence[str]) -> bool:
 
 # What a line of such a sheet may speak of in words that are not understood.
 _SPOKEN_OF = {key: re.compile(rf"\b{_SAID[key][0]}\b", re.I) for key in ("force_N", "pressure_bar", "feed_mm_per_min")}
-_SPOKEN_OF |= {"radius_mm": re.compile("radius", re.I), "direction": _DIRECTION, "mount": re.compile("ompens|mount", re.I)}
+_SPOKEN_OF |= {"radius_mm": re.compile("(?i)(?<!kugel)radius"), "direction": _DIRECTION, "mount": re.compile("(?i)ompens|mount")}
 
 
 def not_understood(lines: Lines) -> dict[str, str]:

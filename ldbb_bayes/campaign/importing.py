@@ -62,7 +62,7 @@ _OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {key: f"--{key.replac
 _OF_EACH, _OF_SEVERAL = ("plane", "date"), ("operator", "place", "ball_bar", "force_device")
 _MAY_DIFFER = (*_OF_SEVERAL, "ball_bar_calibrated", "feed_mm_per_min")
 _SENSES = dict.fromkeys(("CLOCKWISE", "-", "G2", "G02", "UZ", "UZS", "IMUZS", "IMUHRZEIGERSINN"), "CW")
-_SENSES |= dict.fromkeys(("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03", "GUZ", "GUZS", "GEGENDENUHRZEIGERSINN"), "CCW")
+_SENSES |= dict.fromkeys(("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03", "GUZ", "GUZS", "GEGENUHRZEIGERSINN"), "CCW")
 
 
 def _option(key: str) -> str:
@@ -71,7 +71,7 @@ def _option(key: str) -> str:
 
 def _sense(word: str) -> str:
     """CW or CCW, or the word itself."""
-    return _SENSES.get(re.sub(r"(?<=\w)[-_ ]", "", word.upper()), word.upper())
+    return _SENSES.get(re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.upper()), word.upper())
 
 
 @dataclass
