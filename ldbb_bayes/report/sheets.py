@@ -401,7 +401,7 @@ def _banner(own: Numbers) -> Banner:
     because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")
     if kind != "unusable" and not all(certified):
         because += words(f"state.{'partly' if any(certified) else 'none'}_stated")
-    return Banner(kind, words("state.sentence", state=words(f"state.{kind}"), reason=because))
+    return Banner(kind, words("state.sentence", state=words(f"state.{kind}"), reason=because[:1].upper() + because[1:]))
 
 
 def _conformity(own: Numbers) -> Iterator[Table | str]:

@@ -94,9 +94,9 @@ def test_demo(tmp_path: Path) -> None:
     done = run("demo", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     words = " ".join(done.stdout.split())
-    for expected in ("Constant compliance", "Linear compliance", "(k = 2)", "N/µm", "confounded with ball form", "identified"):
+    for expected in ("Constant compliance", "Linear compliance", "(k = 2)", "N/µm", "confounded with ball form", "prior-limited"):
         assert expected in words
-    assert "With constant compliance, which the readings prefer: C_XXX = 5" in words
+    assert "CAN BE USED WITH THIS RESERVATION. Not determined by the readings: Squareness of X to Y." in words
     out = tmp_path / "ldbb_demo"
     assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]
     assert {path.name for path in (out / "figures").iterdir()} == {
