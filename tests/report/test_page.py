@@ -187,7 +187,7 @@ def test_numbers_of_an_average() -> None:
         assert row[2:4] == value_and_uncertainty(1e6 * float(draws.mean()), 1e6 * float(draws.std(ddof=1)))
         said = next(block for block in first.blocks if isinstance(block, str) and block.startswith("Does compliance"))
         (banner,) = (block for block in first.blocks if isinstance(block, Banner))
-        assert ("stated at 1000 N, outside the tested forces" in banner.sentence) == (force == 1000.0)
+        assert ("Stated at 1000 N, outside the tested forces" in banner.sentence) == (force == 1000.0)
         assert re.search(r"constant compliance .* %, linear compliance .* %", said)
 
 

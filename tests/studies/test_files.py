@@ -10,8 +10,7 @@ import fuzz
 import malformed
 import numpy as np
 import pytest
-from click.testing import Result
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
