@@ -137,8 +137,13 @@ class Statement:
     value: str  # to the place of u
     u: str  # standard uncertainty, two significant digits
     expanded: str  # U (k = 2); of a skewed distribution the distances to the ends of the interval, +a/−b
-    interval: str  # credible
+    ends: tuple[str, str]  # of the credible interval
     unit: str
+
+    @property
+    def interval(self) -> str:
+        """Both ends in brackets."""
+        return f"[{self.ends[0]}, {self.ends[1]}]"
 
 
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
@@ -151,7 +156,7 @@ def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> S
         above, below = (round_like(distance, decimals) for distance in (high - middle, middle - low))
         expanded = f"+{above} / −{below}" if low <= middle <= high else "see interval"
     value, least, most = (round_like(number, decimals).replace("-", "−") for number in (middle, low, high))
-    return Statement(value, u, expanded, f"[{least}, {most}]", label)
+    return Statement(value, u, expanded, (least, most), label)
 
 
 def is_skewed(mean: float, interval: tuple[float, float]) -> bool:

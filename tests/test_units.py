@@ -119,10 +119,10 @@ def test_units_and_names() -> None:
 @pytest.mark.parametrize(
     ("mean", "sd", "interval", "unit", "expected"),
     [
-        (5.478e-5, 3.301e-6, (4.824e-5, 6.134e-5), "mm/N", Statement("54.8", "3.3", "6.6", "[48.2, 61.3]", "nm/N")),
-        (7.3e-8, 4.5e-8, (1.1e-8, 1.78e-7), "rad", Statement("0.073", "0.045", "+0.105 / −0.062", "[0.011, 0.178]", "µrad")),
-        (-2e-8, 1e-6, (-2e-6, 2e-6), "rad", Statement("0.0", "1.0", "2.0", "[−2.0, 2.0]", "µrad")),
-        (0.0, 0.0, (0.0, 0.0), "mm", Statement("0.00", "0", "0", "[0.00, 0.00]", "µm")),
+        (5.478e-5, 3.301e-6, (4.824e-5, 6.134e-5), "mm/N", Statement("54.8", "3.3", "6.6", ("48.2", "61.3"), "nm/N")),
+        (7.3e-8, 4.5e-8, (1.1e-8, 1.78e-7), "rad", Statement("0.073", "0.045", "+0.105 / −0.062", ("0.011", "0.178"), "µrad")),
+        (-2e-8, 1e-6, (-2e-6, 2e-6), "rad", Statement("0.0", "1.0", "2.0", ("−2.0", "2.0"), "µrad")),
+        (0.0, 0.0, (0.0, 0.0), "mm", Statement("0.00", "0", "0", ("0.00", "0.00"), "µm")),
     ],
 )
 def test_a_result_as_it_is_written(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: Statement) -> None:

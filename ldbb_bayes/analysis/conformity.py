@@ -31,22 +31,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
 
 __all__ = [
-    "Conformity",
-    "Decision",
-    "Judgement",
-    "Quantity",
-    "Reason",
-    "ReasonKind",
-    "Tolerance",
-    "Use",
-    "check_force",
-    "conformity",
-    "is_determined",
-    "normal_conformity",
-    "quantities",
-    "quantities_of",
-    "state_of",
-    "tolerances_in",
+    "Conformity", "Decision", "Judgement", "Quantity", "Reason", "ReasonKind", "Tolerance", "Use", "check_force", "conformity",
+    "is_determined", "normal_conformity", "quantities", "quantities_of", "state_of", "tolerances_in",
 ]  # fmt: skip
 
 _PATHS = {"G": ("upper",), "F_max": ("upper",), "F_min": ("lower",)}

@@ -21,17 +21,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.result import Table
 
 __all__ = [
-    "ATLAS_FILES",
-    "LAYOUT_OPTIONS",
-    "batch",
-    "check",
-    "import_",
-    "machine",
-    "population",
-    "simulate",
-    "trend",
-    "write_atlases",
-]
+    "ATLAS_FILES", "LAYOUT_OPTIONS", "batch", "check", "import_", "machine", "population", "simulate", "trend", "write_atlases",
+]  # fmt: skip
 
 _ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 

@@ -27,15 +27,9 @@ from ldbb_bayes.model.truncation import Orthant
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "Evidences",
-    "check_comparable",
-    "leave_one_out",
-    "log_bayes_factor",
-    "log_evidence",
-    "log_prob_truncation",
-    "marginals",
+    "Evidences", "check_comparable", "leave_one_out", "log_bayes_factor", "log_evidence", "log_prob_truncation", "marginals",
     "probabilities",
-]
+]  # fmt: skip
 
 _NEARLY_ONE, _ROUGH = 0.1, 0.1
 _DRAWS, _SAME = 16_384, 1e-12

@@ -30,36 +30,12 @@ from ldbb_bayes.result import Array, ByRow, Numbers, Result
 from ldbb_bayes.units import ranked
 
 __all__ = [
-    "SHIFTED",
-    "Check",
-    "CheckKind",
-    "FitQuality",
-    "LeastSquares",
-    "Part",
-    "TestChecks",
-    "autocorrelation",
-    "averaged_checks",
-    "band_um",
-    "centre_shift",
-    "compliance_curves",
-    "draw_shared",
-    "effects",
-    "every_check",
-    "failing",
-    "fit_quality",
-    "harmonics_of",
-    "in_order_of_force",
-    "least_squares",
-    "machine_coefficients",
-    "new_circle_coefficients",
-    "predictive_checks",
-    "quality_of",
-    "replicate_left_out",
-    "residuals_mm",
-    "shared_coefficients",
-    "shared_columns",
+    "SHIFTED", "Check", "CheckKind", "FitQuality", "LeastSquares", "Part", "TestChecks", "autocorrelation", "averaged_checks",
+    "band_um", "centre_shift", "compliance_curves", "draw_shared", "effects", "every_check", "failing", "fit_quality",
+    "harmonics_of", "in_order_of_force", "least_squares", "machine_coefficients", "new_circle_coefficients",
+    "predictive_checks", "quality_of", "replicate_left_out", "residuals_mm", "shared_coefficients", "shared_columns",
     "shared_terms",
-]
+]  # fmt: skip
 
 _DRAWS = 500
 _RANK = 1e-6

@@ -7,7 +7,7 @@ import io
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from typing import Any, TypeAlias
@@ -25,7 +25,7 @@ from ldbb_bayes.analysis.identifiability import Budget, Contribution, describe
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.report import figures, wording
 from ldbb_bayes.report.findings import Findings, further_remarks
-from ldbb_bayes.report.text import Passage, nuisance_table, parameter_table, parts_of, results_table, two_digits
+from ldbb_bayes.report.text import Passage, comparison_parts, nuisance_table, parameter_table, parts_of, results_table, two_digits
 from ldbb_bayes.report.wording import nuisance_words, source_words, unit_words
 from ldbb_bayes.result import Table
 from ldbb_bayes.units import display_name, display_unit, ranked, round_like, round_uncertainty, state
@@ -153,19 +153,10 @@ def degree(found: Findings) -> Iterator[Part]:
     if not isinstance(compared, Comparison):
         yield f"The models were not compared: {compared}"
         return
-    yield from map(_without_rmse, parts_of(compared))
+    yield from comparison_parts(compared, rmse=False)  # that of the fit, of other draws, stands with the fit
     yield picture("evidence", compared)
     if not compared.local_fits.empty:
         yield picture("compliance_with_local_fits", compared)
-
-
-def _without_rmse(part: Part) -> Part:
-    """A table of models without their RMSE, which stands with the fit, of other draws."""
-    if not isinstance(part, Table) or not any(head.startswith("RMSE") for head in part.heads):
-        return part
-    kept = [k for k, head in enumerate(part.heads) if not head.startswith("RMSE")]
-    rows = tuple(tuple(row[k] for k in kept) for row in part.rows)
-    return replace(part, heads=tuple(part.heads[k] for k in kept), numeric=tuple(part.numeric[k] for k in kept), rows=rows)
 
 
 _SMALL, _RUNNERS = 0.005, 0.05

@@ -166,8 +166,7 @@ class Stated:
     def with_u(self) -> tuple[str, str, str, str]:
         """Value and u to the same place, and the ends of the interval."""
         own = state(self.mean, self.sd, self.interval, self.unit)
-        low, high = own.interval.strip("[]").split(", ")
-        return own.value, own.u, low, high
+        return own.value, own.u, *own.ends
 
     @property
     def with_U(self) -> tuple[str, str]:

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.model.terms import Uncertainties
 
 __all__ = [
-    "Passage", "conformity_table", "html_of", "lines_of", "nuisance_table", "parameter_table", "parts_of", "parts_of_fit",
-    "results_table", "text_of", "two_digits",
+    "Passage", "comparison_parts", "conformity_table", "html_of", "lines_of", "nuisance_table", "parameter_table", "parts_of",
+    "parts_of_fit", "results_table", "text_of", "two_digits",
 ]  # fmt: skip
 
 Passage: TypeAlias = Table | str | tuple[str, ...]
@@ -341,11 +341,16 @@ def _(validation: Validation) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _(result: Comparison) -> tuple[Passage, ...]:
-    tables = (_models_table(result), _assumption_table(result), _slopes_table(result), _left_out_table(result))
+    return comparison_parts(result)
+
+
+def comparison_parts(result: Comparison, *, rmse: bool = True) -> tuple[Passage, ...]:
+    """Return the tables and sentences of a comparison, with or without the RMSE of its models."""
+    tables = (_models_table(result, rmse), _assumption_table(result), _slopes_table(result), _left_out_table(result))
     return (*(table for table in tables if table.rows), *wording.comparison_sentences(result))
 
 
-def _models_table(comparison: Comparison) -> Table:
+def _models_table(comparison: Comparison, rmse: bool) -> Table:
     """A row per model: ln B over the first, probability, leave-one-force-out, RMSE."""
     first = comparison.pair[0]
     rows = []
@@ -357,10 +362,11 @@ def _models_table(comparison: Comparison) -> Table:
             error = max(comparison.log_bayes_factor_error[ratio], 1e-3)
             factor = (f"{comparison.log_bayes_factor[ratio]:+.3f}", f"{error:.1g}")
             elpd = ("–", "–") if gain is None else (f"{gain.value:+.1f}", f"{gain.se:.1f}")
-        fits = (f"{model.rmse_um:.2f}", "–" if np.isnan(squares) else f"{squares:.2f}")
+        fits = (*([f"{model.rmse_um:.2f}"] if rmse else []), "–" if np.isnan(squares) else f"{squares:.2f}")
         rows.append((name, *factor, f"{model.posterior_probability:.3g}", *elpd, *fits))
     over = [f"{what} over {first} (nat)" for what in ("ln B", "elpd")]
-    heads = ("model", over[0], "error", "probability", over[1], "u of elpd", "RMSE of the model (µm)", "least squares (µm)")
+    fitted = (*(["RMSE of the model (µm)"] if rmse else []), "least squares (µm)")
+    heads = ("model", over[0], "error", "probability", over[1], "u of elpd", *fitted)
     return Table.of("Models at equal prior odds", heads, rows)
 
 
