@@ -214,7 +214,7 @@ def test_words_are_those_of_the_field(root: Path) -> None:
     assert list(glossary) == sorted(glossary, key=str.casefold)
     lines = [f"- **{term}**: {text}" for term, text in glossary.items()]
     assert "\n".join(lines) in (root / "docs" / "notation.md").read_text(encoding="utf-8")
-    pages = [*TEMPLATES.parents[1].rglob("*.py"), *TEMPLATES.iterdir(), *(root / "docs").glob("*.md"), root / "README.md"]
+    pages = [*TEMPLATES.parents[1].rglob("*.py"), *TEMPLATES.iterdir(), *(root / "docs").rglob("*.md"), root / "README.md"]
     found = {f"{page.name}: {own[0]}" for page in pages for own in re.finditer(PRIVATE, page.read_text(encoding="utf-8"))}
     assert not found
 
