@@ -12,9 +12,9 @@ from .analysis.comparison import read_comparison as read_comparison
 from .analysis.conformity import Conformity as Conformity
 from .analysis.conformity import Tolerance as Tolerance
 from .analysis.conformity import conformity as conformity
-from .analysis.design.design import Design as Design
-from .analysis.design.design import design as design
-from .analysis.design.design import read_design as read_design
+from .analysis.design import Design as Design
+from .analysis.design import design as design
+from .analysis.design import read_design as read_design
 from .analysis.differences import differences as differences
 from .analysis.identifiability import Identifiability as Identifiability
 from .analysis.identifiability import ParameterIdentifiability as ParameterIdentifiability
@@ -45,13 +45,13 @@ from .campaign.preview import preview as preview
 from .errors import InputError as InputError
 from .fleet.batch import Batch as Batch
 from .fleet.batch import batch as batch
-from .fleet.charts import control_chart as control_chart
 from .fleet.dataset import read_batch as read_batch
 from .fleet.population import Population as Population
 from .fleet.population import PopulationPrior as PopulationPrior
 from .fleet.population import population as population
 from .fleet.population import prior_from as prior_from
 from .fleet.trend import Trend as Trend
+from .fleet.trend import control_chart as control_chart
 from .fleet.trend import trend as trend
 from .inference.evidence import Evidences as Evidences
 from .inference.evidence import log_bayes_factor as log_bayes_factor
@@ -90,9 +90,9 @@ from .model.terms import Uncertainties as Uncertainties
 from .model.terms import Unit as Unit
 from .model.terms import uncertainties as uncertainties
 from .report import figures as figures
-from .report.dcc import write_dcc as write_dcc
 from .report.figures import save_figures as save_figures
 from .report.findings import fit_in_words as fit_in_words
+from .report.page import write_dcc as write_dcc
 from .report.page import write_report as write_report
 from .report.wording import with_words as with_words
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from ldbb_bayes.analysis import candidates
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.design import candidates
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
 

@@ -24,6 +24,9 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from pydantic import Field, PlainSerializer
 from scipy.special import erf, logsumexp, ndtri
 
@@ -34,12 +37,13 @@ from ldbb_bayes.fleet.statistics import FleetStatistics, Summary, alone, deviati
 from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian, mixture_moments, mixture_quantiles
+from ldbb_bayes.report.figures.style import ACCENT, LIGHT, PALETTE, axis_label, band, panels, styled
 from ldbb_bayes.report.text import conformity_table, parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.result import Array, Result, Table
 from ldbb_bayes.units import display_name, display_unit, is_direct, plus_minus, ranked, round_uncertainty
 
-__all__ = ["LIMITS", "ParameterChange", "Trend", "Visit", "trend"]
+__all__ = ["LIMITS", "ParameterChange", "Trend", "Visit", "control_chart", "trend"]
 
 LIMITS = 0.997
 _LEAST, _MOST, _STEP = 0.03, 8.0, 0.12
@@ -438,3 +442,74 @@ def trend(
         estimates=_estimates(statistics, visits, chart, change, ci_prob),
         conformity=_conformities(statistics, visits, chart, tolerances, relied["tolerances"].iloc[order[-1]]),
     )
+
+
+# ---- its chart
+
+_VISIBLE, _MOST_NAMED = 0.05, 6
+
+
+@styled
+def control_chart(trend: Trend) -> Figure:
+    """A panel for each parameter, campaigns side by side in order of time: every one by itself, the limits from those before it,
+    and where it may have changed."""
+    columns = min(len(trend.parameters), 2)
+    figure, every = panels(len(trend.parameters), columns, 2.0, 0.9, sharex=True)
+    for k, (axes, name) in enumerate(zip(every, trend.parameters, strict=True)):
+        _panel(axes, trend, name, trend.estimates[trend.estimates["parameter"] == name])
+        if k + columns >= len(every):
+            _name_campaigns(axes, trend)
+    found = {label: handle for axes in every for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=2)
+    whose = trend.machine or "One machine"
+    figure.suptitle(
+        f"{whose}: probability of a change {probability_words(trend.probability)}"
+        f"{'' if trend.reference_force_N <= 0.0 else f', compliances at {trend.reference_force_N:.0f} N'}"
+    )
+    return figure
+
+
+def _panel(axes: Axes, trend: Trend, name: str, own: pd.DataFrame) -> None:
+    factor, label = axis_label(name, str(own["unit"].iloc[0]))
+    value = {column: own[column].to_numpy() * factor for column in own.columns if own[column].dtype == float}
+    limits, low, high = (value["limit_low"], value["limit_high"]), float(value["ci_low"].min()), float(value["ci_high"].max())
+    places = np.arange(1.0, len(own) + 1.0)
+    # Each campaign's limits as wide as its place; the first has none.
+    edges = np.append(places - 0.5, places[-1] + 0.5)
+    said = f"limits from those before, {100 * LIMITS:g} %"
+    steps = [np.append(limit, limit[-1]) for limit in limits]
+    band(axes, edges, steps, LIGHT, 0.6, step="post", label=said)
+    out = own["outside"].to_numpy()
+    alone = f"campaign by itself, {100 * trend.assumptions['ci']:g} %"
+    for chosen, colour, mark, meant in ((~out, ACCENT, "o", alone), (out, PALETTE[1], "D", "outside its limits")):
+        if chosen.any():
+            ends = np.abs(np.array([value["ci_low"], value["ci_high"]]) - value["estimate"])[:, chosen]
+            axes.errorbar(places[chosen], value["estimate"][chosen], ends, fmt=mark, color=colour, markersize=3.0, label=meant)
+    # Limits as far as they are of the points' size.
+    room, margin = 0.5 * (high - low), 0.05 * (high - low)
+    least, most = float(np.nanmin(limits[0])), float(np.nanmax(limits[1]))
+    axes.set_ylim(max(min(least, low), low - room) - margin, min(max(most, high), high + room) + margin)
+    axes.set(ylabel=label, xlim=(0.5, len(own) + 0.5))
+    common = trend.parameters[name].common_sd * factor
+    shared = f"\nu common to all {round_uncertainty(common)[0]} {display_unit(trend.parameters[name].unit)[1]}" if common else ""
+    changed = probability_words(trend.parameters[name].probability)
+    axes.set_title(f"{display_name(name)}: probability of a change {changed}{shared}", fontsize=8)
+    for when, here in zip(edges[1:-1], own["change_here"].to_numpy()[1:], strict=True):
+        if here > _VISIBLE:
+            axes.axvline(
+                when, color="black", linestyle="--", alpha=min(float(here), 1.0), label="a change here, as dark as probable"
+            )
+
+
+def _name_campaigns(axes: Axes, trend: Trend) -> None:
+    axes.tick_params(labelbottom=True)
+    count = len(trend.campaigns)
+    if trend.campaigns[0].date is None:
+        axes.set_xlabel("campaign (in the order given)")
+        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+        return
+    shown = np.unique(np.linspace(0, count - 1, min(count, _MOST_NAMED)).round().astype(int))
+    axes.set_xticks(
+        shown + 1, [f"{trend.campaigns[k].date:%Y-%m-%d}" for k in shown], rotation=30, ha="right", rotation_mode="anchor"
+    )
+    axes.set_xlabel("campaign (by date, evenly spaced)")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.conformity import Conformity, Judgement
-    from ldbb_bayes.analysis.design.design import Design
+    from ldbb_bayes.analysis.design import Design
     from ldbb_bayes.analysis.identifiability import Budget, ParameterIdentifiability
 
 __all__ = ["Compared", "Findings", "Recommended", "find", "fit_in_words", "full_result", "further_remarks"]

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from ldbb_bayes.analysis.aliases import cures, degeneracies, standing_degeneracies
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squareness_name
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.design.design import Design
+from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.identifiability import Budget, Contribution, describe
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.report import figures, wording

@@ -27,7 +27,7 @@ from ldbb_bayes.units import (
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
-    from ldbb_bayes.analysis.design.design import Design
+    from ldbb_bayes.analysis.design import Design
     from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen
     from ldbb_bayes.campaign.importing import Imported
     from ldbb_bayes.campaign.preview import CampaignPreview

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.aliases import Cure, Degeneracy, Standing
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
-    from ldbb_bayes.analysis.design.design import Design
+    from ldbb_bayes.analysis.design import Design
     from ldbb_bayes.analysis.identifiability import Budget, DescribedMachine, Identifiability, ParameterIdentifiability, Seen
     from ldbb_bayes.campaign.preview import CampaignPreview, Remark
     from ldbb_bayes.inference.posterior import Concern, Fit

@@ -27,7 +27,7 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import read_comparison
-from ldbb_bayes.analysis.design.design import read_design
+from ldbb_bayes.analysis.design import read_design
 from ldbb_bayes.campaign.layout import layout_to_toml
 from ldbb_bayes.cli import app
 from ldbb_bayes.inference.mcmc import StoppingRule

@@ -14,8 +14,8 @@ from campaigns import TRUTH, plan, simulated
 from oracle import Oracle, OracleTest
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design import candidates
-from ldbb_bayes.analysis.design.candidates import (
+from ldbb_bayes.analysis import candidates
+from ldbb_bayes.analysis.candidates import (
     Space,
     States,
     bind_tests,
@@ -26,7 +26,7 @@ from ldbb_bayes.analysis.design.candidates import (
     running_order,
     templates,
 )
-from ldbb_bayes.analysis.design.design import _limits
+from ldbb_bayes.analysis.design import _limits
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import information_of
@@ -265,7 +265,7 @@ def test_set_ups_are_run_one_after_the_other() -> None:
 
 def test_a_certificate_may_fail(pilot: lb.Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where half of the bound were asked for."""
-    monkeypatch.setattr("ldbb_bayes.analysis.design.design._HOLDS", -0.5)
+    monkeypatch.setattr("ldbb_bayes.analysis.design._HOLDS", -0.5)
     assert not lb.design(LINEAR, pilot, tests=4, forces_N=THREE).certificate.holds
 
 

@@ -9,8 +9,8 @@ import pytest
 from campaigns import plan, simulated, with_priors
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design.candidates import Space, states_before
-from ldbb_bayes.analysis.design.design import _model_of
+from ldbb_bayes.analysis.candidates import Space, states_before
+from ldbb_bayes.analysis.design import _model_of
 from ldbb_bayes.report.figures import forest, prior_and_posterior
 from ldbb_bayes.report.figures.style import FAINT
 from ldbb_bayes.report.findings import full_result

@@ -20,7 +20,7 @@ from scipy.stats import chi2
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.posterior import result_json
-from ldbb_bayes.report.dcc import dsi_unit
+from ldbb_bayes.report.page import dsi_unit
 
 SI = "{https://ptb.de/si}"
 STRUCTURE = tomllib.loads(Path(__file__).with_name("dcc_structure.toml").read_text("utf-8"))

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.design.design import Design
+from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.identifiability import Budget, Identifiability
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, PALETTE, band, panels, styled

@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from ldbb_bayes.analysis.design.optimal import Criterion, Determinant, Found, LogBayesFactor, Objective, Search, Variance
+from ldbb_bayes.analysis.optimal import Criterion, Determinant, Found, LogBayesFactor, Objective, Search, Variance
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.nodes import HyperPosterior, draw_parameters_given

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis.design.optimal import (
+from ldbb_bayes.analysis.optimal import (
     Criterion,
     Determinant,
     LogBayesFactor,

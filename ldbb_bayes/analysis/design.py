@@ -13,8 +13,8 @@ import pandas as pd
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Cure, Degeneracy, cures, degeneracies
-from ldbb_bayes.analysis.design.candidates import Clocking, CriterionName, Expected, Forecast, Space, bind_tests, running_order
-from ldbb_bayes.analysis.design.optimal import MOST_TESTS, Found
+from ldbb_bayes.analysis.candidates import Clocking, CriterionName, Expected, Forecast, Space, bind_tests, running_order
+from ldbb_bayes.analysis.optimal import MOST_TESTS, Found
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, check_campaign, distinct_forces
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.jobs import one_blas_thread

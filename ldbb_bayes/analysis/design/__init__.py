@@ -1,1 +1,0 @@
-"""Which tests to run next: optimum design of campaigns."""
