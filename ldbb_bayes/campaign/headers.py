@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ldbb_bayes.campaign.campaign import PER_TEST
-from ldbb_bayes.campaign.layout import ROLES, UNITS, Layout, Notes, plain, unit_named
+from ldbb_bayes.campaign.layout import ROLES, UNITS, WORDS, Layout, Notes, plain, unit_named
 from ldbb_bayes.campaign.spreadsheet import Rows, Sheet, could_be_thousands, is_missing, looks_like_number, number
 from ldbb_bayes.errors import InputError, nearest, require
 
@@ -25,73 +25,33 @@ __all__ = [
 # Signs of a line that are looked at, and of a name; lines above a table; rows of numbers that make one.
 _LONGEST, _LONGEST_NAME, _LARGEST_ABOVE, _BLOCK = 300, 200, 1000, 9
 _NUMBER = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
-_BETWEEN = r"[\s:=;,|]"
 # A number, not the beginning of a clock, a date or a longer number.
 _WHOLE = r"(?![\d:/]|[.,]\d|[\-−]\d|\s\d{3}(?!\d))"
-_MM_PER_MIN = {"mm/min": 1.0, "m/min": 1e3, "inch/min": 25.4, "in/min": 25.4, "ipm": 25.4, "mm/s": 60.0, "mm/sec": 60.0}
-_IN_MM = {unit: 1e-3 * one for unit, one in UNITS["reading"].items()}
-_OF_PART = r"(?:machine|work(?:piece)?|part|maschinen|werkstück)"
+_MONTHS = ("jan", "feb", "mar mär", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt", "nov", "dec dez")
+_PARTS = dict[str, str]()
+for _name, _text in WORDS["parts"].items():
+    _PARTS[_name] = _text % _PARTS
+_BETWEEN = _PARTS["between"]
+
+
+def _units_of(units: str | Mapping[str, float], one: float = 1.0) -> Mapping[str, float]:
+    return {unit: one * size for unit, size in (UNITS[units] if isinstance(units, str) else units).items()}
+
+
 # By word: the unit meant where none is named, and all units with what one is in ours.
 _SAID: Mapping[str, tuple[str, str, Mapping[str, float]]] = {
-    "force_N": (
-        r"(?:radial )?(?:force|(?:prüf|mess|radial|soll|ist|zug)?kraft|last|load|force_N)(?: F| setpoint| nominal)?",
-        "N",
-        UNITS["force"],
-    ),
-    "pressure_bar": (r"(?:pressure|(?:prüf|mess|regel|zylinder|soll|ist)?druck|pressure_bar)(?: P)?", "bar", UNITS["pressure"]),
-    "radius_mm": (r"(?:(?:mess|prüf|nenn|soll|bahn|kreis)?radius|nominal length)(?: R)?", "mm", _IN_MM),
-    "feed_mm_per_min": (r"(?:feed|feedrate|feed rate|vorschub)", "mm/min", _MM_PER_MIN),
-    "start_deg": (r"(?:start(?:ing)? angle|start|startwinkel)(?: at)?", "deg", UNITS["angle"]),
-    "overshoot_deg": (r"(?:angular overshoot|overshoot|run-in|überlauf)(?: angle)?", "deg", UNITS["angle"]),
-    "resolution_um": (r"(?:resolution|auflösung)", "", UNITS["reading"]),  # never without its unit
-    "temperature_C": (rf"(?:{_OF_PART}[ -]?)?temp(?:erature?|\.)?", "", {"°C": 1.0, "C": 1.0, "degC": 1.0}),  # likewise
+    key: (own["words"], own["unit"], _units_of(own["units"], own.get("one", 1.0))) for key, own in WORDS["numbers"].items()
 }
-_CELL, _IS = r"(?:^|[;,|\t])\s*", r"\s*(?:[:=]\s*[;,|\t]?|[;,|\t](?=[^;,|\t]*\d))\s*"
-_PLANE = r"([XYZ][-/]?[XYZ])(?![\w/+-]|\s*(?:[,&]|and|or|und|oder)\s*[XYZ]{2}\b)"
-_MONTH = r"[A-Za-zä]{3,9}\.?"
-_DAY, _END = r"\d\d?", r"\s?\d{4}"
-_DATE = rf"(\d{{4}}[-/]\d\d[-/]\d\d|{_DAY}\.\s?(?:{_DAY}\.|{_MONTH}){_END}|(?:{_DAY}[- ]{_MONTH}-?|{_MONTH} {_DAY},){_END})(?!\d)"
-_MONTHS = ("jan", "feb", "mar mär", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt", "nov", "dec dez")
-_NO = r"(?:no\.?|nr\.?|number|nummer|id)"
-_SERIAL = rf"(?:serial[ -]?{_NO}|serien[ -]?{_NO}|fabrik[ -]?{_NO})"
-_MACHINE = r"(?:machine(?: tool)?|(?:werkzeug)?maschinen?)"
-_BAR = r"(?:(?:loaded )?(?:double )?ball ?bar|l?dbb|qc20(?:-w)?|messgerät|kugelstab|kreisformmessgerät|instrument)"
-# Before what names things in words of its own, in a cell or line.
-_NAMES = {
-    "machine_id": rf"{_MACHINE}[ -]?{_NO}|inventar[ -]?{_NO}|inventory {_NO}",
-    "machine_type": rf"{_MACHINE}(?:[ -]?(?:type|typ|model|modell|name))?",
-    "serial_number": rf"(?:{_MACHINE}[ -]?)?{_SERIAL}|s/n",
-    "operator": r"operator|bediener(?:in)?|prüfer(?:in)?|messtechniker(?:in)?|inspector|(?:tested|measured|inspected) by"
-    r"|(?:geprüft|gemessen) von",
-    "place": r"place|location|site|(?:mess|stand|aufstell(?:ungs)?)?ort|werk|halle",
-    "ball_bar": rf"{_BAR}(?:[ -](?:type|typ|{_SERIAL}|{_NO}|serial))?",
-    "force_device": r"force (?:device|sensor|transducer|gauge)|load cell|(?:pressure )?regulator|druckregler"
-    r"|kraft(?:aufnehmer|sensor|messgerät|messdose)",
-}
-_AND_CALIBRATED = (
-    r"(?:last |letzte )?(?:calibrat(?:ed|ion)(?: date)?|kalibriert|kalibrier(?:ung|datum|ungsdatum))(?: (?:am|on|vom))?"
-)
-_VALUE = rf"{_CELL}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
-# What is said in words.
-_IN_WORDS = {
-    "plane": rf"\b(?:plane|\w*ebene)\b(?:\s*[\[(][^\])]*[\])])?{_BETWEEN}{{0,4}}{_PLANE}|(?<![\w/+-]){_PLANE}[ -](?:plane|ebene)",
-    "date": rf"{_CELL}(?:(?:measurement|test|mess|prüf)[ -]?)?(?:date|datum){_BETWEEN}{{0,4}}{_DATE}",
-    "ball_bar_calibrated": rf"{_CELL}(?:{_BAR}[ -:,]{{0,3}})?{_AND_CALIBRATED}{_BETWEEN}{{0,4}}{_DATE}",
-    **{key: _VALUE % words for key, words in _NAMES.items()},
-}
+_NAMES = {key: words % _PARTS for key, words in WORDS["names"].items()}
+_AND_CALIBRATED = _PARTS["calibrated"]
+_VALUE = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
+_IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
+_IN_WORDS |= {key: _VALUE % words for key, words in _NAMES.items()}
 _KEY = re.compile("|".join((*_NAMES.values(), "date|datum|plane|ebene", _AND_CALIBRATED)), re.IGNORECASE)
-# Whether readings are free of the mount's deflection: of such words alone, lest it be another compensation.
-_READINGS = re.compile(r"\b(?:readings?|messwerte?|values|deviations?|mount(?:ing)?|deflection)\b", re.IGNORECASE)
-_FILLING = re.compile(rf"{_READINGS.pattern}|\b(?:are|is|the|for|of|its|already|yet)\b|\W+", re.IGNORECASE)
-_MOUNT = {
-    "raw": r"raw(?: yes)?|(?:raw )?(?:un|not )compensated|compensat(?:ed|ion) (?:no|none|off)|(?:no|without) compensation",
-    "compensated": r"compensated(?: yes)?|compensation (?:yes|on)",
-}
-_ANOTHER = re.compile(
-    r"\b(?:step|max|maximum|min|minimum|limit|ambient|supply|preload|range|rated|case|no|nr|number|clamping|spring|gravity|cutting|air"
-    r"|atmospheric|barometric|system|hydraulic|oil|ball|tool|corner|nose|encoder|scale|axis)\b",
-    re.IGNORECASE,
-)
+_READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
+_FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
+_MOUNT = {name: WORDS["mount"][name] for name in ("raw", "compensated")}
+_ANOTHER = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 _IN_NAME = re.compile(rf"(?<![\d.,A-Za-z])({_NUMBER})[ _]?(kN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])", re.IGNORECASE)
 # A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N).
 _CUT = re.compile(
@@ -103,11 +63,9 @@ _CUT = re.compile(
 _AS_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
 # Up to these a number with a mark before three digits may be of thousands.
 _LARGEST = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
-_COUNTER = ("ccw", "counter", "anti", "contra", "gegen", "entgegen", "guz")
-_CLOCK_HAND = r"(?:(?:ent)?gegen(?:[ _-]de[nm])?[ _-]?|im[ _-])?(?:uhrzeigersinn|uzs?)|guzs?"
-_SENSES = rf"({_CLOCK_HAND}|ccw|cw|(?:counter|anti|contra)[^a-z0-9]{{0,3}}clock[-_ ]?wise|clock[-_ ]?wise)(?![a-z])"
-_SENSE = re.compile(rf"(?<![a-zA-Z]){_SENSES}", re.IGNORECASE)
-_DIRECTION = re.compile(r"\b(?:direction|dir|\w*richtung|(?:dreh|umlauf)sinn|sense)\b(.*)", re.IGNORECASE)
+_WAYS: Mapping[str, Any] = WORDS["directions"]
+_SENSE = re.compile(rf"(?<![a-zA-Z])({_WAYS['clock_hand']}|ccw|cw|{_WAYS['in_words']})(?![a-z])", re.IGNORECASE)
+_DIRECTION = re.compile(_WAYS["after"], re.IGNORECASE)
 Lines = Sequence[tuple[int | str, str]]
 
 
@@ -182,7 +140,8 @@ def _pattern(words: str) -> re.Pattern[str]:
     unit = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
     rest = r"\s*(?P<cell>[;|,\t]?)\s*(?P<after>[^\s;,|()\[\]]*)"
     return re.compile(
-        rf"\b{words}\b{_BETWEEN}{{0,4}}(?:{unit}{_BETWEEN}{{0,4}})?(?P<number>{_NUMBER}){_WHOLE}(?!'){rest}", re.IGNORECASE
+        rf"\b{words}\b{_BETWEEN}{{0,4}}(?:{unit}{_BETWEEN}{{0,4}})?(?P<number>{_NUMBER}){_WHOLE}(?!'){rest}",
+        re.IGNORECASE,
     )
 
 
@@ -211,7 +170,7 @@ def directions_said(above: Lines, names: Sequence[str]) -> set[str]:
 
 
 def _senses(text: str) -> set[str]:
-    return {"CCW" if match[1].casefold().startswith(_COUNTER) else "CW" for match in _SENSE.finditer(text)}
+    return {"CCW" if match[1].casefold().startswith(tuple(_WAYS["counter"])) else "CW" for match in _SENSE.finditer(text)}
 
 
 def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str] | None:

@@ -29,7 +29,7 @@ from ldbb_bayes.campaign.headers import (
     said_above,
     said_elsewhere,
 )
-from ldbb_bayes.campaign.layout import UNITS, Assumption, Layout, Notes
+from ldbb_bayes.campaign.layout import UNITS, WORDS, Assumption, Layout, Notes
 from ldbb_bayes.campaign.preview import resolution_of
 from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
 from ldbb_bayes.errors import InputError, placed, require
@@ -61,8 +61,7 @@ _OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {key: f"--{key.replac
 # Of these each test may say its own; of people, places and instruments all are named.
 _OF_EACH, _OF_SEVERAL = ("plane", "date"), ("operator", "place", "ball_bar", "force_device")
 _MAY_DIFFER = (*_OF_SEVERAL, "ball_bar_calibrated", "feed_mm_per_min")
-_SENSES = dict.fromkeys(("CLOCKWISE", "-", "G2", "G02", "UZ", "UZS", "IMUZS", "IMUHRZEIGERSINN"), "CW")
-_SENSES |= dict.fromkeys(("COUNTERCLOCKWISE", "ANTICLOCKWISE", "+", "G3", "G03", "GUZ", "GUZS", "GEGENUHRZEIGERSINN"), "CCW")
+_SENSES = {word: way for way in ("CW", "CCW") for word in WORDS["directions"][way]}
 
 
 def _option(key: str) -> str:

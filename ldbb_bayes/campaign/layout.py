@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,40 +18,16 @@ from ldbb_bayes.errors import check_known
 from ldbb_bayes.files import read_toml, validated
 
 __all__ = [
-    "ROLES", "UNITS", "Assumption", "Layout", "Notes", "TestLayout", "layout_to_toml", "plain", "read_layout", "unit_named",
+    "ROLES", "UNITS", "WORDS", "Assumption", "Layout", "Notes", "TestLayout", "layout_to_toml", "plain", "read_layout",
+    "unit_named",
 ]  # fmt: skip
 
-# By role: each unit, what one of it is in ours, and the other words and signs people use for it.
-_TABLE = {
-    "angle": """deg 1 degs ° degree degrees; rad 57.29577951308232 radian radians; gon 0.9 grads gradian gradians;
-        mrad 0.05729577951308232; arcmin 0.016666666666666666 '""",
-    "reading": """um 1 µm μm micron microns micrometer micrometers micrometre micrometres mikrometer;
-        mm 1e3 millimeter millimeters millimetre millimetres; nm 1e-3 nanometer nanometers nanometre nanometres; m 1e6; cm 1e4;
-        inch 25400 in inches ";
-        mil 25.4 mils thou; uinch 0.0254 uin µin μin µinch μinch microinch microinches""",
-    "time": """s 1 sec secs second seconds sekunden; ms 1e-3 msec; us 1e-6 µs μs; min 60 minutes; h 3600 hour hours;
-        d 86400 day days""",
-    "force": "N 1 newton newtons; kN 1e3 kilonewton; daN 10; lbf 4.4482216152605 lb lbs; kgf 9.80665 kp",
-    "pressure": "bar 1 bars barg; mbar 1e-3 hpa millibar; MPa 10; kPa 0.01; Pa 1e-5; psi 0.0689475729317831 psig",
-}
-_ENTRIES = {role: [entry.split() for entry in text.split(";")] for role, text in _TABLE.items()}
+# Words and units by which files name what they hold, in English, German and some others.
+WORDS: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "words.toml").read_text(encoding="utf-8"))
 UNITS: Mapping[str, Mapping[str, float]] = {
-    role: {unit: float(one) for unit, one, *_ in entries} for role, entries in _ENTRIES.items()
+    role: {unit: float(one) for unit, (one, *_) in units.items()} for role, units in WORDS["units"].items()
 }
-# Words by which headers name what a column holds, in the order they are tried.
-ROLES: Mapping[str, tuple[str, ...]] = {
-    role: tuple(words.split())
-    for role, words in {
-        "angle": "angle theta θ winkel angolo drehwinkel phi φ position",
-        "reading": "reading radius deviation rho ρ abweichung messwert ldbb ballbar dbb error displacement delta verlagerung "
-        "value",
-        "time": "time zeit tempo t",
-        "force": "force kraft prüfkraft messkraft radialkraft forza last load f",
-        "pressure": "pressure druck prüfdruck regeldruck messdruck pressione p",
-        "test": "test circle run file versuch kreis",
-        "direction": "direction dir richtung sense",
-    }.items()
-}
+ROLES: Mapping[str, Sequence[str]] = {role: words.split() for role, words in WORDS["roles"].items()}
 
 
 def plain(text: str) -> str:
@@ -58,7 +35,9 @@ def plain(text: str) -> str:
     return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
 
 
-_BY_WORD = {plain(word): unit for entries in _ENTRIES.values() for unit, _, *words in entries for word in (unit, *words)}
+_BY_WORD = {
+    plain(word): unit for units in WORDS["units"].values() for unit, (_, *words) in units.items() for word in (unit, *words)
+}
 
 
 def unit_named(text: str) -> str:
