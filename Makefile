@@ -1,6 +1,7 @@
 # make demo    what the package does, on the embedded campaign
 # make test    the fast tests
 # make studies the studies; fails when a number they state is not reproduced (half an hour; QUICK=1: minutes)
+# make docs    the documentation, into docs/_build
 # make lint, make test-slow, make clean
 # Everything runs in its own .venv, which holds what was asked for and no more; it needs Python 3.11 or newer with venv.
 
@@ -11,7 +12,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # Without bytecode every process of a test would compile the package and the tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-golden lint test-slow studies clean
+.PHONY: demo test test-golden lint test-slow studies docs clean
 
 demo: $(VENV)/.package
 	$(BIN)/ldbb-bayes demo --force
@@ -28,6 +29,9 @@ test-slow: $(VENV)/.dev
 
 studies: $(VENV)/.dev
 	$(BIN)/python studies --at-once 2 $(if $(QUICK),--quick --workers 1)
+
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -W --keep-going -q -j 2 docs docs/_build
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -52,5 +56,9 @@ $(VENV)/.dev: $(VENV)/.test
 	$(INSTALL) --group dev
 	@touch $@
 
+$(VENV)/.docs: $(VENV)/.package
+	$(INSTALL) --editable '.[docs]'
+	@touch $@
+
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .hypothesis .ruff_cache .mypy_cache
+	rm -rf $(VENV) docs/_build build dist .pytest_cache .hypothesis .ruff_cache .mypy_cache

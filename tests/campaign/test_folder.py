@@ -54,7 +54,7 @@ def test_round_trip(tmp_path: Path) -> None:
 
 def test_certificates_are_read_and_written(root: Path, tmp_path: Path) -> None:
     """Those of the docs."""
-    blocks = re.findall(r"```toml\n(.*?)```", (root / "docs" / "files.md").read_text("utf-8"), re.S)
+    blocks = re.findall(r"```toml\n(.*?)```", (root / "docs/reference/files.md").read_text("utf-8"), re.S)
     (block,) = [own for own in blocks if "[balls.work]" in own]
     stated = lb.read_campaign(write(tmp_path, TOML.replace("[[test]]", f"{block}[[test]]", 1)))
     balls = lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0), (3, 0.1, -10.0)), U_um=0.05)
