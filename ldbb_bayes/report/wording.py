@@ -1,4 +1,4 @@
-"""Every sentence about findings: templates, and small functions that choose among them and fill them with numbers.
+"""Every sentence about findings: small functions that choose among templates (sentences.toml, sentences.j2) and fill them.
 
 Nothing decides by reading a sentence: what is decided stands in the findings. Kinds of findings are looked up by their values.
 """
@@ -8,9 +8,11 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jinja2
 import numpy as np
 
 from ldbb_bayes.model.terms import OWN, Term
@@ -36,6 +38,33 @@ DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
 # Ratios of expected sds that differ by less count as equal.
 _ALIKE = 2e-3
+
+
+@cache
+def _macros() -> Any:
+    """The macros of sentences.j2, each of them a function's words."""
+    loader = jinja2.PackageLoader("ldbb_bayes.report")
+    environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
+    filters = (joined, display_name, typeset, term_words, nuisance_words, check_words, remark_words, caveat_words, repr)
+    environment.filters |= {own.__name__: own for own in (*filters, probability_words, strength_words)}
+    environment.filters |= {"as_": format, "lines": _lines, "point": lambda at: f"({', '.join(f'{x:g}' for x in at)})"}
+    names = {"IN_FORCE": IN_FORCE, "DEGREES": DEGREES, "FEW": _FEW, "BARE": _STRENGTHS[0][0], "SIGNS": _SENTENCES["signs"]}
+    environment.globals |= names | {"SURE": _SURE, "JOINED": _JOINED, "CONFLICT": _CONFLICT, "plus_minus": plus_minus}
+    return environment.get_template("sentences.j2").module
+
+
+def _lines(text: str) -> list[str]:
+    return [line.strip() for line in text.split("\n") if line.strip()]
+
+
+def _sentences(macro: str, *found: Any) -> tuple[str, ...]:
+    """Every line that a macro of sentences.j2 makes of findings."""
+    return tuple(_lines(getattr(_macros(), macro)(*found)))
+
+
+def _sentence(macro: str, *found: Any) -> str:
+    """The one line that a macro makes."""
+    return " ".join(_sentences(macro, *found))
 
 
 def _as_dict(result: Any) -> dict[str, Any]:
@@ -164,40 +193,17 @@ def check_words(check: Check) -> str:
 
 def fit_verdict(fit: Fit) -> str:
     """Return in one line whether the numbers can be used, and what to look at."""
-    if "not-converged" in fit.kinds:
-        return "NOT CONVERGED: do not use the numbers."
-    moved = f"{len(fit.sensitive)} of {len(fit.sensitivity)} numbers are sensitive to their prior"
-    which = ", ".join(fit.sensitive[:_FEW]) + (", …" if len(fit.sensitive) > _FEW else "")
-    doubt = "the readings speak against non-negative compliance" if "truncation" in fit.kinds else expectation(fit)
-    return f"Converged; {doubt}; {moved}{f' ({which})' if which else ''}."
+    return _sentence("fit_verdict", fit)
 
 
 def expectation(fit: Fit) -> str:
     """Return whether the model expects readings like these, and else what that does to the intervals."""
-    if fit.misfits:
-        return f"the model does not expect readings like these ({_some_checks(fit.misfits)}){_effect(fit)}"
-    if fit.unexpected:
-        return f"what the model does not expect ({_some_checks(fit.unexpected)}) hardly moves an interval"
-    worst, count = fit.checks[0], len(fit.checks)
-    return f"the model expects readings like these ({count} checks, smallest p = {worst.p:.2g}, {check_words(worst)})"
+    return _sentence("expectation", fit)
 
 
-def _some_checks(checks: Sequence[Check]) -> str:
-    more = f" and {len(checks) - _FEW} more" if len(checks) > _FEW else ""
-    return ", ".join(check_words(check) for check in checks[:_FEW]) + more
-
-
-def _effect(fit: Fit) -> str:
-    moved = [f"without {name} a parameter moves by {shift:.1f} u" for name, shift in fit.shift.items()]
-    wider = f"intervals would be up to {100.0 * fit.widening:.0f} % wider"
-    effects = joined([*moved, *([wider] if any(own.kind != "order" for own in fit.unexpected) else [])])
-    return f": {effects}" if effects else ""
-
-
-def check_notes(fit: Fit) -> Iterator[str]:
+def check_notes(fit: Fit) -> tuple[str, ...]:
     """Return a note on what is not expected though it hardly moves an interval."""
-    if quiet := [own for own in fit.unexpected if own not in fit.misfits]:
-        yield f"The model does not expect {_some_checks(quiet)}{_effect(fit)}."
+    return _sentences("check_notes", fit, [own for own in fit.unexpected if own not in fit.misfits])
 
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
@@ -221,32 +227,17 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
 
 def model_words(model: Mapping[str, Any]) -> str:
     """Return what was fitted, from that part of a fit's JSON."""
-    idle = f" Without effect here: {joined([*map(term_words, own)])}." if (own := model.get("idle_terms")) else ""
-    flat = " Least squares: the intervals cover white noise alone." if model["preset"] == "paper" else ""
-    truncated = "no compliance is negative" if model["truncated"] else "compliances may be negative"
-    return (
-        f"Compliance {IN_FORCE[model['degree']]}, reference force {model['reference_force_N']:g} N; preset {model['preset']}, "
-        f"priors {model['priors']}, {truncated}; terms: {', '.join(map(term_words, model['terms']))}.{idle}{flat}"
-    )
+    return _sentence("model_words", model)
 
 
 def quality_words(quality: Mapping[str, Any]) -> str:
     """Return how well the model fits, from that part of a fit's JSON."""
-    return typeset(
-        f"RMSE {quality['rmse_um']:.2f} µm (Eq. 34, of all that circles share); linear geometry changes a reading by at most "
-        f"{quality['linearisation_error_um']:.4f} µm. ln P(T | y) = {quality['log_prob_truncation']:.2f}: the log probability "
-        "that no compliance is negative; far below −4 the readings contradict it."
-    )
+    return _sentence("quality_words", quality)
 
 
 def sampler_words(sampler: Mapping[str, Any]) -> str:
     """Return whether the sampler reached its target, from that part of a fit's JSON."""
-    state = "" if sampler["converged"] else "NOT CONVERGED, "
-    instead = ", as weights of independent draws could not be trusted" if sampler.get("by_emcee") else ""
-    return (
-        f"Sampler {sampler['kind']}{instead}: {state}{sampler['draws']} draws, worth {sampler['ess_bulk_min']:.0f} independent "
-        f"ones (bulk ESS; tail {sampler['ess_tail_min']:.0f}); R-hat {sampler['rhat_max']:.4f} (1 when runs agree)."
-    )
+    return _sentence("sampler_words", sampler)
 
 
 def fit_head(result: Mapping[str, Any]) -> tuple[str, str]:
@@ -327,13 +318,7 @@ def look_sentences(seen: CampaignPreview) -> list[str]:
 
 def preview_sentences(seen: CampaignPreview) -> tuple[str, ...]:
     """Return what the campaign is, and remarks on its tests; what a fit will assume is apart."""
-    unstated = any(test.direction is None and test.travel is not None for test in seen.tests)
-    return (
-        f"{'Plan' if seen.is_plan else 'Campaign'} {seen.name}, SHA-256 {seen.sha256}.",
-        *(["Directions in brackets are not stated: the angles run so."] if unstated else []),
-        *look_sentences(seen),
-        *(f"Note: {remark_words(remark).rstrip('.')}." for remark in seen.remarks),
-    )
+    return _sentences("preview_sentences", seen, look_sentences(seen))
 
 
 @with_words.register
@@ -359,19 +344,8 @@ def assumed_words(own: Uncertainty) -> tuple[str, str]:
 
 def machine_sentences(found: DescribedMachine) -> tuple[str, ...]:
     """Return joints, rank, and what does not show."""
-    centres = "; ".join(f"({', '.join(f'{x:g}' for x in centre)})" for centre in found.centres_mm)
     bounded = [display_name(entry.name) for entry in found.compliances if entry.not_negative]
-    return (
-        f"{found.topology}, plane{'s' if len(found.planes) > 1 else ''} {', '.join(found.planes)}. {'; '.join(found.joints)}.",
-        "Patterns: change of the reading per unit, of a compliance per unit and N; c = cos θ, s = sin θ, lengths in mm.",
-        "Rotary joints, and slides that no plane here drives, count as rigid.",
-        *([f"Circles centred at {centres} mm; patterns are those at the first."] if np.any(found.centres_mm) else []),
-        f"{found.rank} compliances can be separated; condition number of their columns {found.condition_number:.6g} (mm, N, R = "
-        "150 mm).",
-        *([f"Never seen: {', '.join(found.null)}."] if found.null else []),
-        f"Cannot be negative: {', '.join(bounded) or 'none'}.",
-        *([f"Left out, as combinations of several of those above: {', '.join(found.dependent)}."] if found.dependent else []),
-    )
+    return _sentences("machine_sentences", found, bool(np.any(found.centres_mm)), bounded)
 
 
 def sum_in_words(seen: Seen) -> str:
@@ -419,35 +393,15 @@ def _(result: Identifiability) -> dict[str, Any]:
 
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
-    """Return what the numbers rest on, and how much the readings narrow."""
-    values = joined_sizes(result.hyper_um, " = ")
-    return (
-        f"Sign free: without the condition that no compliance is negative; at {values} "
-        f"({'posterior mean' if result.measured else 'prior median; no readings'}).",
-        f"Effective number of parameters {result.effective_parameters:.1f} of {len(result.parameters)} (what the readings narrow "
-        "against the priors; a confounded parameter may be narrowed and still unknown).",
-        "Contraction: 1 − (sd / prior sd)². Gain: information in the readings; 1 nat narrows the sd to 37 %. In brackets: the "
-        "share of the variance that would go if the effect were known exactly.",
-        *_certificate_sentences(result),
-    )
-
-
-def _certificate_sentences(result: Identifiability) -> Iterator[str]:
-    """What certificates would be worth: how much narrower the parameters that they narrow by a tenth."""
-    certificates = dict(result.certificates)
+    """Return what the numbers rest on, and how much the readings narrow; what certificates would be worth: how much narrower the
+    parameters that they narrow by a tenth."""
+    certificates, worth = dict(result.certificates), {}
     without = certificates.pop("none of these", {})
     for name, left in certificates.items():
         share = {own: sd / without[own] for own, sd in left.items()}
-        narrowed = [
-            f"u of {display_name(own)} to {100.0 * share[own]:.0f} %"
-            for own in ranked(share, share.__getitem__)
-            if share[own] < 0.9
-        ]
-        yield (
-            f"A certificate ({name}) would bring {joined(narrowed)} of what it is."
-            if narrowed
-            else (f"A certificate ({name}) would narrow no parameter by a tenth.")
-        )
+        narrowed = [own for own in ranked(share, share.__getitem__) if share[own] < 0.9]
+        worth[name] = [f"u of {display_name(own)} to {100.0 * share[own]:.0f} %" for own in narrowed]
+    return _sentences("identifiability_sentences", result, joined_sizes(result.hyper_um, " = "), worth)
 
 
 # ---- calibration
@@ -455,14 +409,7 @@ def _certificate_sentences(result: Identifiability) -> Iterator[str]:
 
 def validation_verdict(validation: Validation) -> str:
     """Return in one line whether ranks are as those of a calibrated computation."""
-    tested = f"{validation.replicates} replicates, {len(validation.names)} quantities, {100 * validation.prob:g} % band"
-    tested += f", emcee for {len(validation.by_emcee)} whose weights could not be trusted" if validation.by_emcee else ""
-    if validation.failures:
-        count, first = len(validation.failures), validation.failures[0]
-        return f"NOT CALIBRATED: {count} replicates failed, first: {first} ({tested})."
-    if validation.outside:
-        return f"NOT CALIBRATED: the ranks of {', '.join(validation.outside)} leave the band ({tested})."
-    return f"Calibrated, as far as {tested} can show."
+    return _sentence("validation_verdict", validation)
 
 
 @with_words.register
@@ -483,8 +430,8 @@ def strength_words(log_bayes_factor: float) -> str:
 
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     """The verdict: the evidence, whether its sign is robust, and what else speaks."""
-    parts = (_robustness, _left_out, _slopes, _error_sought)
-    return (_evidence(comparison), *(sentence for part in parts for sentence in part(comparison)))
+    sure = [name for name, own in comparison.slopes.items() if own.inclusion_probability >= _SURE]
+    return _sentences("comparison_sentences", comparison, sure)
 
 
 @with_words.register
@@ -492,95 +439,6 @@ def _(result: Comparison) -> dict[str, Any]:
     sentences = comparison_sentences(result)
     found = {name: value for name, value in result.as_dict().items() if value is not None}
     return {**found, "verdict": " ".join(sentences), "sentences": list(sentences)}
-
-
-def _evidence(comparison: Comparison) -> str:
-    """What the evidence says, in whose favour."""
-    first, second = comparison.pair
-    ratio = comparison.sensitivity_of
-    value, _ = comparison.headline
-    favour = " either way" if abs(value) < _STRENGTHS[0][0] else f", in favour of {second if value > 0 else first}"
-    shares = joined([f"{name} {probability_words(model.posterior_probability)}" for name, model in comparison.models.items()])
-    over, asked = "", "Probabilities at equal prior odds"
-    if (explained := comparison.explanations) is not None:
-        none = _factor(explained.alone.log_bayes_factor, explained.alone.log_bayes_factor_error)
-        others = joined([name for name in explained.inclusion_probability if name != "slopes"])
-        over = f" averaged over {others}, each in the model or not; {none} with none of them"
-        shares = joined([f"{name} {probability_words(own)}" for name, own in explained.inclusion_probability.items()])
-        asked = "Probability of each, all combinations being equally probable beforehand"
-        likeliest = max(explained.models, key=lambda model: model.probability)
-        shares += f"; most probable: {joined(likeliest.by) or 'none of them'} ({probability_words(likeliest.probability)})"
-    says = f"{_factor(*comparison.headline)}{over}: {strength_words(value)}{favour}"
-    return f"ln B({ratio}) = {says}. {asked}: {shares}."
-
-
-def _factor(value: float, error: float) -> str:
-    return typeset(f"{value:+.2f} (error {max(error, 1e-3):.1g})")
-
-
-def _robustness(comparison: Comparison) -> Iterator[str]:
-    if (explained := comparison.explanations) is not None and explained.instead:
-        one = "s" if len(explained.instead) == 1 else ""
-        yield f"Slopes are not needed: {joined(explained.instead)} explain{one} the readings as well."
-    yield _SENTENCES["signs"][comparison.sign]
-    if scales := comparison.prior_sensitivity:
-        values = [scaled.log_bayes_factor for scaled in scales]
-        zeros = joined([f"{crossing:.2g}" for crossing in comparison.prior_sensitivity_crossings])
-        there = "With all of these in the model, and" if explained else "With"
-        yield typeset(
-            f"{there} slopes expected at {scales[0].slope_scale:g} to {scales[-1].slope_scale:g} times sd(C)/(F_max − F_min) it "
-            f"lies between {min(values):+.1f} and {max(values):+.1f}, {f'changing sign at {zeros}' if zeros else 'of one sign'}."
-        )
-    if (better := comparison.preferred_assumption()) is not None:
-        yield typeset(
-            f"The readings prefer '{better.assumption}' by {comparison.gain(better):.1f} nats to what the models assume: under "
-            f"it ln B is {better.log_bayes_factor:+.1f}. Consider making it the model."
-        )
-    for allowed, meant in ((True, "which the readings do not rule out"), (False, "which the readings reject")):
-        turning = [
-            f"'{a.assumption}' ({a.log_bayes_factor:+.1f})" for a in comparison.turning() if comparison.allowed(a) is allowed
-        ]
-        if turning:
-            yield f"The answer changes with {joined(turning)}, {meant}."
-
-
-def _left_out(comparison: Comparison) -> Iterator[str]:
-    tests = comparison.tests
-    flagged = {name: test for name, test in tests.items() if test.flag}
-    for name, test in flagged.items():
-        yield (
-            f"{name} does not belong with the others (family-wise p = {test.lofo_family_wise_p_value:.2g}, most in order "
-            f"{test.lofo_worst_order}): look at it, and compare again without it, because it affects all of the above."
-        )
-    at_odds = [name for name, test in tests.items() if test.stands_out and not test.flag]
-    if at_odds:
-        yield f"{joined(at_odds)} disagree with one another, and nothing says which is wrong: add tests."
-    if tests and not flagged and not at_odds:
-        smallest = min(test.lofo_family_wise_p_value for test in tests.values())
-        yield f"Every test belongs with the others (smallest family-wise p = {smallest:.2g})."
-
-
-def _slopes(comparison: Comparison) -> Iterator[str]:
-    subsets = comparison.slope_subsets
-    if not subsets:
-        return
-    if (possible := 2 ** len(comparison.slopes)) > len(subsets):
-        yield f"Of {possible} sets of slopes the {len(subsets)} most probable ones found are compared."
-    sure = joined([name for name, own in comparison.slopes.items() if own.inclusion_probability >= _SURE]) or "none"
-    none = next(subset.probability for subset in subsets if not subset.varying)
-    yield (
-        f"Slopes one by one, with a probability above {_SURE:g}: {sure}. No slope at all has probability {none:.2g}, the "
-        f"most probable set ({joined(subsets[0].varying) or 'none'}) {subsets[0].probability:.2g}. A single slope "
-        "asks for less evidence than all of them at once, which is what the models compared above differ by."
-    )
-
-
-def _error_sought(comparison: Comparison) -> Iterator[str]:
-    if count := comparison.by_emcee:
-        yield f"For {count} of the log evidences weights could not be trusted: emcee and bridge sampling took over."
-    if not comparison.within_tolerance:
-        error, asked = comparison.largest_error, comparison.tolerance
-        yield f"A log evidence has an error of {error:.2g} nats, more than the {asked:g} asked for (--tolerance)."
 
 
 # ---- design
@@ -600,21 +458,16 @@ def place_words(row: Mapping[str, Any]) -> str:
 
 def design_sentences(design: Design) -> tuple[str, ...]:
     """Return the recommendation in words, its notes last."""
-    return (f"Run {_tests_to_run(design)}.", *_quality(design), *_decision(design), *design_notes(design))
+    ratio = {name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters}
+    first, last = (ranked(ratio, key, tolerance=_ALIKE)[0] for key in (lambda name: -ratio[name], ratio.__getitem__))
+    return _sentences("design_sentences", design, _tests_to_run(design), ratio, first, last, design_notes(design))
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
     """Return what the tests do not show, what would, and what the numbers rest on."""
-    values = joined_sizes(design.hyper_um, " ")
-    source = f"what {design.pilot.name!r} leaves likely" if design.measured else "their prior"
-    basis = (
-        f"Parameters are at F0 = {design.reference_force_N:g} N. Averaged over the hyper-parameters, {source} (root mean square "
-        f"{values})."
-    )
     error = max(own.sd_error / own.sd for own in design.expected.values())
-    if error > 0.0:
-        basis += f" Their number leaves expected u uncertain by at most {100.0 * error:.1f} %."
-    return (*_limits(design), *degeneracy_items(design.limits.degeneracies, design.limits.cures), basis)
+    alike = degeneracy_items(design.limits.degeneracies, design.limits.cures)
+    return _sentences("design_notes", design, joined_sizes(design.hyper_um, " "), error, alike)
 
 
 @with_words.register
@@ -633,60 +486,6 @@ def _tests_to_run(design: Design) -> str:
         words.append(f"{row['count']} × {row['force_N']:.4g} N{place}")
     listed = joined(words) if len(words) <= 12 else "see the table"
     return f"{table['count'].sum()}{' more' if design.augment else ''} circles: {listed}"
-
-
-def _ratios(design: Design) -> dict[str, float]:
-    """Expected sd of every parameter of interest over that of the baseline."""
-    return {name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters}
-
-
-def _quality(design: Design) -> Iterator[str]:
-    best = "the best shares; whole tests reach it at most" if design.certificate.is_global else "the best found nearby"
-    others = joined([f"{own.name} {own.efficiency:.3f} ({len(own.tests)} circles)" for own in design.compared])
-    yield f"Efficiency {design.efficiency:.3f} by criterion {design.criterion} (1: {best}). For comparison: {others}."
-    if not design.certificate.holds:
-        excess = design.certificate.max_sensitivity / design.certificate.bound - 1.0
-        yield f"Not proven best: a sensitivity exceeds its bound by {excess:.1e}. Better shares may exist."
-    ratio = _ratios(design)
-    first, last = (ranked(ratio, key, tolerance=_ALIKE)[0] for key in (lambda name: -ratio[name], ratio.__getitem__))
-    wide = f" to {ratio[last]:.2f} times for {display_name(last)}" if len(ratio) > 1 else ""
-    yield (
-        f"Expected intervals against {design.compared[0].name}: {ratio[first]:.2f} times as wide for {display_name(first)}{wide}."
-    )
-
-
-def _decision(design: Design) -> Iterator[str]:
-    found = design.discrimination
-    if found is None or not set(found.power) & set(design.parameters):
-        return
-    misled = joined(["< 0.0005" if p < 5e-4 else f"{p:.2g}" for p in (found.misleading_with, found.misleading_without)])
-    drawn = "slopes as the tests already run leave them" if found.augmented else f"slopes of {found.size:g} prior sd"
-    yield (
-        f"Constant or not: with {drawn}, |ln B| > {found.threshold:g} is expected for them with probability "
-        f"{found.decisive_with:.2f}; without slopes, for constant with {found.decisive_without:.2f}. Misleading evidence as "
-        f"strong: {misled}."
-    )
-
-
-def _limits(design: Design) -> Iterator[str]:
-    limits = design.limits
-    if limits.levels is not None:
-        yield (
-            f"With {limits.levels} different force{'s' if limits.levels > 1 else ''} the readings cannot show that compliance is "
-            f"not {DEGREES[design.degree]} in force: the design trusts the model. Another level would show it."
-        )
-    for plane, way in limits.one_way.items():
-        yield (
-            f"Its circles of plane {plane} all run {way}: they cannot show the hysteresis that is counted here, and their "
-            "analysis would not have it. Take more circles, or both directions of each."
-        )
-    if limits.drift:
-        yield "Drift is taken to have nothing to do with force: run the circles in the order given; record time and temperature."
-    if limits.shared:
-        yield (
-            f"More circles of this kind, at whatever forces, would narrow {_shown(limits.shared)} by less than a fifth: what is "
-            "left is shared by all circles."
-        )
 
 
 # ---- budget
@@ -734,74 +533,26 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return what a trend says, the most important first; its caveats are apart."""
-    sentences = [*_change_in_time(trend), *_outside(trend)]
-    again = " To watch for the next one, take the campaigns since as a series of their own." if trend.changed else ""
-    sentences.append(f"Only one lasting step of one parameter is looked for, not several and not a slow drift.{again}")
-    return (*sentences, *([_one_bar("changes, not for levels")] if trend.assumptions["one_instrument"] else []))
-
-
-def _one_bar(of_what: str) -> str:
-    return f"Not modelled: that one bar has the same length and ball form in all campaigns. That is conservative for {of_what}."
-
-
-def _change_in_time(trend: Any) -> Iterator[str]:
-    whose = f" of {trend.machine}" if trend.machine else ""
-    prior, threshold = trend.assumptions["probability"], trend.assumptions["threshold"]
-    yield (
-        f"Over {len(trend.campaigns)} campaigns{whose} {'a' if trend.changed else 'no'} change is found: its probability is "
-        f"{probability_words(trend.probability)} (before the readings {prior:g}; found: above {threshold:g}, which of "
-        f"a machine that stays as it is has probability {trend.false_alarm:.2g} at most)."
-    )
-    if not trend.changed:
-        return
-    own = trend.parameters[trend.most_probable]
-    size = plus_minus(own.change.mean, own.change.sd, own.change.interval, own.unit)
-    percent = "" if own.percent is None else f", {own.percent:+.0f} % of the level before".replace("-", "−")
-    when = trend.estimates.loc[trend.estimates["parameter"] == trend.most_probable, "change_here"].iloc[own.place]
-    visits = trend.campaigns[own.place - 1 : own.place + 1]
-    before, after = (one.campaign if one.date is None else f"{one.date.date().isoformat()} ({one.campaign})" for one in visits)
-    yield (
-        f"It is most probably one of {display_name(trend.most_probable)} ({probability_words(own.probability)}), then between "
-        f"{before} and {after} (both: {probability_words(when)}): {size}{percent}."
-    )
-
-
-def _outside(trend: Any) -> Iterator[str]:
-    by_campaign = trend.estimates[trend.estimates["outside"]].groupby("campaign", sort=False)["parameter"]
-    words = [f"{name} ({', '.join(map(display_name, own))})" for name, own in by_campaign]
-    if words:
-        more = [f"{len(words) - _JOINED} more"] if len(words) > _JOINED else []
-        yield f"Outside the limits drawn from the campaigns before: {joined([*words[:_JOINED], *more])}."
+    own, rows = trend.parameters[trend.most_probable], trend.estimates
+    when = rows.loc[rows["parameter"] == trend.most_probable, "change_here"].iloc[own.place] if trend.changed else 0.0
+    by_campaign = rows[rows["outside"]].groupby("campaign", sort=False)["parameter"]
+    outside = [f"{name} ({', '.join(map(display_name, names))})" for name, names in by_campaign]
+    return _sentences("trend_sentences", trend, when, outside)
 
 
 def population_sentences(found: Any) -> tuple[str, ...]:
     """Return what was pooled, which machines do not belong; its caveats are apart."""
-    low, high = found.forces_N
-    tested = f", tested from {low:g} to {high:g} N" if low <= high else ""
-    sentences = [
-        f"{len(found.machine)} machines, {found.campaigns} campaigns; compliances at {found.reference_force_N:g} N{tested}.",
-        *(f"{name} does not belong with the others: {_how_far(found.machine[name])}." for name in found.not_belonging),
-    ]
-    if found.judged and not found.not_belonging:
-        sentences.append("No machine stands out from the others (at 5 %, with regard to their number).")
-    return tuple(sentences)
+    machines = {name: found.machine[name] for name in found.not_belonging}
+    return _sentences("population_sentences", found, {name: _furthest(own.z) for name, own in machines.items()})
+
+
+def _furthest(z: Mapping[str, float]) -> str:
+    return ranked(z, lambda name: abs(z[name]))[0]
 
 
 def population_doubts(found: Any) -> tuple[str, ...]:
     """Return what is to be minded of a population, and what it does not model."""
-    return (
-        *map(caveat_words, found.caveats),
-        "Not modelled: that compliances cannot be negative, changes of a machine from campaign to campaign, and correlations of "
-        "parameters from machine to machine.",
-        *([_one_bar("differences between machines, not for the population's mean")] if found.instrument else []),
-    )
-
-
-def _how_far(own: Any) -> str:
-    """How far out a machine is, and in what."""
-    worst = ranked(own.z, lambda name: abs(own.z[name]))[0]
-    value = "< 0.0001" if own.p_value < 1e-4 else f"= {own.p_value:.2g}"
-    return f"p {value} over all machines, most in {display_name(worst)} (z = {own.z[worst]:+.1f})"
+    return _sentences("population_doubts", found)
 
 
 # ---- page
@@ -846,8 +597,7 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float)
         f"{display_name(str(name))} {plus_minus(row['difference'], row['sd'], (row['ci_low'], row['ci_high']), row['unit'])}"
         for name, row in clear.iterrows()
     ]
-    differs = "; ".join(sizes) or "no parameter"
-    return f"{other} differs from {first} (± U, k = 2) in: {differs}. {100 * ci_prob:g} % intervals, each parameter by itself."
+    return _sentence("change_sentence", first, other, sizes, f"{100 * ci_prob:g}")
 
 
 def instrument_words(reference_force_N: float, *, same: bool) -> str:
@@ -856,15 +606,9 @@ def instrument_words(reference_force_N: float, *, same: bool) -> str:
     return f"Differences are at {reference_force_N:g} N; offsets of the tool ball are left out. {rest}"
 
 
-def difference_doubts(first: str, other: str, converged: bool, conflict: tuple[str, float] | None) -> Iterator[str]:
+def difference_doubts(first: str, other: str, converged: bool, conflict: tuple[str, float] | None) -> tuple[str, ...]:
     """Return what forbids the use of a difference."""
-    if not converged:
-        yield f"Not converged: {other}. Do not use its numbers."
-    if conflict is not None and conflict[1] < _CONFLICT:
-        yield (
-            f"Not one instrument: {first} and {other} disagree about the {nuisance_words(conflict[0])} (p = {conflict[1]:.1g}). "
-            "Balls turned or changed? Do not use the differences; make the page without --same-instrument."
-        )
+    return _sentences("difference_doubts", first, other, converged, conflict)
 
 
 __all__ = [
