@@ -2,7 +2,8 @@
 # make test    the fast tests
 # make studies the studies; fails when a number they state is not reproduced (half an hour; QUICK=1: minutes)
 # make docs    the documentation, into docs/_build
-# make lint, make test-slow, make clean
+# make release VERSION=0.2.0   sets the version, builds and tries out both distributions, commits and tags; publishes nothing
+# make lint, make test-slow, make package, make clean
 # Everything runs in its own .venv, which holds what was asked for and no more; it needs Python 3.11 or newer with venv.
 
 PYTHON ?= python3
@@ -12,7 +13,7 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # Without bytecode every process of a test would compile the package and the tests anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-golden lint test-slow studies docs clean
+.PHONY: demo test test-golden lint test-slow studies docs package release clean
 
 demo: $(VENV)/.package
 	$(BIN)/ldbb-bayes demo --force
@@ -37,6 +38,12 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+package: $(VENV)/.dev
+	.ci/package
+
+release: $(VENV)/.dev
+	.ci/release "$(VERSION)"
 
 $(VENV)/.package: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
-__all__ = ["InputError", "check_known", "nearest", "placed", "plain_reason", "require"]
+__all__ = ["InputError", "check_known", "nearest", "placed", "plain_reason", "renamed", "require"]
 
 
 LONGEST_MESSAGE = 1200
@@ -58,6 +59,15 @@ def check_known(what: str, names: Iterable[str], known: Iterable[str]) -> None:
             raise InputError(
                 f"{what} must be one of {', '.join(candidates)}, got {name!r}. Did you mean {nearest(str(name), candidates)!r}?"
             )
+
+
+def renamed(what: str, name: str, today: Mapping[str, str], *, refused_from: str) -> str:
+    """Return what ``name`` is called today, with a FutureWarning where it is the name of an earlier version."""
+    if name not in today:
+        return name
+    cure = f"Write {today[name]!r}; {refused_from} refuses the old name."
+    warnings.warn(f"{what} {name!r} is called {today[name]!r} now. {cure}", FutureWarning, stacklevel=4)
+    return today[name]
 
 
 def plain_reason(error: BaseException) -> str | None:

@@ -18,6 +18,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecu
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial
+from importlib import import_module
 from importlib.metadata import version
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
@@ -32,7 +33,7 @@ __all__ = ["EXECUTORS", "Lost", "dask_executor", "done", "executor_named", "one_
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
-EXECUTORS, _PACKAGES = ("process", "dask"), ("ldbb-bayes", "numpy", "scipy", "emcee")
+EXECUTORS, _PACKAGES = ("process", "dask"), ("numpy", "scipy", "emcee")
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
 ANSWER_S = 10.0
 # A job may have jobs of its own.
@@ -346,7 +347,8 @@ def _check_workers(client: Any, scheduler: str) -> None:
 @cache
 def versions(*, python: bool = False) -> dict[str, str]:
     """Versions of what numbers come from; here, or in the worker that is asked."""
-    return {name: version(name) for name in _PACKAGES} | ({"python": platform.python_version()} if python else {})
+    own = {"ldbb-bayes": import_module("ldbb_bayes").__version__} | {name: version(name) for name in _PACKAGES}
+    return own | ({"python": platform.python_version()} if python else {})
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from scipy.special import bdtr, bdtrc, gammaln, xlog1py, xlogy
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.sample import check_sampler, draw
+from ldbb_bayes.inference.sample import draw, sampler_named
 from ldbb_bayes.jobs import Lost, done
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.result import Array, Numbers, Result
@@ -174,7 +174,7 @@ def validate(
     executor : runs the replicates, one BLAS thread each; default: here, one after the other. The result does not depend on it.
     progress : called with the number of replicates done and their total.
     """
-    check_sampler(sampler)
+    sampler = sampler_named(sampler)
     proper = not (model.prior.flat or (generator is not None and generator.prior.flat))
     require(proper, "validation must start from proper priors, got flat ones: nothing can be drawn. Use the default preset.")
     for name, value, least in (("replicates", replicates, 10), ("draws", draws, 9)):

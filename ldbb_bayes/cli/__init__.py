@@ -6,6 +6,7 @@ import gc
 import io
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -81,7 +82,8 @@ def root(
 
 
 def main() -> None:
-    """Entry point. Signs that the terminal's encoding lacks are replaced, not fatal."""
+    """Entry point. Signs that the terminal's encoding lacks are replaced, not fatal; a warning is a line."""
+    warnings.formatwarning = lambda message, *_: f"ldbb-bayes: {message}\n"
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

@@ -32,7 +32,7 @@ from ldbb_bayes.inference.evidence import log_bayes_factor, log_evidence
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import State, check_probability, numbers_of, record_of
-from ldbb_bayes.inference.sample import check_sampler, sample_from
+from ldbb_bayes.inference.sample import sample_from, sampler_named
 from ldbb_bayes.jobs import Lost, done, one_blas_thread, versions
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
@@ -447,7 +447,7 @@ def batch(
     progress : called with the numbers of campaigns done with, of all, and of those that failed.
     """
     check_pyarrow()
-    check_sampler(sampler)
+    sampler = sampler_named(sampler)
     check_probability(ci_prob)
     if (retry and not resume) or (force and resume):
         raise InputError(

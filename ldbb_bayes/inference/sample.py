@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import check_known, require
+from ldbb_bayes.errors import check_known, renamed, require
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "JointDensity", "LinearRedraw", "check_sampler", "densities_of", "draw", "fit_of_parts", "groups_of", "prior_draws_of",
-    "record_from", "run_sampler", "sample", "sample_from",
+    "JointDensity", "LinearRedraw", "densities_of", "draw", "fit_of_parts", "groups_of", "prior_draws_of", "record_from",
+    "run_sampler", "sample", "sample_from", "sampler_named",
 ]  # fmt: skip
 
 _CHAINS, _SPACING = 4, 4.0
@@ -141,9 +141,11 @@ def _joint(
     return run, beta, start.bound.hyper_prior.phi(free)
 
 
-def check_sampler(sampler: str) -> None:
-    """Refuse what is no sampler."""
+def sampler_named(name: str) -> str:
+    """Return the name of a sampler; what is no sampler is refused."""
+    sampler = renamed("sampler", name, {"quadrature": "independent"}, refused_from="0.3.0")
     check_known("sampler", [sampler], ("joint", "independent"))
+    return sampler
 
 
 def run_sampler(
@@ -236,7 +238,7 @@ def sample(
     ArviZ's layout: posterior, prior, sample_stats, log_prior, log_likelihood (per test, conditional on the other tests),
     observed_data, constant_data, provenance. All numbers in mm, N, rad.
     """
-    check_sampler(sampler)
+    sampler = sampler_named(sampler)
     require(not campaign.is_plan, "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
     inside = HyperPosterior(model.bind(campaign), truncated=True, seed=seed)
     options: dict[str, Any] = {"ensembles": ensembles, "walkers": walkers, "rule": rule or StoppingRule(), "progress": progress}

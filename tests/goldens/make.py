@@ -137,7 +137,8 @@ class Work:
         for place, name in ((self.folder, "<work>"), (ROOT, "<project>")):
             text = text.replace(f"{place}/", f"{name}/").replace(str(place), name)
         text = re.sub(r"\b[\d.]+ s\b(?=[.:]?$|: )", "# s", text, flags=re.M)
-        text = re.sub(r"with ldbb_bayes \S+", "with ldbb_bayes #", text)
+        for own in (r"(?<=ted )\d{4}-[\d-]+", r"(?<=with ldbb_bayes )\S+", r"(?<=versions \| )[^|]+\b", r"\bPython \d[^|]+\b"):
+            text = re.sub(own, "#", text)
         text = re.sub(r"\d{4}-\d\d-\d\dT(?!00:00:00)[\d:.]+(\+[\d:]+|Z)?", "<time>", text)
         return [" ".join(line.split()) for line in text.splitlines() if line.strip()]
 
