@@ -6,6 +6,7 @@ Which files of a campaign are refused, and how, is held by tests/campaign; here 
 from __future__ import annotations
 
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -51,56 +52,7 @@ def test_one_force(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
 
 
 # What a library call refuses is held where its tests are; here what a command line alone can get wrong, and that options arrive.
-COMMANDS: dict[str, list[tuple[str, str]]] = {
-    "fitt": [("CAMPAIGN", "No such command 'fitt'")],
-    "simulate": [("PLAN", "Missing option '--out'.")],
-    "fit": [
-        ("CAMPAIGN --without balls", "Did you mean 'ball-form'"),
-        ("CAMPAIGN --model none.toml", "readable TOML file"),
-        ("CAMPAIGN --radius-mm 100", "options must come with a tidy CSV, got radius_mm with"),
-        ("CAMPAIGN --work-ball 0.5", "--work-ball must be a grade like G20, or a deviation from sphericity like 0.5um, got"),
-        ("CAMPAIGN --balls G21", "--balls: grade of a ball must be one of"),
-        ("CAMPAIGN --nonsense", "No such option: --nonsense"),
-        ("CAMPAIGN --degree 7", "Invalid value for '--degree': "),
-        ("CAMPAIGN --ess 5", "Invalid value for '--ess': "),
-        ("CAMPAIGN CAMPAIGN", "unexpected extra argument"),
-        ("CAMPAIGN --seed", "'--seed' requires an argument"),
-        ("CAMPAIGN --out /proc/nothing/r", "must be writable"),
-        ("", "Missing argument 'CAMPAIGN'. See --help."),
-    ],
-    "summarize": [("nowhere", "result must be a folder with posterior.nc")],
-    "compare": [
-        ("CAMPAIGN --degree 0", "compare must have a degree of at least 1, got 0"),
-        ("CAMPAIGN --tolerance inf", "--tolerance must be a finite number, got inf"),
-        ("CAMPAIGN --also nothing", "--also must be NAME=FILE.toml, got 'nothing'"),
-        ("CAMPAIGN --also linear=x.toml", "--also must give a new name, got 'linear' again"),
-    ],
-    "design": [
-        ("CAMPAIGN --forces 742:36:1", "--forces must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got '742:36:1'"),
-        ("CAMPAIGN --forces 36:742:1e-6", "--forces must give at most 5000 values"),
-        ("CAMPAIGN --forces 36,x", "--forces must hold numbers, got '36,x'"),
-        ("CAMPAIGN --clockings 0/45/90", "must be all angles of the work ball, or all WORK/TOOL, got '0/45/90'"),
-        ("CAMPAIGN --against nowhere", "--against must be NAME=PATH, got 'nowhere'"),
-    ],
-    "validate": [
-        ("PLAN --data-model nowhere.toml", "nowhere.toml"),
-        ("PLAN --scheduler tcp://x", "--scheduler must go with --executor dask"),
-        ("PLAN --executor dusk", "--executor must be one of process, dask, got 'dusk'. Did you mean 'dask'?"),
-    ],
-    "machine": [
-        ("wCAFYXZSt --plane XZ", "plane must be one of XY, YZ, ZX, got 'XZ'. Did you mean 'ZX'"),
-        ("wFYXZt --frame Y", "--frame must be AXIS=X,Y,Z, got 'Y'"),
-        ("wFYXZt --frame Y=1,2,3 --frame Y=1,2,3", "--frame must give each name once, got 'Y' again"),
-    ],
-    "trend": [("nowhere --reference-force -5", "Invalid value for '--reference-force': ")],
-    "report": [
-        ("PLAN", "must have readings to be reported"),
-        ("CAMPAIGN --unit mm", "must go with tables"),
-        ("CAMPAIGN --degree 2", "--degree 1"),
-        ("CAMPAIGN --force-N 99999", "(--force-N) must be a force from"),
-        ("CAMPAIGN --force-N -5", "got -5.0. Choose one within what was tested"),
-    ],
-}
+COMMANDS: dict[str, list[list[str]]] = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize(

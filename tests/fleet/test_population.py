@@ -337,23 +337,7 @@ def test_doubts(rng: np.random.Generator) -> None:
     assert nothing.spread.mean / nothing.prior_sd == pytest.approx(0.3 * np.sqrt(2.0 / np.pi), rel=0.03)
 
 
-RESULT: dict[str, Any] = {
-    "schema": 1,
-    "kind": "population",
-    "reference_force_N": 300.0,
-    "machines": 24,
-    "campaigns": 60,
-    "topology": "wCAFYXZSt",
-    "next": {
-        "C_XXX": {"unit": "mm/N", "mean": 5.1e-5, "sd": 4e-6},
-        "C_XYX": {"unit": "mm/N", "mean": 0.0, "sd": 1e-6},
-        "C_CCY": {"unit": "rad/(N mm)", "mean": 4e-10, "sd": 2e-10},
-    },
-    "compliances": {},
-    "machine": {"M07": {}},
-    "readings_sha256": [],
-    "doubts": [],
-}
+RESULT: dict[str, Any] = json.loads(Path(__file__).with_name("population.json").read_text(encoding="utf-8"))
 
 
 def written(folder: Path, **changes: Any) -> Path:

@@ -15,6 +15,7 @@ import json
 import re
 import sys
 import tempfile
+import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import chdir
 from functools import cache, cached_property, partial
@@ -38,28 +39,7 @@ RECOVERED = ROOT / "data" / "recovered_experiment"
 DEGREES = {"clocked": 2, "two_radii": 0}
 # Depend on the code, the machine or the clock, not on the answer.
 LEFT_OUT = {"seconds", "started", "versions", "platform", "provenance", "resumed", "toml", "stamp", "sha256", "model_sha256"}
-# What does not hold to 1e-10 on other processors (OPENBLAS_CORETYPE), and how far it does.
-RULES = (
-    # A choice between equals: to be mended by choosing with a tolerance.
-    Rule(r"-lobe form .* with (minus )?as much .* looks exactly like", tie=True),
-    Rule(r"^Expected intervals against equal steps: ", tie=True),
-    Rule(r"against equal steps the interval of \S+ is then", tie=True),
-    # Means and probabilities over draws times eigenvectors, whose signs are the processor's choice.
-    Rule(r"/discrimination/", 5e-3, 1.0),
-    Rule(r"misleading evidence as strong", 0.2),
-    # Errors of numerical integrals, ranks of draws, derivatives by small differences.
-    Rule(r"error(_um)?(/[\w/]+)?$", 1e-4),
-    Rule(r"rhat", 1e-3),
-    # Of a tail of weights, about zero.
-    Rule(r"pareto_k", 1e-7, 1.0),
-    Rule(r"/sensitivity/", 1e-6, 1e-2),
-    # Shares of a whole; loadings of unit vectors.
-    Rule(r"/(confounding|\w*shares?)(/|$)", 1e-9, 1.0),
-    # Standard uncertainties of a truncated normal distribution, from points of a sequence.
-    Rule(r"/(expected|baseline)/\w+/(floor_)?sd$", 1e-3),
-    # Lengths shown in µm: less than 1e-9 µm is rounding, whatever stands around it.
-    Rule(r"_um(/[\w/]+)?$", 1e-10, 10.0),
-)
+RULES = tuple(Rule(**own) for own in tomllib.loads((HERE / "rules.toml").read_text(encoding="utf-8"))["rule"])
 # Answers are kept of the model's first edition, but where its name says otherwise.
 _WITH_MODEL = {"batch", "compare", "design", "fit", "identify", "simulate", "validate"}
 _FEW_NUISANCES = ("--without", "discrepancy,hysteresis,setup-shift")

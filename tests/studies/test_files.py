@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import awkward
@@ -51,19 +52,7 @@ def test_the_page_counts_them(root: Path) -> None:
 
 
 # What a message names: options that say otherwise, or the line to leave out. The others name what only its owner can mend.
-CURES = {
-    "23_no_load": "--forces-N 36", "24_force_changes": "--forces-N 36", "26_direction": "--direction CW",
-    "27_both_directions": "--direction CW", "28_two_readings": "--reading-column reading_um",
-    "29_no_reading": "--reading-column blue",
-    "30_no_angle": "--angle-column blue", "31_unit": "--unit um", "32_angle_unit": "--angle-unit deg", "33_metres": "--unit um",
-    "34_column_asked": "--reading-column reading_um", "35_column_number": "--reading-column 2",
-    "36_header_line": "--header-line 1",
-    "38_not_utf8": "--encoding cp1252", "39_unknown_encoding": "--encoding utf-8", "44_no_feed": "--feed-mm-per-min 2000",
-    "45_short_log": "--feed-mm-per-min 2000", "46_averaged_arc": "--laps keep", "60_sheet_asked": "--sheets 36_N",
-    "61_sheets_of_text": "",
-    "62_zero_radius": "--radius-mm 150", "65_thousands": "--forces-N 1000", "66_not_distances": "--zero deviation",
-    "67_other_radius": "--radius-mm 155", "68_two_senses": "--direction CW",
-}  # fmt: skip
+CURES: dict[str, str] = tomllib.loads(Path(__file__).with_name("cures.toml").read_text(encoding="utf-8"))
 LINES = "08 09 10 11 12 13 14 16 17 18 19 20 21 22 41 43 63"
 
 

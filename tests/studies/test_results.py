@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tomllib
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -22,98 +23,7 @@ from ldbb_bayes.machine.chain import Circle, Machine, exact_reading_mm
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "studies"
-# What must hold of the numbers that a study states, by their names in its results.json; `make studies` measures them again.
-CLAIMS = {
-    "01_simulation": (
-        "(sets['columns'], sets['geometric_columns'], sets['rank'], len(sets['null'])) == (18, 7, 6, 5)",  # Section 4
-        "sets['table_1_same'] and sets['table_2_same'] and int(sets['condition_number']) == 9742",
-        "sets['rank_by_forces'] == {'1': 8, '2': 13, '7': 13}",
-        "(table_4['same'], table_4['cut'], table_4['misprinted']) == (11, ['C_CCY'], ['E_YY1'])",
-        "(table_4['corrected'], table_4['same_with_the_sign_of_Eq_16']) == ('−2.1995E−04', 7)",
-        # R E_XX1 + F C_XXX
-        "all(near(size, 1e3 * (150 * 1.12e-4 + float(N) * 1.1e-4), 1e-9) for N, size in figures['oval_um'].items())",
-        # A tool offset e makes e² sin²θ/(2R); a scale error E makes (R E cs)²/(2R): largest at 90° and 45°.
-        "near(reach['alone']['E_Xt0']['limit'], (2e-3 * reach['radius_mm'] * reach['resolution_um']) ** 0.5)",
-        "near(reach['alone']['E_XX1']['limit'], (8e-3 * reach['resolution_um'] / reach['radius_mm']) ** 0.5, 5e-3)",
-    ),
-    "02_recovered_experiment": (
-        "(printed_numbers, dimensions, determined) == (78, 48, 45) and sum(map(len, tables.values())) == 78",
-        "max(row['half_units'] for rows in tables.values() for row in rows) <= 1.05",
-        "near(open['cos4_at_lowest_um']['set to zero'], 0.26, 0.02) and near(open['cos4_at_lowest_um']['sd'], 0.7, 0.07)",
-        "open['orthonormal'] and all(open['alternating'].values()) and completions['least_squares_unchanged']",
-        "table_9['worst']['constant']['all'] < 0.7 < table_9['worst']['constant']['own']",
-        "near(beliefs['by_belief']['first edition']['log_bayes_factor'], -5.85, 0.01)",
-        "all(abs(own['mean'][p]) < 2 * own['sd'][p] for own in beliefs['by_belief'].values() for p in ('C_CXY', 'C_CYY'))",
-        "beliefs['elsewhere']['mean_in_u'] < 0.1",
-        "[row['figure'] for row in figure_values if row['units_of_last_digit'] > 2.0] == ['12'] and len(figure_values) == 31",
-    ),
-    "04_constant_or_linear": (
-        "[f'{v:.1f}' for v in compared['least_squares_rmse_um'].values()] == ['1.1', '0.9']",
-        "compared['assumptions']['white noise only, no truncation']['log_bayes_factor'] > 500.0",
-        "compared['log_bayes_factor'] < -5.0",
-        "compared['assumptions']['set-up shift of order 1 (centre) only']['log_bayes_factor'] > 5.0",
-        "abs(printed['of_readings']['log_bayes_factor'] - compared['log_bayes_factor']) < 0.01",
-        "abs(printed['scaled']['1']['zero and centre move'] - compared['log_bayes_factor']) < 0.01",
-        "printed['numbers'] == undetermined['printed'] == 78 and undetermined['determined'] == 45",
-        "printed['log_bayes_factor']['zero and centre move'] > 0.0 > compared['log_bayes_factor']",
-        "printed['scaled']['0.25']['zero and centre move'] > 0.0 > printed['scaled']['0.5']['zero and centre move']",
-        "all(near(printed['parts'][k]['all six'], v) for k, v in printed['log_bayes_factor'].items())",
-        "undetermined['drawn']['least'] < 0.0 < undetermined['drawn']['most'] and undetermined['exchanges']['most'] < -5.0",
-        "near(sum(gain['least_squares']['order'].values()), 1.0, 1e-6)",  # shares of Fourier orders
-        "all(simulated[kind]['share'] + 2 * simulated[kind]['se'] >= 0.95 for kind in ('no slope', 'outlier flagged'))",
-        "all(simulated[k]['share'] + 2 * simulated[k]['se'] >= 0.9 for k in ('six slopes', 'one slope, that one in the model'))",
-        "max(simulated['false alarm']['share'], simulated['false alarm, from the priors']['share']) <= 0.05",
-        "abs(simulated['reliability']['spiegelhalter_z']) < 3.0",
-        "max(o['averaged'] for o in (*explained.values(), *printed['explanations']['slopes of the second'].values())) < -2.0",
-        "min(o['the centre alone moves']['alone'] for o in (explained, printed['explanations']['slopes of the second'])) > 5.0",
-    ),
-    "05_next_campaign": (
-        "six['forces_N'] == [36.0, 36.0, 389.0, 389.0, 742.0, 742.0] and flat['constant']['forces_N'] == [36.0, 742.0]",
-        "six['efficiency']['recommended'] > 0.999 > 0.9 > six['efficiency'][\"the paper's six\"]",
-        "squareness['two radii']['urad'] <= 3.0 < squareness['forces alone']['floor_urad']",
-        "squareness['both balls clocked']['urad'] <= 1.0",
-        "simulated['largest_miss'] < 0.1 and all(own['count'] == 200 for own in simulated['widths'].values())",
-        "all(near(own['coverage_mean'], 0.95, 0.02) for own in simulated['widths'].values())",
-        "min(e['coverage_95'] for o in simulated['widths'].values() for p, e in o['parameters'].items() if p != 'C_CCY') >= 0.9",
-        "min(own['parameters']['C_CCY']['coverage_95'] for own in simulated['widths'].values()) >= 0.86",
-        "abs(simulated['decisions']['settling: constant']['decisive without']['share'] - "
-        "settling['discrimination']['decisive_without']) < 0.06",
-        "abs(simulated['decisions']['C_XYX_1: there']['decisive with']['share'] - finding['C_XYX_1']['power']) < 0.063",
-    ),
-    "06_validation": (
-        "set(calibrated) == {'linear', 'constant', 'untruncated', 'arcs', 'clocked'}",
-        "all(cases[k]['outside'] == 0 and cases[k]['replicates'] >= 300 for k in calibrated)",
-        "all(cases[k]['worst_coverage'] > 0.95 - 4 * cases[k]['se_of_one'] for k in calibrated)",
-        "all(abs(cases[k]['mean_coverage'] - 0.95) < 0.01 for k in calibrated)",
-        "all(own['outside'] > 5 and own['worst_coverage'] < 0.7 for k, own in cases.items() if k not in calibrated)",
-        "cases['no discrepancy, more readings']['mean_coverage'] < cases['no discrepancy']['mean_coverage'] - 0.02",
-        "second['every term']['outside'] == 0 and second['every term']['replicates'] == 1000",
-        "max(scales['alike']['ratio'].values()) <= 1.05",
-    ),
-    "07_misspecification": (
-        "all(abs(own['mean'] - 0.95) < 3 * own['se'] for own in kinds['baseline']['coverage'].values())",
-        "max(kind['noticed']['share'] for kind in (kinds['baseline'], second['kinds']['baseline'])) < 0.05",
-        "all(kinds[k]['noticed']['share'] > 0.9 for k in ('backlash small', 'backlash large', 'outliers'))",
-        # What fails in silence, and its remedy.
-        "all(kinds[k]['noticed']['share'] < 0.05 and kinds[k]['worst']['coverage']['share'] < 0.7 for k in "
-        "('bar large, sorted', 'hysteresis, CW', 'pressure law large', 'saturation large', 'curvature large'))",
-        "all(min(own['coverage'] for own in kinds[k]['parameters'].values()) > 0.86 for k in "
-        "('bar large, random, Drift', 'hysteresis, both, stated', 'centre, sorted, Drift'))",
-    ),
-    "08_other_campaigns": (
-        "all(predicted['one radius'][e]['verdict'] == 'confounded' for e in ('E_C0YX', 'E_YX2', 'E_XY2'))",
-        "all(predicted['two radii'][e]['verdict'] == 'identified' for e in ('E_C0YX', 'E_YX2', 'E_XY2'))",
-        "all(min(simulated[k]['coverage'].values()) > 0.95 - 4 * se for k in "
-        "('one radius', 'two radii', 'both directions', 'three planes'))",
-        "all(near(own['error'], own['u'], 0.2) for k in ('one radius', 'two radii', 'both directions', 'three planes') "
-        "for own in simulated[k]['shown'].values())",
-        "calibration['outside'] == []",
-        # One direction takes friction for compliance.
-        "all(simulated[k]['shown']['C_XYX']['coverage'] < 0.88 for k in ('five clockwise', 'ten clockwise'))",
-        "simulated['both directions']['shown']['C_XYX']['coverage'] > 0.91",
-    ),
-    "09_report": ("page_MB < 3.0 and shares_sum_to_one",),
-}
+CLAIMS: dict[str, list[str]] = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))
 
 
 @cache
