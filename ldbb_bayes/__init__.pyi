@@ -53,6 +53,8 @@ from .fleet.population import prior_from as prior_from
 from .fleet.trend import Trend as Trend
 from .fleet.trend import control_chart as control_chart
 from .fleet.trend import trend as trend
+from .inference.density import LogDensity as LogDensity
+from .inference.density import log_density as log_density
 from .inference.evidence import Evidences as Evidences
 from .inference.evidence import log_bayes_factor as log_bayes_factor
 from .inference.evidence import log_evidence as log_evidence

@@ -6,7 +6,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, renamed, require
+from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
@@ -40,72 +41,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "JointDensity", "LinearRedraw", "densities_of", "draw", "fit_of_parts", "groups_of", "prior_draws_of", "record_from",
-    "run_sampler", "sample", "sample_from", "sampler_named",
+    "densities_of", "draw", "fit_of_parts", "groups_of", "prior_draws_of", "record_from", "run_sampler", "sample", "sample_from",
+    "sampler_named",
 ]  # fmt: skip
 
 _CHAINS, _SPACING = 4, 4.0
-_WALKERS, _START_TEMPERATURE, _TRIES = 128, 1.5, 2
+_WALKERS = 128
 _QUALITY_DRAWS, _CHECKED_DRAWS = 1000, 500
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
-
-
-@dataclass(frozen=True, eq=False)
-class JointDensity:
-    """ln p(x | y) up to a constant, x = ((β − centre) / scale, ln(φ − lower))."""
-
-    bound: BoundModel
-
-    def __call__(self, x: Array) -> Array:
-        """Log density of (n, p + h) points, shape (n,)."""
-        beta, free = self.split(x)
-        total = self.bound.log_prior(beta) + self.bound.hyper_prior.log_density_of_free(free)
-        inside = np.isfinite(total)
-        if inside.any():
-            total[inside] += self.bound.log_likelihood(self.bound.hyper_prior.phi(free[inside]), beta[inside])
-        return np.asarray(total)
-
-    def split(self, x: Array) -> tuple[Array, Array]:
-        """x (..., p + h) → β (..., p), the free coordinates of φ (..., h)."""
-        p = len(self.bound.names)
-        return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
-
-    def join(self, beta: Array, free: Array) -> Array:
-        """The reverse of `split`."""
-        return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
-
-
-@dataclass(frozen=True, eq=False)
-class LinearRedraw:
-    """(β, φ) anew: φ from the proposal fitted to its nodes, β from its exact conditional Gaussian given φ; inside the truncation
-    from the tilted draws that are nearly that Gaussian's part inside."""
-
-    density: JointDensity
-    start: HyperPosterior
-
-    def draw(self, size: int, random: np.random.RandomState, *, temperature: float = 1.0) -> tuple[Array, Array, Array]:
-        """Points (size, p + h), log weights, target over proposal, and log densities of the target, (size,) each."""
-        bound = self.density.bound
-        free = self.start.proposal.draw(size, random, temperature=temperature)
-        log_evidence, given = self.start.given(free)
-        white, log_tilt = random.standard_normal(given.mean.shape), np.zeros(size)
-        if bound.truncation.active:
-            uniform = random.random_sample((size, len(bound.truncation.rows)))
-            white, log_tilt = given.orthant.propose_spread(uniform, white)
-        beta = given.at(white)
-        log_marginal = bound.hyper_prior.log_density_of_free(free) + log_evidence
-        log_target = np.where(bound.truncation.holds(beta), log_marginal + given.log_density(beta), -np.inf)
-        log_weight = np.where(np.isfinite(log_target), log_marginal - self.start.proposal.log_proposal(free) + log_tilt, -np.inf)
-        return self.density.join(beta, free), log_weight, log_target - bound.log_prob_truncation_prior
-
-    def log_weight(self, points: Array) -> Array:
-        """Log weights of points inside the truncation, shape (n,)."""
-        beta, free = self.density.split(points)
-        log_evidence, given = self.start.given(free)
-        log_tilt = given.orthant.log_weight_of(given.white(beta)) if self.density.bound.truncation.active else 0.0
-        log_marginal = self.density.bound.hyper_prior.log_density_of_free(free) + log_evidence
-        return np.asarray(log_marginal - self.start.proposal.log_proposal(free) + log_tilt)
 
 
 def _joint(
@@ -128,14 +72,7 @@ def _joint(
     require(even, f"walkers must be even and at least {2 * d} for {d} parameters, got {count}. Use more walkers.")
     starting, sampling = seed.spawn(2)
     redraw, random = LinearRedraw(density, start), np.random.RandomState(starting.generate_state(8))
-    points, _, log_target = redraw.draw(_TRIES * ensembles * count, random, temperature=_START_TEMPERATURE)
-    inside = points[np.isfinite(log_target)]
-    require(
-        len(inside) >= ensembles * count,
-        "the posterior must leave room where no compliance is negative, got almost none. The readings contradict non-negative "
-        "compliance: check the sign of the readings, the mount compensation and the forces, or fit --without truncation.",
-    )
-    starts = inside[: ensembles * count].reshape(ensembles, count, d)
+    starts = starting_points(redraw, ensembles * count, random).reshape(ensembles, count, d)
     run = run_ensembles(density, starts, rule=rule, seed=sampling, progress=progress, redraw=redraw)
     beta, free = density.split(run.chain)
     return run, beta, start.bound.hyper_prior.phi(free)

@@ -207,6 +207,12 @@ class HyperPrior:
     def _circle(self) -> NDArray[np.bool_]:
         return np.array([law == "circle" for law in self.laws])
 
+    @property
+    def bounds(self) -> Array:
+        """The least and the greatest value of each, shape (h, 2)."""
+        low, high = (np.where(self._decay, limit, other) for limit, other in ((_LEAST_DECAY, self.lower), (_MOST_DECAY, np.inf)))
+        return np.stack([low, high], axis=1)
+
     def log_density(self, phi: Array) -> Array:
         """ln p(φ), shape (..., h) → (...); −inf outside the restrictions."""
         scale, length = self.scale[self.in_mm], phi[..., self.in_mm]

@@ -11,9 +11,9 @@ from arviz_stats.base import array_stats
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference.density import JointDensity, LinearRedraw
 from ldbb_bayes.inference.mcmc import Assessment, StoppingRule, diagnose, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.sample import JointDensity, LinearRedraw
 
 MODELS = {
     "truncated": lb.HybridModel.first(1),

@@ -12,9 +12,9 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, plan
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference.density import JointDensity, LinearRedraw
 from ldbb_bayes.inference.mcmc import StoppingRule, diagnose, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.sample import JointDensity, LinearRedraw
 
 PLANS = {
     "circles": plan(),

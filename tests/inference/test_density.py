@@ -1,0 +1,144 @@
+"""The log density for samplers of one's own: the oracle's, normalised, with its prior transform; emcee and dynesty on it."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+
+import emcee
+import numpy as np
+import pytest
+from campaigns import oracle_of, plan, simulated, with_priors
+from scipy import optimize, stats
+
+import ldbb_bayes as lb
+from ldbb_bayes.errors import InputError
+
+FEW = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)))
+FOUR = simulated(plan())
+TIGHT = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
+MODELS = {
+    "constant": lb.HybridModel.first(0),
+    "linear": lb.HybridModel.first(1),
+    "quadratic": lb.HybridModel.first(2),
+    "tight": with_priors(lb.HybridModel.first(1), TIGHT),
+}
+
+
+@pytest.mark.parametrize("edition", ["first", "second"])
+def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> None:
+    """ln p(y | x) of the dense covariance; ln p(x) of normals inside, over P(T) in closed form, and of the scales."""
+    model = lb.HybridModel.first(1) if edition == "first" else lb.HybridModel.default(1)
+    density, dense = lb.log_density(model, FOUR), oracle_of(FOUR, 1, edition=edition)
+    x = density.initial(5, seed=2)
+    assert np.isfinite(density.log_prob(x)).all()
+    for point, likelihood, prior in zip(x, density.log_likelihood(x), density.log_prior(x), strict=True):
+        parts = density.split(point)
+        beta, hyper = (np.array([*parts[key].values()]) for key in ("parameters", "hyper"))
+        named = dict(zip(dense.hypers, hyper, strict=True))
+        assert likelihood == pytest.approx(dense.log_likelihood(named, beta), abs=1e-4)
+        expected = stats.norm.logpdf(beta, dense.mean, dense.sd).sum() - dense._log_prob_prior() + dense.log_prior(named)
+        assert prior == pytest.approx(expected, abs=1e-4)
+        assert density.log_prob(point) == pytest.approx(likelihood + prior, rel=1e-14)
+    assert [*density.split(x)["parameters"]] == dense.names
+    assert dict(zip(density.names, density.units, strict=True))["C_CCY"] == "rad/(N mm)"
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_prior_transform_gives_draws_of_the_prior(name: str, rng: np.random.Generator) -> None:
+    """Those that rejection leaves of normal draws; of the scales by their laws."""
+    density = lb.log_density(MODELS[name], FEW)
+    bound, size = density.bound, 300 if name == "quadratic" else 4000
+    drawn = density.prior_transform(rng.random((size, len(density.names))))
+    assert np.isfinite(density.log_prior(drawn)).all()
+    assert np.all((drawn >= density.bounds[:, 0]) & (drawn <= density.bounds[:, 1]))
+    normal = bound.prior_mean + rng.standard_normal((200_000, len(bound.names))) * bound.prior_sd
+    rejected = normal[(normal @ bound.truncation.rows.T >= 0.0).all(axis=1)]
+    looks = np.vstack([np.eye(len(bound.names)), bound.truncation.rows])
+    p_values = [stats.ks_2samp(drawn[:, : len(bound.names)] @ look, rejected @ look).pvalue for look in looks]
+    assert min(p_values) > 1e-4
+    tau = density.names.index("tau")
+    assert stats.kstest(drawn[:, tau], stats.halfnorm(scale=5e-3).cdf).pvalue > 1e-4
+    one = rng.random(len(density.names))
+    np.testing.assert_array_equal(density.prior_transform(one), density.prior_transform(one[None])[0])
+
+
+def test_prior_transform_is_the_truncated_normals() -> None:
+    density = lb.log_density(with_priors(lb.HybridModel.first(0), TIGHT), FEW)
+    levels = np.array([1e-7, 1e-3, 0.5, 0.999, 1.0 - 1e-7])
+    for name, (mean, sd) in TIGHT.items():
+        j = density.names.index(name)
+        u = np.full((len(levels), len(density.names)), 0.5)
+        u[:, j] = levels
+        expected = stats.truncnorm(-mean / sd, np.inf, loc=mean, scale=sd).ppf(levels)
+        np.testing.assert_allclose(density.prior_transform(u)[:, j], expected, rtol=1e-6)
+
+
+def test_outside_the_bounds() -> None:
+    density = lb.log_density(lb.HybridModel.default(1), FOUR)
+    x = density.initial(1)[0]
+    for name, value in {"C_XXX": -1e-6, "sigma": 1e-5, "decay": 0.4, "lambda_f036": -1.0, "tau": np.nan}.items():
+        moved = np.where(np.array(density.names) == name, value, x)
+        low, high = density.bounds[density.names.index(name)]
+        assert not low <= value <= high
+        assert density.log_prob(moved) == density.log_prior(moved) == -np.inf
+        assert np.isfinite(density.log_likelihood(moved)) == (name == "C_XXX")
+    assert pickle.loads(pickle.dumps(density)).log_prob(x) == density.log_prob(x)
+    assert repr(density) == "LogDensity of 'campaign': 19 parameters, 9 scales"
+
+
+@pytest.mark.parametrize(
+    ("use", "message"),
+    [
+        (
+            lambda: lb.log_density(lb.HybridModel.default(1), plan()),
+            "must have readings to have a posterior, got a plan",
+        ),
+        (
+            lambda: lb.log_density(MODELS["constant"], FEW).log_prob(np.zeros(3)),
+            r"x must have shape \(17,\) or \(n, 17\), got",
+        ),
+        (lambda: lb.log_density(lb.HybridModel.paper(0), FEW).prior_transform(np.zeros(14)), "must be proper, got a flat one"),
+    ],
+)
+def test_refused(use: Callable[[], object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        use()
+
+
+def test_an_optimiser_finds_the_mode() -> None:
+    """Least squares where the prior is flat and noise alone is left."""
+    density = lb.log_density(lb.HybridModel.paper(0), FEW)
+    x0 = density.initial(1)[0]
+    options = {"maxfev": 40_000, "maxiter": 40_000, "adaptive": True, "xatol": 1e-6, "fatol": 1e-9}
+    found = optimize.minimize(
+        lambda z: -density.log_prob(x0 + density.scale * z), np.zeros(len(x0)), method="Nelder-Mead", options=options
+    )
+    mode = density.split(x0 + density.scale * found.x)["parameters"]
+    estimate = lb.least_squares(FEW).estimate
+    sd = lb.marginals(lb.HybridModel.paper(0), FEW)["sd"]
+    assert max(abs(mode[name] - estimate[name]) / sd[name] for name in mode) < 0.05
+
+
+@pytest.mark.slow
+def test_emcee_and_dynesty_reproduce_posterior_and_evidence() -> None:
+    dynesty = pytest.importorskip("dynesty")
+    model = lb.HybridModel(1, (lb.SetupShift(),)).fixing("C_XYX", "C_CXY", "C_CYY", "C_CCY", "C_XYX_1", "C_CXY_1", "C_CYY_1")
+    model = model.fixing("C_CCY_1", "C_YYY_1", "E_YX2", "E_XY2", "E_C0YX", "E_Xt0", "E_Yt0")
+    density, exact, evidence = lb.log_density(model, FEW), lb.marginals(model, FEW), lb.log_evidence(model, FEW)
+    d = len(density.names)
+    moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DEMove(gamma0=1.0), 0.1)]
+    sampler = emcee.EnsembleSampler(10 * d, d, density.log_prob, vectorize=True, moves=moves)
+    sampler.run_mcmc(emcee.State(density.initial(10 * d), random_state=np.random.RandomState(1).get_state()), 4000)
+    nested = dynesty.NestedSampler(density.log_likelihood, density.prior_transform, d, nlive=400, rstate=np.random.default_rng(1))
+    nested.run_nested(print_progress=False, dlogz=0.05)
+    result = nested.results
+    assert result.logz[-1] == pytest.approx(evidence.log_value, abs=3.0 * result.logzerr[-1])
+    assert result.logzerr[-1] < 0.4
+    weight = np.exp(result.logwt - result.logz[-1])
+    for draws, weights in ((sampler.get_chain(discard=1000, flat=True), None), (result.samples, weight / weight.sum())):
+        mean = np.average(draws, axis=0, weights=weights)
+        sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weights))
+        for name, own_mean, own_sd in zip(density.names, mean, sd, strict=True):
+            assert own_mean == pytest.approx(exact["mean"][name], abs=0.12 * exact["sd"][name]), name
+            assert own_sd == pytest.approx(exact["sd"][name], rel=0.12), name
