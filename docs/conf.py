@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
+import json
 import re
 import tomllib
+from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,8 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 
 import ldbb_bayes
+from ldbb_bayes.campaign import layout
+from ldbb_bayes.fleet import dataset
 
 project = "ldbb_bayes"
 author = copyright = "The ldbb_bayes developers"
@@ -39,19 +45,142 @@ def glossary() -> str:
     return "\n".join(f"{term}\n: {text}\n" for term, text in terms.items())
 
 
-WRITTEN = {"glossary": glossary}
+def commands() -> str:
+    """Every command as Typer documents it; the panels of options that several commands have are written once, at the end."""
+    from typer import Context
+    from typer.cli import get_docs_for_click
+    from typer.main import get_command
+
+    from ldbb_bayes.cli import app
+
+    whole: Any = get_command(app)
+    panels: dict[str, dict[str, None]] = {}
+    pages = []
+    for name, command in whole.commands.items():
+        text = get_docs_for_click(obj=command, ctx=Context(command), name=f"ldbb-bayes {name}")
+        text = text.replace("; 0<=x<=9223372036854775807]", "]").replace("```console\n$ ", "```text\n")
+        text = re.sub(r"^\* `--help`.*\n", "", text, flags=re.M)
+        shared: dict[str, None] = {}
+        for option in command.params:
+            panel = getattr(option, "rich_help_panel", None)
+            line = re.search(rf"^\* `{option.opts[0]}[ `].*\n", text, re.M)
+            if panel and line and sum(panel in _panels(other) for other in whole.commands.values()) > 1:
+                panels.setdefault(panel, {})[line[0]] = None
+                shared[panel] = None
+                text = text.replace(line[0], "")
+        also = "; ".join(f"[{panel}](#{slug(panel)})" for panel in shared)
+        pages.append(re.sub(r"^# `ldbb-bayes (.*)`", r"### \1", text) + (f"\nAnd of several commands: {also}.\n" if also else ""))
+    common = (f"### {panel}\n\n{''.join(lines)}" for panel, lines in panels.items())
+    return "\n".join(["## Each command", *pages, "## Options of several commands", "", *common])
+
+
+def _panels(command: Any) -> set[str]:
+    return {getattr(option, "rich_help_panel", "") for option in command.params}
+
+
+def slug(heading: str) -> str:
+    """The anchor of a heading, as GitHub and MyST make it."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
+def shape(kind: str) -> str:
+    """The keys of a result's JSON, and of the results in it, from the types that are written."""
+    from pydantic import TypeAdapter
+    from pydantic.json_schema import GenerateJsonSchema
+
+    class Shapes(GenerateJsonSchema):
+        def handle_invalid_for_json_schema(self, schema: Any, error_info: str) -> dict[str, Any]:
+            return {"type": "array"}
+
+    module, _, name = kind.rpartition(".")
+    schema = TypeAdapter(getattr(import_module(module), name)).json_schema(mode="serialization", schema_generator=Shapes)
+    parts = {name: schema} | schema.pop("$defs", {})
+    if "$ref" in schema:
+        parts[name] = parts.pop(schema["$ref"].rpartition("/")[2])
+    text = ""
+    for part, own in parts.items():
+        if "properties" not in own:
+            continue
+        head = "" if part == name else f"**{part.lstrip('_')}**. "
+        text += f"{head}{' '.join(own.get('description', '').split())}\n\n| key | holds |\n|---|---|\n"
+        text += "".join(f"| `{key}` | {holds(value, parts)} |\n" for key, value in own["properties"].items()) + "\n"
+    return text
+
+
+def holds(value: dict[str, Any], parts: dict[str, Any]) -> str:
+    """What stands at a key, in words."""
+    if "$ref" in value:
+        part = value["$ref"].rpartition("/")[2]
+        return holds(parts[part], parts) if "enum" in parts[part] else part.lstrip("_")
+    if "enum" in value or "const" in value:
+        return " or ".join(f"`{json.dumps(choice)}`" for choice in value.get("enum", [value.get("const")]))
+    if "anyOf" in value:
+        return " or ".join(holds(choice, parts) for choice in value["anyOf"])
+    if isinstance(value.get("additionalProperties"), dict):
+        return f"by name: {holds(value['additionalProperties'], parts)}"
+    if "prefixItems" in value:
+        return f"list of {', '.join(holds(item, parts) for item in value['prefixItems'])}"
+    if value.get("type") == "array":
+        return f"list of: {holds(value['items'], parts)}" if value.get("items") else "list"
+    return {"string": "text", "integer": "whole number", "boolean": "true or false", "object": "object"}.get(
+        value.get("type", "object"), value.get("type", "object")
+    )
+
+
+def table(heads: str, rows: Mapping[str, Any]) -> str:
+    """Two columns."""
+    return f"| {heads} |\n|---|---|\n" + "".join(f"| {key} | {value} |\n" for key, value in rows.items())
+
+
+def roles() -> str:
+    """Words for what a column holds."""
+    return table("Column | Words", {role: ", ".join(words) for role, words in layout.ROLES.items()})
+
+
+def units() -> str:
+    """Units of what a column holds, in the names that the layout of tables uses."""
+    return table("Of | Units", {role: ", ".join(f"`{unit}`" for unit in known) for role, known in layout.UNITS.items()})
+
+
+def batch() -> str:
+    """Columns of a batch's table and their kinds."""
+    kinds = {"string": "text", "int64": "whole number", "double": "number", "bool": "true or false", "list<string>": "texts"}
+    known = {**dataset._COLUMNS, **dataset._GAUSSIAN}
+    return table("Column | Holds", {f"`{name}`": kinds.get(kind, "numbers") for name, kind in known.items()})
+
+
+def api(names: str) -> str:
+    """What public names are, and their docstrings."""
+    lines = ["```{eval-rst}", ".. currentmodule:: ldbb_bayes", "", ".. autosummary::", ""]
+    lines += [f"   {name}" for name in names.split()]
+    for name in names.split():
+        what: Any = ldbb_bayes
+        for part in name.split("."):
+            what = getattr(what, part)
+        kind = "module" if inspect.ismodule(what) else "class" if inspect.isclass(what) else "function"
+        whole = f"ldbb_bayes.{name}" if kind == "module" else name
+        lines += ["", f".. auto{kind}:: {whole}", *(["   :members:"] if kind != "function" else [])]
+    return "\n".join([*lines, "```"])
+
+
+WRITTEN: dict[str, Callable[[str], str]] = {
+    "glossary": lambda _: glossary(),
+    "commands": lambda _: commands(),
+    "roles": lambda _: roles(),
+    "units": lambda _: units(),
+    "batch": lambda _: batch(),
+    "shape": shape,
+    "api": api,
+}
 
 
 def write(app: Sphinx, page: str, source: list[str]) -> None:
-    """Put what is written from the package where a page has ``<!-- its name -->``."""
+    """Put what is written from the package where a page has ``<!-- its name: of what -->``."""
     for folder in {"tutorials", "how-to", "explanation", "reference/api"}:
         if page == "index" and not any((Path(__file__).parent / folder).glob("*.md")):
             source[0] = source[0].replace(f"\n{folder}/*\n", "\n")
     source[0] = re.sub(r"\[([^]]+)\]\((\.\./[^)#]*)[^)]*\)", lambda link: named(link, app.srcdir / page), source[0])
-    for name, text in WRITTEN.items():
-        marker = f"<!-- {name} -->"
-        if marker in source[0]:
-            source[0] = source[0].replace(marker, text())
+    source[0] = re.sub(r"<!-- (\w+):?([^>]*) -->", lambda marker: WRITTEN[marker[1]](marker[2].strip()), source[0])
 
 
 def named(link: re.Match[str], page: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import os
 import re
 import textwrap
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -114,10 +115,10 @@ class ByClass(Generic[T]):
         return next((self._registered[name] for name in names if name in self._registered), self._default)(result)
 
 
-def read_result(path: Path, what: str, command: str, read: Callable[[dict[str, Any]], T]) -> T:
+def read_result(path: str | os.PathLike[str], what: str, command: str, read: Callable[[dict[str, Any]], T]) -> T:
     """Return what ``command`` wrote into a folder, as the file ``what``.json, or into the file itself; ``read`` takes its JSON to
     the result. A file that is missing, damaged, or not one of ours is refused."""
-    source = path / f"{what}.json" if path.is_dir() else path
+    source = Path(path) / f"{what}.json" if Path(path).is_dir() else Path(path)
     cure = f"got {path}. Give the --out folder of a {command}."
     require(source.is_file(), f"{what} must be a folder with {what}.json or such a file, {cure}")
     raw = bytes_of(source, _LARGEST_BYTES, what=f"a {what}")

@@ -40,9 +40,9 @@ def shop_floor(place: Path) -> None:
 
 # Runs a page's blocks in order: commands as typed, all its Python in one process.
 PAGE = """
-import re, shlex, subprocess, sys
+import pathlib, re, shlex, subprocess, sys
 __import__("os").environ["MPLBACKEND"] = "Agg"
-text, space = open(sys.argv[1], encoding="utf-8").read(), {}
+text, space = pathlib.Path(sys.argv[1]).read_text(encoding="utf-8"), {}
 for block in re.finditer(r"^```(python|sh)\\n(.*?)^```", text, re.S | re.M):
     line = text[: block.start()].count("\\n") + 1
     print(f"line {line}", flush=True)

@@ -7,12 +7,12 @@ the others. Models are compared on the same readings, with the same priors where
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from operator import methodcaller
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -200,7 +200,7 @@ class Comparison(Result):
         return best if self.gain(best) > _REJECTED else None
 
 
-def read_comparison(path: Path) -> Comparison:
+def read_comparison(path: str | os.PathLike[str]) -> Comparison:
     """Return the comparison in a folder written by ``ldbb-bayes compare --out``, or in its comparison.json.
 
     InputError when the file is missing, damaged, or not one of ours.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
 
@@ -146,7 +146,7 @@ class Design(Forecast):
         return f"Design of {self.table['count'].sum()} tests, efficiency {self.efficiency:.3f} by criterion {self.criterion}"
 
 
-def read_design(path: Path) -> Design:
+def read_design(path: str | os.PathLike[str]) -> Design:
     """Return the design in a folder written by ``ldbb-bayes design --out``, or in its design.json."""
     return read_result(path, "design", "design", Design.from_dict)
 

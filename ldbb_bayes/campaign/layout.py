@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -148,9 +149,9 @@ def layout_to_toml(layout: Layout) -> str:
     return tomli_w.dumps(content) + "".join(f"\n[[test]]\n{tomli_w.dumps(entry)}" for entry in tests)
 
 
-def read_layout(path: Path) -> Layout:
-    """A layout from TOML; what does not fit is refused with its place."""
-    layout = validated(Layout, read_toml(path), str(path))
+def read_layout(path: str | os.PathLike[str]) -> Layout:
+    """Return a layout from TOML. InputError names the place of what does not fit."""
+    layout = validated(Layout, read_toml(Path(path)), str(path))
     check_known(f"{path}: columns key", layout.columns, ROLES)
     return layout
 

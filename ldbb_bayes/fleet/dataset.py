@@ -128,7 +128,7 @@ def read_batch(
     reference_force_N, degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits,
     warnings, log_prob_truncation [nat], rmse_um, log_bayes_factor (linear over constant), log_bayes_factor_error [nat]; of
     every parameter and hyper-parameter NAME.mean, NAME.sd, NAME.median, NAME.ci_low, NAME.ci_high (mm, N, rad;
-    ``attrs["units"]``); of every quantity with a tolerance NAME.probability (of conformance) and NAME.decision; gaussian_… as
+    ``attrs["units"]``); of every quantity with a tolerance NAME.probability (of conformance) and NAME.decision; ``gaussian_…`` as
     `SufficientStatistics`, the covariance as its lower triangle, row by row. What a campaign does not have is missing.
     """
     check_pyarrow()
