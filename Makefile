@@ -32,7 +32,7 @@ studies: $(VENV)/.dev
 	$(BIN)/python studies --at-once 2 $(if $(QUICK),--quick --workers 1)
 
 docs: $(VENV)/.docs
-	$(BIN)/python -m sphinx -W --keep-going -q -j 2 docs docs/_build
+	$(BIN)/python -m sphinx -W --keep-going -n -q -j 2 docs docs/_build
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

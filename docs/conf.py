@@ -7,6 +7,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,14 @@ source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build"]
 autosummary_generate = False
 numpydoc_show_class_members = False
+default_role = "py:obj"
+smartquotes = False
+# Types of other libraries, and of ours those that signatures alone name, have no place here.
+nitpick_ignore_regex = [("py:class", ".*"), ("py:obj", r"typing\..*")]
+autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "ndarray"}
+maximum_signature_line_length = 88
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 4
@@ -151,16 +160,70 @@ def batch() -> str:
 
 def api(names: str) -> str:
     """What public names are, and their docstrings."""
-    lines = ["```{eval-rst}", ".. currentmodule:: ldbb_bayes", "", ".. autosummary::", ""]
-    lines += [f"   {name}" for name in names.split()]
+    rows, lines = {}, ["```{eval-rst}", ".. currentmodule:: ldbb_bayes"]
     for name in names.split():
-        what: Any = ldbb_bayes
-        for part in name.split("."):
-            what = getattr(what, part)
+        module, _, last = f"ldbb_bayes.{name}".rpartition(".")
+        what: Any = getattr(import_module(module), last)
         kind = "module" if inspect.ismodule(what) else "class" if inspect.isclass(what) else "function"
-        whole = f"ldbb_bayes.{name}" if kind == "module" else name
-        lines += ["", f".. auto{kind}:: {whole}", *(["   :members:"] if kind != "function" else [])]
-    return "\n".join([*lines, "```"])
+        first = re.split(r"(?<=[.:;])\s|\n\n", f"{inspect.getdoc(what)} ")[0].rstrip(":;").replace("\n", " ").replace("|", "\\|")
+        same = kind == "class" and what.__name__ != last
+        role = "mod" if kind == "module" else "obj"
+        rows[f"{{py:{role}}}`{name} <ldbb_bayes.{name}>`"] = f"Another name of `{what.__name__}`." if same else first
+        lines += [
+            "",
+            f".. auto{kind}:: ldbb_bayes.{name}",
+            *(["   :members:", "   :exclude-members: model_config"] if kind != "function" and not same else []),
+        ]
+    return "\n".join([table("Name | What", rows), *lines, "```"])
+
+
+@cache
+def shown() -> dict[str, str]:
+    """Dotted names of what pages show, by their last part."""
+    pages = "".join(page.read_text(encoding="utf-8") for page in (Path(__file__).parent / "reference" / "api").glob("*.md"))
+    names = " ".join(re.findall(r"<!-- api: (.*?) -->", pages)).split()
+    return {name.rpartition(".")[2]: f"ldbb_bayes.{name}" for name in names}
+
+
+def linked(name: re.Match[str]) -> str:
+    """What the reference shows, wherever it is spoken of."""
+    return f":py:obj:`~{shown()[name[1]]}`" if name[1] in shown() else name[0]
+
+
+def forms(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Put what our docstrings say in short (errors in a sentence, descriptions behind the colon) in the form of numpydoc."""
+    text = re.sub(r"(?<![`:])`(?:ldbb_bayes\.)?(\w+)`(?!`)", linked, "\n".join(lines))
+    text = re.sub(r"(?<!`)\|(\w[^|\n]*)\|", r"\|\1\|", text)
+    found = re.search(r"^(InputError) ((?:for|naming|when|where|names)\b.*?\.)(?: (?=[A-Z])|$)(?=\n|\Z)", text, re.M | re.S)
+    if found:
+        text = text.replace(found[0], "")
+    text = re.sub(
+        r"^(\w[\w, *]*) : (.*[.:,;\w)])(?=\n    [a-z(`0-9]|\n(?!    )|\Z)",
+        lambda own: own[0] if re.fullmatch(r"\w+|\{.*|mapping .*", own[2]) else f"{own[1]}\n    {own[2]}",
+        text,
+        flags=re.M,
+    )
+    head, returns, body = text.partition("Returns\n-------\n")
+    if returns and not re.match(r"\w+ : |\w+\n    ", body):
+        kind = str(inspect.get_annotations(obj).get("return", "result")).replace("pd.", "").replace("xr.", "")
+        body, blank, rest = body.partition("\n\n")
+        text = f"{head}{returns}{kind}\n" + "".join(f"    {line}\n" for line in body.splitlines()) + blank + rest
+    if found:
+        error = "\n".join(f"    {line}" for line in found[2].splitlines())
+        text = f"{text.rstrip()}\n\nRaises\n------\nInputError\n{error}\n"
+    lines[:] = text.split("\n")
+
+
+def plain_types(app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None) -> Any:
+    """Signatures without what checks the values."""
+    while signature and (start := signature.find("Annotated[")) >= 0:
+        depth, end, comma = 0, start + len("Annotated["), 0
+        while depth >= 0:
+            comma = comma or (end if signature[end] == "," and depth == 0 else 0)
+            depth += {"[": 1, "(": 1, "]": -1, ")": -1}.get(signature[end], 0)
+            end += 1
+        signature = signature[:start] + signature[start + len("Annotated[") : comma or end - 1] + signature[end:]
+    return signature, returned
 
 
 WRITTEN: dict[str, Callable[[str], str]] = {
@@ -202,4 +265,6 @@ def mathml(translator: Any, node: nodes.math | nodes.math_block) -> None:
 def setup(app: Sphinx) -> dict[str, bool]:
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
     app.connect("source-read", write)
+    app.connect("autodoc-process-docstring", forms, priority=400)
+    app.connect("autodoc-process-signature", plain_types)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

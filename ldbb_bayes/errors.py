@@ -16,7 +16,7 @@ LONGEST_MESSAGE = 1200
 class InputError(ValueError):
     """Input that cannot be used. The message says in one line what must hold, what was found, and how to mend it.
 
-    Of what is longer than `LONGEST_MESSAGE`, a file's own text, the middle is left out.
+    Of what is longer than 1200 characters, a file's own text, the middle is left out.
     """
 
     def __init__(self, message: str) -> None:

@@ -170,7 +170,7 @@ def circularity(
     -------
     One row per plane, force and quantity: radius_mm, unit, mean, sd, median, ci_low, ci_high; on the first circle of the plane.
     G, F_max, F_min about the least-squares centre and radius; squareness (in the sense and sign of the plane's own parameter,
-    `squareness_name`) and scale_mismatch (gain of the first axis less that of the second), as the second harmonic shows them,
+    E_C0YX in XY) and scale_mismatch (gain of the first axis less that of the second), as the second harmonic shows them,
     compliance included; where the plane is run both ways G_b and D, the mean radius less the nominal one (G and F are then of the
     mean path). A G is a largest difference: where the path is not known it is more often too large than too small.
     """

@@ -391,7 +391,7 @@ class Campaign(CampaignFields):
 
     @property
     def force_levels(self) -> int:
-        """Number of distinct forces, as `distinct_forces` counts them."""
+        """Number of distinct forces; nearer than a thousandth of the largest is the same."""
         return len(distinct_forces(self.forces_N))
 
     @property

@@ -57,7 +57,7 @@ def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, An
     """Return the campaign, or the plan, of a campaign folder, a campaign.toml, or one tidy CSV; `InputError` names file and cure.
 
     Certificates are fields of `Instrument`, before what campaign.toml says of them; options, for a tidy CSV only, what
-    campaign.toml would say (`radius_mm=150`, `mount=MountCompensation(...)`, …).
+    campaign.toml would say (``radius_mm=150``, ``mount=MountCompensation(...)``, …).
     """
     path = Path(path)
     if path.is_dir():

@@ -436,7 +436,7 @@ def batch(
     model : default: linear in force.
     sampler, seed, ess, ci_prob
         As for `sample` and `summarize`: the numbers are theirs.
-    executor : where campaigns are fitted; default: here, one after the other. See `ldbb_bayes.jobs`. What starts one, such as
+    executor : where campaigns are fitted; default: here, one after the other. What starts one, such as
         `process_executor` itself, is called once ``out`` is this run's, which it stays until the workers have ended.
     compare : weigh linear compliance against constant by their evidences.
     table : fields of `Campaign` for tidy CSVs: what campaign.toml would say.

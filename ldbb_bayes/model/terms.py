@@ -241,7 +241,7 @@ class Term:
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Its hyper-parameters in a setting, where more than `scales`."""
+        """Its hyper-parameters in a setting, where more than ``scales``."""
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:

@@ -326,7 +326,7 @@ def dsi_unit(*units: str) -> str:
 def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, ci_prob: float = 0.95) -> Path:
     """Write what a fit says of a machine as XML in the format of a digital calibration certificate, and return the path.
 
-    Every compliance and geometric error in inside units (mm, N, rad), the numbers of `result_json`: mean, U (k = 2), interval of
+    Every compliance and geometric error in inside units (mm, N, rad), the numbers of ``fit --json``: mean, U (k = 2), interval of
     probability ``ci_prob``, covariance. The file says that it is unsigned and no calibration certificate.
     """
     path = Path(path)

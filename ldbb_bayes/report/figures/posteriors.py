@@ -110,7 +110,7 @@ def forest(posterior: xr.DataTree) -> Figure:
 
 @styled
 def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
-    """C(F) of every compliance with its 95 % band over the tested forces; ``words`` as in `WORDS`."""
+    """C(F) of every compliance with its 95 % band over the tested forces; ``words``: labels, by default English."""
     bound = bound_of(posterior)
     forces = bound.setting.force_N
     force = np.linspace(forces.min(), forces.max(), 31) if np.ptp(forces) > 0 else forces[0] * np.array([0.95, 1.05])
@@ -179,7 +179,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
 @styled
 def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     """Polar traces of all tests, plane by plane: readings, prediction (machine, bar and balls), of few tests the 95 % band for a
-    new circle, rings in µm, forces along a scale in the order of the traces; ``words`` as in `WORDS`."""
+    new circle, rings in µm, forces along a scale in the order of the traces; ``words``: labels, by default English."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
     rng = np.random.default_rng(0)
