@@ -100,7 +100,7 @@ def test_the_layout_reads_a_file(root: Path, tmp_path: Path) -> None:
 
 
 def test_options_exist(root: Path) -> None:
-    named = set(re.findall(r"(?<![\w-])--[a-z][\w-]+", re.sub(r"\b(pip|dask) .*", "", text(root))))
+    named = set(re.findall(r"(?<![\w-])--[a-z][\w-]+", re.sub(r"\bpip .*|--nthreads", "", text(root))))
     commands = get_command(app).commands.values()  # type: ignore[attr-defined]
     assert named <= {option for command in commands for own in command.params for option in own.opts} | {"--help", "--version"}
 
