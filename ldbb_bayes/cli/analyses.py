@@ -14,7 +14,7 @@ import typer
 import ldbb_bayes as lb
 from ldbb_bayes.cli import options
 from ldbb_bayes.cli.campaigns import ATLAS_FILES, write_atlases
-from ldbb_bayes.cli.options import Kind, Output, command, group, option
+from ldbb_bayes.cli.options import Kind, Output, command, group, option, options_of
 from ldbb_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,12 +68,7 @@ def _models(entries: list[str], flag: str) -> dict[str, Path]:
     return {name: Path(file) for name, file in options.pairs_in(entries, flag, "NAME=FILE.toml").items()}
 
 
-_COMPARE = group(
-    also=option(Kind(list[str], _models, "NAME=FILE"), "Another model to compare, as NAME=FILE.toml; can be repeated."),
-    tolerance=option(float, "Error asked of every log evidence (nat).", 1e-2),
-    ci=options.CI,
-    seed=options.SEED,
-)
+_COMPARE = group(**options_of("compare", models=Kind(list[str], _models)))
 
 
 @command
@@ -139,27 +134,8 @@ def _designs(entries: list[str], flag: str) -> dict[str, Any]:
     return {name: lb.read_campaign(Path(path)) for name, path in options.pairs_in(entries, flag, "NAME=PATH").items()}
 
 
-_LEVELS = "LO:HI:STEP or LIST"
-_DESIGN = group(
-    tests=option(int, "Number of circles. Default: as many as the pilot has."),
-    forces=option(Kind(str, _range, _LEVELS), "Levels to choose from (N). Default: the pilot's range, 1 N.", to="forces_N"),
-    clockings=option(
-        Kind(str, _clockings, _LEVELS),
-        "Clockings to choose from (°): of the work ball, or WORK/TOOL of both.",
-        "0",
-        "clockings_deg",
-    ),
-    radii=option(Kind(str, _range, "LIST"), "Radii to choose from (mm). Default: the pilot's.", to="radii_mm"),
-    directions=option(options.NAMES, "Directions of travel to choose from: CW,CCW. Default: the pilot's."),
-    criterion=option(str, "eig (default), d (default for flat priors), a, c, i or discriminate."),
-    parameters=option(options.NAMES, "Parameters of interest, comma-separated. Default: all.", metavar=None),
-    augment=option(bool, "The pilot's tests count as run; the new ones are added.", False),
-    against=option(
-        Kind(list[str], _designs, "NAME=PATH"), "Another design to judge: a plan or campaign, as NAME=PATH; can be repeated."
-    ),
-    slope_size=option(float, "Slopes that are to be found, in prior sd.", 1.0),
-    seed=options.SEED,
-)
+_CHOSEN = {"range": Kind(str, _range), "clockings": Kind(str, _clockings), "designs": Kind(list[str], _designs)}
+_DESIGN = group(**options_of("design", **_CHOSEN))
 
 
 @command
@@ -203,22 +179,13 @@ def design(
         raise typer.Exit(options.EXIT_MISSED)
 
 
-_VALIDATE = group(
-    data_model=option(Path, "Draw the readings from this model instead, to see what a wrong model does.", metavar="FILE.toml"),
-    sampler=options.SAMPLER,
-    replicates=option(int, "Simulated campaigns.", 100),
-    draws=option(int, "Posterior draws of each.", 99),
-    seed=options.SEED,
-)
-
-
 @command
 def validate(
     plan: options.CampaignArgument,
     model: options.ChosenModel,
     certificates: options.Certificates,
     output: options.OutputOptions,
-    asked: Annotated[dict[str, Any], _VALIDATE],
+    asked: Annotated[dict[str, Any], group(**options_of("validate"))],
     pool: options.PoolOptions,
 ) -> None:
     """Simulation-based calibration on a plan (or the plan of a campaign): truths from the priors, readings, posterior, ranks.
@@ -246,21 +213,12 @@ def validate(
 RESULT_FILES = ("posterior.nc", "summary.json", "model.toml", "report.html", "report.json", "tables")
 
 
-_FIT = group(
-    sampler=option(str, "joint (emcee over everything) or independent (exact draws from weighted nodes).", "joint"),
-    ess=options.ESS,
-    max_steps=option(int, "Steps of each ensemble at which sampling gives up.", 20_000, min=200),
-    seed=options.SEED,
-    ci=options.CI,
-)
-
-
 @command
 def fit(
     campaign: options.GivenCampaign,
     model: options.ChosenModel,
     output: options.OutputOptions,
-    asked: Annotated[dict[str, Any], _FIT],
+    asked: Annotated[dict[str, Any], group(**options_of("fit"))],
     tolerances: options.Tolerances,
     prior_from: Annotated[Path | None, options.PRIOR_FROM],
 ) -> None:

@@ -12,7 +12,7 @@ import typer
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import options
-from ldbb_bayes.cli.options import Kind, Output, command, group, in_panel, option
+from ldbb_bayes.cli.options import Kind, Output, command, group, option, options_of
 from ldbb_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,49 +38,12 @@ def _layout(layout: Path | None = None, **given: Any) -> Layout:
     return from_file.with_given({"columns": from_file.columns | columns, **given})
 
 
-_COLUMN, _COLUMNS = Kind(str, _named), Kind(list[str], lambda own, _: list(map(_named, own)))
-_SHEETS = Kind(str, lambda text, _: [own.strip() for own in text.split(",")])
-LAYOUT_OPTIONS = group(
-    _layout,
-    layout=option(Path, "What is known of the tables, as TOML; import.toml of an earlier import will do.", metavar="FILE.toml"),
-    forces_N=option(Kind(str, options.numbers_in, "F,F,…"), "Force of each test, in the order of files and sheets (N)."),
-    pressures_bar=option(Kind(str, options.numbers_in, "P,P,…"), "Pressure of each test, in that order (bar)."),
-    **in_panel(
-        "Which column is what (its header, or its number from 1)",
-        angle_column=option(_COLUMN, "Of every reading."),
-        reading_column=option(_COLUMNS, "Several, each a test of its own: once for each."),
-        time_column=option(_COLUMN, "Of every reading, where no column holds the angle."),
-        force_column=option(_COLUMN, "The same in all rows of a test."),
-        pressure_column=option(_COLUMN, "The same in all rows of a test."),
-        test_column=option(_COLUMN, "Names the test of each row."),
-        direction_column=option(_COLUMN, "CW or CCW."),
-    ),
-    **in_panel(
-        "How the files are read",
-        unit=option(str, "Of the readings: um, mm, nm, m, cm, inch, mil, uinch.", to="reading_unit"),
-        angle_unit=option(str, "deg, rad, gon, mrad or arcmin."),
-        time_unit=option(str, "s, ms, us, min, h or d."),
-        force_unit=option(str, "N, kN, daN, lbf or kgf."),
-        pressure_unit=option(str, "bar, mbar, MPa, kPa, Pa or psi."),
-        zero=option(str, "deviation (from the nominal radius) or distance (of the balls)."),
-        sign=option(int, "-1 where a longer bar counts as negative."),
-        angle_sign=option(int, "-1 where the file counts angles clockwise."),
-        angle_offset_deg=option(float, "Angle of the plane's first axis, as the file counts."),
-        encoding=option(str, "Of the text, e.g. utf-16-le, cp1252."),
-        separator=option(str, "comma, semicolon, tab, bar, space, or the sign itself."),
-        decimal=option(str, "Decimal mark: . or ,"),
-        header_line=option(int, "Line of the column names; 0: there is none."),
-        sheets=option(_SHEETS, "Sheets of a workbook to read, comma-separated."),
-        laps=option(str, "Of a recording longer than a turn: keep or average."),
-    ),
-    **in_panel(
-        "A log over time",
-        direction=option(str, "CW or CCW, of all tests."),
-        feed_mm_per_min=option(float, "Feed along the circle (mm/min)."),
-        start_deg=option(float, "Angle at which the circle begins. Default 0."),
-        overshoot_deg=option(float, "Run-in before the start. Default 0."),
-    ),
-)
+_READ = {
+    "column": Kind(str, _named),
+    "columns": Kind(list[str], lambda own, _: list(map(_named, own))),
+    "sheets": Kind(str, lambda text, _: [own.strip() for own in text.split(",")]),
+}
+LAYOUT_OPTIONS = group(_layout, **options_of("layout", **_READ))
 
 
 @command
@@ -191,12 +154,7 @@ def _frames_in(entries: list[str], flag: str) -> dict[str, tuple[float, ...]]:
     return dict(zip(pairs, options.points_in(pairs.values(), flag), strict=True))
 
 
-_FRAMES = Kind(list[str], _frames_in, "AXIS=X,Y,Z")
-_MACHINE = group(
-    plane=option(options.NAMES, "XY, YZ or ZX, or several, comma-separated.", "XY", metavar=None),
-    frame=option(_FRAMES, "Where a joint's frame stands (mm), axes at zero; can be repeated.", to="frames_mm"),
-    centre=option(options.POINTS, "Centre of the circles (mm); can be repeated: all of them are measured."),
-)
+_MACHINE = group(**options_of("machine", frames=Kind(list[str], _frames_in, "AXIS=X,Y,Z")))
 
 
 @command
@@ -218,16 +176,6 @@ def machine(
 
 
 _SHOWN = 10
-_BATCH = group(
-    sampler=options.SAMPLER,
-    ess=options.ESS,
-    no_compare=option(options.NEGATED, "Do not weigh linear compliance against constant.", False, "compare"),
-    resume=option(bool, "Go on with a batch that stopped.", False),
-    retry=option(bool, "With --resume: also do again what failed.", False),
-    force=options.FORCE,
-    seed=options.SEED,
-    ci=options.CI,
-)
 
 
 @command
@@ -246,7 +194,7 @@ def batch(
     table: options.TableFields,
     certificates: options.Certificates,
     tolerances: options.Tolerances,
-    asked: Annotated[dict[str, Any], _BATCH],
+    asked: Annotated[dict[str, Any], group(**options_of("batch"))],
     pool: options.PoolOptions,
     as_json: Annotated[bool, options.JSON],
     quiet: Annotated[bool, options.QUIET],
@@ -302,35 +250,6 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
 
 
 BatchesArgument = Annotated[list[Path], typer.Argument(help="Folders that ldbb-bayes batch wrote.", metavar="BATCH...")]
-_ROWS = {
-    "parameters": option(
-        options.NAMES,
-        "Comma-separated compliances and geometric errors. Default: all constant compliances. Ball form and bar length are taken "
-        "anew in each campaign: what is said of differences of geometric errors is conservative, of their levels not.",
-    ),
-    "exclude": option(
-        list[str], "Campaign (path, last part of it, or name) or machine to leave out; may be repeated.", metavar="NAME"
-    ),
-    "since": option(str, "Leave out campaigns before this date (ISO 8601).", metavar="DATE"),
-    "include_misfits": option(bool, "Keep campaigns whose readings the model does not expect; else they are left out.", False),
-    "reference_force": option(
-        float, "Force (N) of the compliances. Default: the campaigns' median.", to="reference_force_N", min=0.0, metavar="F"
-    ),
-    "own_instruments": option(
-        options.NEGATED, "Every campaign had a bar, a mount and a regulator of its own.", False, "one_instrument"
-    ),
-}
-_TREND = group(
-    machine=option(str, "Whose campaigns; needed where they are of several machines.", metavar="ID"),
-    **_ROWS,
-    change_scale=option(float, "Size of a change (1 sd), in units of a parameter's default prior sd: 20 nm/N of C_XXX.", 0.2),
-    repeatability=option(
-        float, "What a machine itself changes from campaign to campaign (1 sd), same units: 1 nm/N of C_XXX.", 0.01
-    ),
-    probability=option(float, "Of a change, before the readings.", 0.5),
-    threshold=option(float, "Probability above which a change counts as found.", 0.95),
-    ci=options.CI,
-)
 
 
 @command
@@ -338,7 +257,7 @@ def trend(
     batches: BatchesArgument,
     output: options.OutputOptions,
     tolerances: options.Tolerances,
-    asked: Annotated[dict[str, Any], _TREND],
+    asked: Annotated[dict[str, Any], group(**options_of("whose", "rows", "trend"))],
 ) -> None:
     """One machine over time: control chart, probability that a parameter has changed, which, when and by how much.
 
@@ -354,8 +273,7 @@ def trend(
     output.deliver(record, result, contents, {"control_chart": partial(lb.control_chart, result)})
 
 
-_SPREAD = "Prior of a spread: half-normal of this many default prior sd of the parameter."
-_POPULATION = group(**_ROWS, spread_scale=option(float, _SPREAD, 0.3, metavar="X"), ci=options.CI, seed=options.SEED)
+_POPULATION = group(**options_of("rows", "population"))
 
 
 @command

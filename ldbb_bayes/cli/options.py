@@ -9,9 +9,10 @@ import os
 import re
 import shutil
 import sys
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, cast
@@ -32,6 +33,7 @@ EXIT_MISSED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 REQUIRED = inspect.Parameter.empty
 # Short, so that names of options stay whole in the help on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
+_CATALOGUE: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "options.toml").read_text(encoding="utf-8"))
 
 
 # ---- groups of options
@@ -115,9 +117,20 @@ def group(make: Callable[..., Any] = dict, first: inspect.Parameter | None = Non
     return Group(options, make, first)
 
 
-def in_panel(panel: str, **options: Option) -> dict[str, Option]:
-    """The options under a heading of their own."""
-    return {name: replace(own, more={**own.more, "rich_help_panel": panel}) for name, own in options.items()}
+def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
+    """The options of groups in options.toml, those of a panel under its heading; ``kinds`` beside `KINDS`."""
+
+    def made(own: Mapping[str, Any] | str) -> Option:
+        stated = dict(_CATALOGUE["shared"][own] if isinstance(own, str) else own)
+        return option({**KINDS, **kinds}[stated.pop("kind", "text")], stated.pop("help"), **stated)
+
+    found: dict[str, Option] = {}
+    for key, own in [entry for group in groups for entry in _CATALOGUE[group].items()]:
+        if isinstance(own, str) or "help" in own:
+            found[key] = made(own)
+        else:
+            found |= {name: made({**one, "rich_help_panel": key}) for name, one in own.items()}
+    return found
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
@@ -206,10 +219,21 @@ def ball_in(text: str, option: str) -> Ball:
         return lb.Ball(grade=text) if size is None else lb.Ball(sphericity_um=float(size[1]))
 
 
-NAMES = Kind(str, names_in, "LIST")
-BALL = Kind(str, ball_in, "G20|0.5um")
-NEGATED = Kind(bool, lambda value, _: not value)
-POINTS = Kind(list[str], points_in, "X,Y,Z")
+KINDS: Mapping[str, Any] = {
+    "text": str,
+    "integer": int,
+    "number": float,
+    "flag": bool,
+    "path": Path,
+    "texts": list[str],
+    "list": Kind(str, names_in, "LIST"),
+    "names": Kind(str, names_in),
+    "numbers": Kind(str, numbers_in),
+    "ball": Kind(str, ball_in, "G20|0.5um"),
+    "negated": Kind(bool, lambda value, _: not value),
+    "points": Kind(list[str], points_in, "X,Y,Z"),
+    "tolerances": Kind(list[str], lambda own, flag: pairs_in(own, flag, 'NAME="VALUE UNIT"')),
+}
 
 
 # ---- campaign and model
@@ -268,99 +292,18 @@ def model_from(
     return chosen if drift is None else chosen.including(lb.Drift(drift))  # type: ignore[arg-type]
 
 
-_TABLE = in_panel(
-    "For a tidy CSV",
-    topology=option(str, "Joints from workpiece to tool."),
-    plane=option(str, "XY, YZ or ZX."),
-    radius_mm=option(float, "Nominal radius (mm). Default 150."),
-    resolution_um=option(float, "Step of the readout (µm). Default 0.24."),
-    raw=option(bool, "The readings are not compensated for the mount.", False),
-    mount_um_per_bar=option(float, "Deflection of the mount. Default 2.33."),
-    force_slope=option(float, "Force law, N per bar. Default 126.04."),
-    force_offset=option(float, "Force law, force at zero pressure (N). Default -14.2."),
-)
-LABEL_OPTIONS = in_panel(
-    "What was measured, when and with what (no number depends on it)",
-    machine_type=option(str, "Maker and type of the machine."),
-    serial_number=option(str, "Of the machine."),
-    machine_id=option(str, "Name of the machine within a fleet. Default: the serial number."),
-    date=option(str, "Of the measurement, ISO 8601.", metavar="DATE"),
-    operator=option(str, "Who measured."),
-    place=option(str, "Where."),
-    ball_bar=option(str, "Type and number of the ball bar."),
-    ball_bar_calibrated=option(str, "Date of its calibration, ISO 8601.", metavar="DATE"),
-    force_device=option(str, "What makes or measures the force."),
-)
-_TABLE |= LABEL_OPTIONS
-_LEAST = 1e-6
-_CERTIFICATES = in_panel(
-    "Certificates (U: expanded, k = 2), before what campaign.toml says",
-    balls=option(BALL, "Form of both balls: grade (ISO 3290: G3 to G200), or deviation from sphericity, for example 0.5um."),
-    work_ball=option(BALL, "The work ball's, likewise.", to="work"),
-    tool_ball=option(BALL, "The tool ball's, likewise.", to="tool"),
-    bar_length_error_um=option(float, "Error of the bar's length (µm)."),
-    bar_U_um=option(float, "U of the bar's length (µm).", min=_LEAST),
-    mount_U_percent=option(float, "U of the mount's deflection (%).", min=_LEAST, max=100),
-    force_U_percent=option(float, "U of the force's gain (%).", min=_LEAST, max=100),
-    force_linearity_percent=option(float, "Non-linearity of the force, at most (% of the largest force).", min=_LEAST, max=100),
-    force_random_N=option(float, "Random error of every force (N, 1 sd).", min=_LEAST),
-    angle_U_deg=option(float, "U of the angle (°).", min=_LEAST),
-    bar_dcc=option(Path, "Digital calibration certificate (DCC, XML) of the bar.", metavar="FILE"),
-    force_dcc=option(Path, "DCC of the force device.", metavar="FILE"),
-    work_ball_dcc=option(Path, "DCC of the work ball.", to="work_dcc", metavar="FILE"),
-    tool_ball_dcc=option(Path, "DCC of the tool ball.", to="tool_dcc", metavar="FILE"),
-)
+_TABLE, _CERTIFICATES = options_of("table", "labels"), options_of("certificates")
 _CERTIFIED = [*(own.to or name for name, own in _CERTIFICATES.items()), "bar_certificate", "force_certificate"]
-_TERMS = "ball-form, bar-length, mount, force-error, setup-shift, discrepancy, hysteresis, drift, truncation"
-_MODEL = group(
-    model_from,
-    degree=option(int, "Compliance constant (0), linear (1) or quadratic (2) in force. Default 1.", min=0, max=2),
-    preset=option(str, "default: all effects and priors. first: as in the first edition. paper: least squares (Eq. 31)."),
-    without=option(NAMES, f"Comma-separated terms to leave out: {_TERMS}.", metavar=None),
-    drift=option(str, "Centre and length drift with time or temperature, as the tests record it.", metavar="time|temperature"),
-    model=option(Path, "Model as TOML (priors, terms, degree).", metavar="FILE.toml"),
-)
 CampaignArgument = Annotated[Path, typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN")]
 _PATH = inspect.Parameter("campaign", inspect.Parameter.KEYWORD_ONLY, annotation=CampaignArgument)
 GivenCampaign = Annotated["Campaign", group(campaign_from, _PATH, **_TABLE, **_CERTIFICATES)]
 Certificates = Annotated[dict[str, Any], group(certified, **_CERTIFICATES)]
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE)]
-ChosenModel = Annotated["HybridModel", _MODEL]
-TOLERANCE = option(
-    Kind(list[str], lambda own, flag: pairs_in(own, flag, 'NAME="VALUE UNIT"'), "NAME=VALUE"),
-    'Limit of a quantity: C_XXX="60 nm/N", stiffness_X="18 N/µm", G="20 µm", E_XX1="-20..40 µm/m"; can be repeated. '
-    "Before what campaign.toml says.",
-    to="tolerances",
-)
+ChosenModel = Annotated["HybridModel", group(model_from, **options_of("model"))]
+SHARED = options_of("shared")
+CI, SEED, SAMPLER, ESS, FORCE, JSON, QUIET, PRIOR_FROM, TOLERANCE = SHARED.values()
 Tolerances = Annotated[dict[str, str], group(lambda tolerances=None: tolerances or {}, tolerance=TOLERANCE)]
-
-
-# ---- options that several commands have
-
-CI = option(float, "Probability of the credible intervals.", 0.95, "ci_prob")
-SEED = option(int, "Seed of all random numbers.", 1, min=0, max=2**63 - 1)
-SAMPLER = option(str, "independent or joint.", "independent")
-ESS = option(float, "Bulk and tail effective sample size every parameter must reach.", 1000.0, min=100.0)
-FORCE = option(bool, "Replace existing results.", False)
-JSON = option(bool, "Print the result as JSON on stdout, and nothing else there.", False, name="--json")
-QUIET = option(bool, "No progress.", False)
-PRIOR_FROM = option(
-    Path,
-    "Result of a population of other machines of the kind (folder or population.json), the prior of the compliances.",
-    metavar="POPULATION",
-)
-PoolOptions = Annotated[
-    dict[str, Any],
-    group(
-        executor=option(
-            str, "What the jobs run on: process (the cores here) or dask.", "process", "kind", metavar="process|dask"
-        ),
-        scheduler=option(
-            str, "Dask scheduler to use, for example tcp://10.0.0.1:8786. Default: workers on this machine.", metavar="ADDRESS"
-        ),
-        workers=option(int, "Processes, one BLAS thread each; 0: one per core. None is started for 1.", 0, min=0),
-    ),
-]
+PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
 
 
 # ---- where a result goes
@@ -445,16 +388,7 @@ class Output:
             typer.echo(f"Written: {self.out}{more}")
 
 
-OutputOptions = Annotated[
-    Output,
-    group(
-        Output,
-        out=option(Path, "Folder to write results to. Without it nothing is written.", metavar="DIR"),
-        force=FORCE,
-        as_json=JSON,
-        quiet=QUIET,
-    ),
-]
+OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
 
 
 # ---- progress
