@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import explanation
 import numpy as np
 import pandas as pd
 import pytest
@@ -152,8 +153,12 @@ def test_pages_of_the_handbook_quote_the_studies() -> None:
         for kind in kinds:
             entry = seen[kind]["shown"][name]
             assert f"{entry['u'] * factor:.3g} {unit}, {entry['coverage']:.3f}" in page, (name, kind)
-    share = 100 * stated("09_report")["E_XX1_bar_length"]
-    assert f"{share:.0f} %" in (ROOT / "docs" / "report.md").read_text(encoding="utf-8")
+
+
+def test_pages_of_the_explanation_state_what_studies_found_and_the_model_assumes() -> None:
+    assert {path.name: path.read_text(encoding="utf-8") == text for path, text in explanation.written().items()} == dict.fromkeys(
+        ["confounding.md", "evidence.md", "model.md", "paper.md", "report.md", "validation.md", "verdicts.md"], True
+    )
 
 
 def test_the_lines_of_the_readme_and_the_table_of_priors() -> None:

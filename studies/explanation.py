@@ -1,0 +1,49 @@
+"""Pages of docs/explanation that state numbers: their templates, filled with what studies found and the default model assumes.
+
+python studies/explanation.py   # writes them
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import study
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis import identifiability
+from ldbb_bayes.model.terms import Term
+
+__all__ = ["written"]
+
+HERE = Path(__file__).resolve().parent
+PAGES = HERE.parent / "docs" / "explanation"
+
+
+def written() -> dict[Path, str]:
+    """Every page as its template says."""
+    results = {path.parent.name: json.loads(path.read_text(encoding="utf-8")) for path in sorted(HERE.glob("*/results.json"))}
+    families = results["12_real_machines"]["families"]
+    spans = {}
+    for edition in ("first", "second"):
+        shares = [share for family in families.values() for share in family[edition]["coverage"].values()]
+        spans |= {f"{edition}_low": min(shares), f"{edition}_high": max(shares)}
+    rest = [family["second"]["rest_coverage"] for family in families.values()]
+    facts = {
+        **results,
+        **spans,
+        **{kind.__name__: kind() for kind in Term.kinds.values()},
+        "prior": lb.Prior.default(),
+        "rule": lb.StoppingRule(),
+        "limit": {"half": identifiability._HALF, "contracted": identifiability._CONTRACTED},
+        "rest_low": min(rest),
+        "rest_high": max(rest),
+        "marked": families["mild"]["second"]["marked"],
+    }
+    templates = sorted(PAGES.glob("*.md.j2"))
+    return {template.with_suffix(""): study.page(PAGES, template.stem, facts) for template in templates}
+
+
+if __name__ == "__main__":
+    for page, text in written().items():
+        page.write_text(text, encoding="utf-8")
