@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ldbb_bayes.errors import InputError, require
 
 __all__ = [
     "Statement", "display_name", "display_unit", "inside_name", "is_direct", "is_skewed", "plus_minus", "ranked", "round_like",
-    "round_uncertainty", "state", "stiffness", "to_inside", "typeset", "value_and_uncertainty",
+    "round_uncertainty", "setting_to_inside", "state", "stiffness", "to_inside", "typeset", "value_and_uncertainty",
 ]  # fmt: skip
 
 T = TypeVar("T")
@@ -42,6 +43,7 @@ _ATOMS: Mapping[str, tuple[float, int, int]] = {
     "°": (math.pi / 180.0, 0, 0),
     "arcsec": (math.pi / 648e3, 0, 0),
 }
+_ENDINGS = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 _HARDLY, _ZERO = 0.2, 1e-12
 
 
@@ -62,7 +64,20 @@ def to_inside(text: str, unit: str, what: str = "value") -> float:
     if parts is None or written is None or wanted is None or written[1:] != wanted[1:]:
         label = _UNITS[unit][1] if unit in _UNITS else unit
         raise InputError(f"{what} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5 {label}.")
-    return float(parts[1]) * (written[0] / wanted[0])
+    return float(f"{float(parts[1]) * (written[0] / wanted[0]):.15g}")
+
+
+def setting_to_inside(name: str, value: Any, what: str) -> Any:
+    """A setting written with its unit as the number in the unit that ends its name: "60 nm/N" for direct_mm_per_N is 6e-5, "3 µm"
+    for sd_um is 3; a ratio, "10 %", where it names none. Anything else, such as a number, as it is."""
+    if not isinstance(value, str):
+        return value
+    above, _, below = name.partition("_per_")
+    unit = _ENDINGS.get(above.rpartition("_")[2], "1")
+    unit += f"/({below.replace('_', ' ')})" if "_" in below else f"/{below}" if below else ""
+    with suppress(InputError) if unit == "1" else nullcontext():
+        return to_inside(value, unit, what)
+    return value
 
 
 def _size(unit: str) -> tuple[float, int, int] | None:

@@ -49,7 +49,7 @@ class KnownLobe(lb.Term):
         return (lb.Columns(("known_lobe",), setting.harmonics([5])[:, :, :1], sd, mean=mean),)
 
 
-MODEL = lb.HybridModel.first(0).without("ball-form").including(PitchError())
+MODEL = lb.HybridModel.first(0).without("ball-form").with_term(PitchError())
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +69,9 @@ def test_toml_both_ways() -> None:
     assert [scale.name for scale in MODEL.scales] == ["sigma", "delta", "kappa", "pitch"]
     assert [scale.name for scale in MODEL.without("pitch-error").scales] == ["sigma", "delta", "kappa"]
     assert "PitchError" in str(MODEL)
-    text = model_to_toml(MODEL.including(PitchError(2.5)))
+    text = model_to_toml(MODEL.with_term(PitchError(2.5)))
     assert "[terms.PitchError]\nscale_um = 2.5" in text
-    assert model_from_toml(text).nuisances == MODEL.including(PitchError(2.5)).nuisances
+    assert model_from_toml(text).nuisances == MODEL.with_term(PitchError(2.5)).nuisances
     with pytest.raises(InputError, match="PitchError scale_um must be a positive number, got -1"):
         model_from_toml(text.replace("2.5", "-1.0"))
     with pytest.raises(InputError, match="PitchError key must be one of"):
@@ -115,7 +115,7 @@ def test_identify_budgets_design_and_report_know_it(
 
 def test_an_alias_of_it_is_stated_with_its_cure() -> None:
     """In proportion to the radius at order 2 it is a geometric error at one radius."""
-    bound = MODEL.without("pitch-error").including(SecondOrder()).bind(plan())
+    bound = MODEL.without("pitch-error").with_term(SecondOrder()).bind(plan())
     found = [degeneracy for degeneracy in degeneracies(bound) if degeneracy.term == "SecondOrder"]
     assert {name for degeneracy in found for name in degeneracy.parameters} == {"E_XX1", "E_YY1", "E_C0YX"}
     assert all("easurement of it" in cure_words(own, cure) for own, cure in zip(found, cures(bound, found), strict=True))
@@ -136,7 +136,7 @@ def test_what_is_no_term_is_refused() -> None:
         pass
 
     with pytest.raises(InputError, match=r"nuisances must be terms, got Loose\. Derive its class from Term"):
-        lb.HybridModel.first().including(Loose())
+        lb.HybridModel.first().with_term(Loose())
     with pytest.raises(InputError, match="a term must have a name of its own, got BallForm"):
         dataclasses.make_dataclass("BallForm", [], bases=(lb.Term,), namespace={"__module__": __name__})
     with pytest.raises(InputError, match=r"columns of a, b must have values of shape \(tests, 25, 2\)"):
@@ -154,7 +154,7 @@ def test_simulation_based_calibration_passes() -> None:
 def test_a_prior_mean_of_its_columns_counts(campaign: lb.Campaign) -> None:
     """In simulated readings, and in the likelihood: readings with 3 µm more of cos 5θ are as probable under it as without."""
     plain, phi = lb.HybridModel.first(0), np.array([[3e-4, 5e-4, 2e-4, 2e-3]])
-    model = plain.including(KnownLobe())
+    model = plain.with_term(KnownLobe())
     more = tuple(t.with_reading_um(np.asarray(t.reading_um) + 3.0 * np.cos(5.0 * t.angles_rad())) for t in campaign.tests)
     value = model.bind(replace(campaign, tests=more)).log_evidence(phi)
     np.testing.assert_allclose(value, plain.bind(campaign).log_evidence(phi), atol=1e-5)

@@ -289,7 +289,7 @@ def model_from(
         chosen = lb.read_model(model, degree=1)
         chosen = chosen if degree is None else chosen.with_degree(degree)
     chosen = chosen.without(*without)
-    return chosen if drift is None else chosen.including(lb.Drift(drift))  # type: ignore[arg-type]
+    return chosen if drift is None else chosen.with_term(lb.Drift(drift))  # type: ignore[arg-type]
 
 
 _TABLE, _CERTIFICATES = options_of("table", "labels"), options_of("certificates")

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, Literal
 from weakref import WeakKeyDictionary
@@ -19,7 +19,7 @@ from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName, geom
 from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
 from ldbb_bayes.model.gaussian import components, least_squares
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian
-from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit
+from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit, parameter_to_inside
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, ForceError, JointLoad, Mount, Scale, Term, first_edition
 from ldbb_bayes.model.truncation import Orthant, Truncation
 from ldbb_bayes.result import Array, Result
@@ -120,7 +120,29 @@ class HybridModel(Result):
         means = {name: 0.0 if name in fixed else mean for name, mean in self.prior.means.items()}
         return replace(self, fixed=tuple(fixed), prior=replace(self.prior, means=means))
 
-    def including(self, *terms: Term) -> HybridModel:
+    def with_prior(self, priors: Mapping[str, Any] | None = None, /, **more: Any) -> HybridModel:
+        """The same model with other priors, each text with its unit or a number in the inside unit (mm, N, rad).
+
+        ``C_XXX=("60 nm/N", "5 nm/N")``: mean and sd of a parameter, which is free again if it was fixed; a slope's mean stays 0.
+        ``tau_um="2 µm"``: a field of `Prior`. Names as the paper prints them go in a mapping: ``{"E_C(0Y)X": (0, "20 µrad")}``.
+        InputError for what is neither; names are checked against the machine when the model meets a campaign.
+        """
+        given = {inside_name(name): value for name, value in {**(priors or {}), **more}.items()}
+        tables = {"means": dict(self.prior.means), "overrides": dict(self.prior.overrides)}
+        settings = [own.name for own in fields(Prior) if own.name not in tables]
+        check_known("prior", [name for name in given if not name.startswith(("C_", "E_"))], settings)
+        for name, value in given.items():
+            if name not in settings:
+                pair = isinstance(value, tuple | list) and len(value) == 2
+                require(pair, f"prior of {name} must be its mean and sd, got {value!r}. Write {name}=(mean, sd).")
+                tables["overrides"][name] = value[1]
+                mean = parameter_to_inside(name, value[0], "prior mean of")
+                tables["means"] |= {name: mean} if mean or not degree_of(name) else {}
+        own = {name: value for name, value in given.items() if name in settings}
+        fixed = tuple(name for name in self.fixed if name not in given)
+        return replace(self, fixed=fixed, prior=replace(self.prior, **own, **tables))
+
+    def with_term(self, *terms: Term) -> HybridModel:
         """The same model with these nuisances, in place of its own of the same kind: ``including(Drift("temperature"))``."""
         own = {type(term): term for term in (*self.nuisances, *terms)}
         places = [*Term.kinds.values(), *own]
@@ -143,7 +165,7 @@ class HybridModel(Result):
         model = self
         for kind, setting, _ in (_RIVALS[name] for name in self.rivals if name not in names):
             own: Any = next(term for term in self.nuisances if type(term) is kind)
-            model = model.including(replace(own, **{setting: 0.0})) if setting else model.without(kind.key())
+            model = model.with_term(replace(own, **{setting: 0.0})) if setting else model.without(kind.key())
         return model
 
     @property

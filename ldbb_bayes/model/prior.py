@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -16,7 +17,7 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import ComplianceKind, ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import Hyper, Law, Scale
 from ldbb_bayes.result import Array
-from ldbb_bayes.units import inside_name
+from ldbb_bayes.units import inside_name, setting_to_inside, to_inside
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
@@ -35,6 +36,7 @@ _GEOMETRIC: dict[GeometricKind, tuple[str, str]] = {
     "squareness": ("rad", "squareness_rad"),
     "offset": ("mm", "offset_mm"),
 }
+_KINDS: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
 
 
 def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
@@ -45,6 +47,25 @@ def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
 def geometric_unit(kind: GeometricKind) -> str:
     """Unit of a geometric error."""
     return _GEOMETRIC[kind][0]
+
+
+def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
+    """A value of a parameter in inside units, from a number in them or text with its unit, "5 nm/N"."""
+    if not isinstance(value, str):
+        require(
+            isinstance(value, int | float | np.number),
+            f"{what} {parameter} must be a number or text with its unit, got {value!r}. Correct it.",
+        )
+        return float(value)
+    degree, match = degree_of(parameter), re.fullmatch(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)", parameter)
+    cure = "Give a number in mm, N, rad, or correct the name."
+    require(match is not None and degree <= 2, f"{what} {parameter} must be of a parameter to have a unit, got {value!r}. {cure}")
+    twist, wrench, joint, axis, order = match.groups()  # type: ignore[union-attr]
+    if twist:
+        unit = compliance_unit(ComplianceName(twist, wrench, joint), degree)
+    else:
+        unit = geometric_unit(_KINDS[order] if axis else "squareness")
+    return to_inside(value, unit, f"{what} {parameter}")
 
 
 def degree_of(parameter: str) -> int:
@@ -59,7 +80,7 @@ class Prior:
     hyper-parameters.
 
     The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, a scale gain of 2e-4 is
-    200 µm/m. Give your own by ``replace(Prior.default(), ...)``, by ``overrides`` or in TOML.
+    200 µm/m. Give your own by `HybridModel.with_prior` or in TOML; every value may be text with its unit.
 
     ``means`` are zero for all parameters not named; a force slope's stays zero: constant compliance is the linear model with its
     slopes at zero. The override of a compliance named there says how well it is known, no longer how large it may be: its slopes
@@ -91,10 +112,13 @@ class Prior:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if isinstance(value, int | float) and not isinstance(value, bool):
-                object.__setattr__(self, name, float(value))
-        for name in ("overrides", "means"):
-            own = {inside_name(parameter): float(value) for parameter, value in getattr(self, name).items()}
+            if isinstance(value, int | float | str) and not isinstance(value, bool):
+                number = setting_to_inside(name, value, f"prior {name}")
+                require(not isinstance(number, str), f"prior {name} must be a number, got {value!r}. Correct it.")
+                object.__setattr__(self, name, float(number))
+        for name, what in (("overrides", "prior sd of"), ("means", "prior mean of")):
+            given = {inside_name(parameter): value for parameter, value in getattr(self, name).items()}
+            own = {parameter: parameter_to_inside(parameter, value, what) for parameter, value in given.items()}
             object.__setattr__(self, name, MappingProxyType(own))
         scales = {name: value for name, value in vars(self).items() if isinstance(value, float)} | dict(self.overrides)
         for name, value in scales.items():

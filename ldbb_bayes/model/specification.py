@@ -21,6 +21,7 @@ from ldbb_bayes.files import parse_toml, read_toml, validated
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import Term
+from ldbb_bayes.units import setting_to_inside
 
 __all__ = ["Truths", "is_truths", "model_from_toml", "model_sha256", "model_to_toml", "read_model", "read_truths"]
 
@@ -36,7 +37,7 @@ class _SpecFile(BaseModel):
     degree: Literal[0, 1, 2] | None = None
     reference_force_N: float | None = None
     fixed: list[str] = Field(default_factory=list)
-    prior: dict[str, float | bool | dict[str, float]] = Field(default_factory=dict)
+    prior: dict[str, float | bool | str | dict[str, float | str]] = Field(default_factory=dict)
     terms: dict[str, dict[str, float | str]] | None = None
 
 
@@ -92,6 +93,7 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
 
 def _checked(what: str, kinds: Mapping[str, type], given: dict[str, Any]) -> dict[str, Any]:
     check_known(f"{what} key", given, kinds)
+    given = {key: setting_to_inside(key, own, f"{what} {key}") if kinds[key] is float else own for key, own in given.items()}
     for key, value in given.items():
         kind = kinds[key]
         require(isinstance(value, kind), f"{what} {key} must be a {kind.__name__}, got {value!r}. Correct it.")

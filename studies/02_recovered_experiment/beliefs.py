@@ -26,12 +26,12 @@ Change = Callable[[lb.HybridModel], lb.HybridModel]
 
 def adding(term: str) -> Change:
     """The second edition's term, in place of the first's where that has it."""
-    return lambda model: model.including(TERMS[term])
+    return lambda model: model.with_term(TERMS[term])
 
 
 def form_falls(model: lb.HybridModel) -> lb.HybridModel:
     """The second edition's form and the prior of its size."""
-    return replace(model.including(TERMS["BallForm"]), prior=replace(model.prior, tau_um=TOGETHER.prior.tau_um))
+    return replace(model.with_term(TERMS["BallForm"]), prior=replace(model.prior, tau_um=TOGETHER.prior.tau_um))
 
 
 BELIEFS: Mapping[str, Change] = {

@@ -153,13 +153,13 @@ def evidence(campaign: lb.Campaign) -> dict[str, Any]:
     common = lb.Drift("time", length_um=length_um, centre_um=CENTRE_UM)
     others = [name for name in SLOPES if name not in EQUAL]
     models = {
-        "common mode": constant.including(common),
+        "common mode": constant.with_term(common),
         "C_XXX_1 and C_YYY_1": linear.fixing(*others),
         "C_XXX_1": linear.fixing("C_YYY_1", *others),
         "C_YYY_1": linear.fixing("C_XXX_1", *others),
         "C_XYX_1": linear.fixing(*(name for name in SLOPES if name != "C_XYX_1")),
         "the other four": linear.fixing(*EQUAL),
-        "common mode and the other four": linear.fixing(*EQUAL).including(common),
+        "common mode and the other four": linear.fixing(*EQUAL).with_term(common),
         "all six": linear,
     }
     found: dict[str, Any] = {"length_um": length_um}

@@ -100,7 +100,7 @@ class Kind:
     def model(self, edition: Edition) -> lb.HybridModel:
         """For the analysis."""
         believed = EDITIONS[edition]
-        return believed.including(lb.Drift("time")) if self.drift_term else believed
+        return believed.with_term(lb.Drift("time")) if self.drift_term else believed
 
 
 KINDS = {

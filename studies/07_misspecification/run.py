@@ -96,7 +96,7 @@ def analysed(model: lb.HybridModel, campaign: lb.Campaign, truth: dict[str, floa
 def ln_b_drift(campaign: lb.Campaign) -> float:
     """ln B of the first edition with drift over time against the one without."""
     believed = made.EDITIONS["first"]
-    drifting = believed.including(lb.Drift("time"))
+    drifting = believed.with_term(lb.Drift("time"))
     own, other = (lb.log_evidence(model, campaign, tolerance=1e-2) for model in (drifting, believed))
     return lb.log_bayes_factor(own, other)[0]
 

@@ -50,4 +50,4 @@ def everything() -> tuple[lb.HybridModel, lb.Plan]:
     tests = [test for radius in (150.0, 100.0) for way in ("CW", "CCW") for test in circles(radius_mm=radius, direction=way)]
     order = np.random.default_rng(8).permutation(len(tests))
     timed = tuple(replace(test, time_s=FIVE_MINUTES_S * float(place)) for test, place in zip(tests, order, strict=True))
-    return MODEL.including(lb.Drift("time")), lb.Plan(timed, name="radii, directions and drift")
+    return MODEL.with_term(lb.Drift("time")), lb.Plan(timed, name="radii, directions and drift")

@@ -31,7 +31,7 @@ PLAN = lb.Plan(
     name="seven forces",
 )
 # What differs from campaign to campaign; the mount and the force's gain are the bar's and added below.
-EACH = MODEL.including(ForceError(gain_sd=1e-12, curvature_sd=0.0)).without("mount", "truncation")
+EACH = MODEL.with_term(ForceError(gain_sd=1e-12, curvature_sd=0.0)).without("mount", "truncation")
 BOUND = MODEL.without("truncation").bind(PLAN)
 COMPLIANCES = tuple(p.name for p in BOUND.parameters if p.group == "compliance")
 PRIOR_SD = dict(zip(BOUND.names, BOUND.prior_sd, strict=True))

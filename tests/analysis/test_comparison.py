@@ -66,7 +66,7 @@ def test_sensitivity_is_the_same_comparison_again(found: Comparison) -> None:
     by_scale = {scaled.slope_scale: scaled.log_bayes_factor for scaled in found.prior_sensitivity}
     assert by_scale[0.3] == pytest.approx(found.log_bayes_factor[RATIO], abs=1e-6)
     wide = replace(FEW, prior=replace(FEW.prior, slope_scale=3.0))
-    centre = FEW.including(SetupShift("centre"))
+    centre = FEW.with_term(SetupShift("centre"))
     plain = FEW.without("bar-length", "mount", "force-error", "discrepancy", "hysteresis", "truncation")
     assumed = {a.assumption: a.log_bayes_factor for a in found.discrepancy_sensitivity}
     assert next(iter(assumed)) == "as in the model"
@@ -268,7 +268,7 @@ def test_every_combination_of_explanations_is_a_model(whole: bool, recovered: lb
 def test_a_curve_in_the_force_axis_explains_the_experiment_better_than_slopes(recovered: lb.Campaign) -> None:
     """First edition's priors, zero kept: slopes, or one curvature, against none."""
     curved = (Mount(curvature_um=0.5), ForceError(curvature_sd=0.01), SetupShift("centre"))
-    model = lb.HybridModel.first(1).without("truncation").including(*curved)
+    model = lb.HybridModel.first(1).without("truncation").with_term(*curved)
     whole = lb.compare({"constant": model.with_degree(0), "linear": model}, recovered, evidence_only=True)
     found = whole.explanations
     assert found is not None

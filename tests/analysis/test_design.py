@@ -272,12 +272,12 @@ def test_a_certificate_may_fail(pilot: lb.Campaign, monkeypatch: pytest.MonkeyPa
 def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
     """At the pilot's pace, or at its mean temperature; the plan is one that the model can be asked about."""
     timed = replace(pilot, tests=tuple(replace(t, time_s=600.0 * k, temperature_C=20.0 + k) for k, t in enumerate(pilot.tests)))
-    found = lb.design(LINEAR.including(lb.Drift("time")), timed, tests=5, forces_N=THREE)
+    found = lb.design(LINEAR.with_term(lb.Drift("time")), timed, tests=5, forces_N=THREE)
     assert found.certificate.holds
     assert found.limits.drift
     assert [test.time_s for test in found.plan().tests] == [0.0, 600.0, 1200.0, 1800.0, 2400.0]
     assert lb.identify(found.model, found.plan()).parameters
-    warm = lb.design(LINEAR.including(lb.Drift("temperature")), timed.plan(), tests=5, forces_N=THREE)
+    warm = lb.design(LINEAR.with_term(lb.Drift("temperature")), timed.plan(), tests=5, forces_N=THREE)
     assert {test.temperature_C for test in warm.plan().tests} == {21.5}
 
 

@@ -55,7 +55,7 @@ def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
     assert model_from(model=file) == own
     assert model_from(model=file, degree=0) == own.with_degree(0)
     assert model_from(model=file, without=("mount", "truncation")) == own.without("mount", "truncation")
-    assert model_from(model=file, drift="time") == own.including(lb.Drift("time"))
+    assert model_from(model=file, drift="time") == own.with_term(lb.Drift("time"))
 
 
 def refuse(name: str) -> None:

@@ -161,7 +161,7 @@ def test_the_line_puts_first_what_matters_most() -> None:
     assert Fit.from_dict(unlikely.as_dict()) == unlikely
 
 
-DRIFTING = lb.HybridModel.first(0).without("truncation").including(lb.Drift("time"))
+DRIFTING = lb.HybridModel.first(0).without("truncation").with_term(lb.Drift("time"))
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +171,7 @@ def drifting() -> lb.Campaign:
     return DRIFTING.simulate(replace(planned, tests=tuple(tests)), seed=3, hyper_um=HYPER_UM).campaign
 
 
-@pytest.mark.parametrize("model", [DRIFTING, lb.HybridModel.default(0).without("truncation").including(lb.Drift("time"))])
+@pytest.mark.parametrize("model", [DRIFTING, lb.HybridModel.default(0).without("truncation").with_term(lb.Drift("time"))])
 def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: lb.Campaign) -> None:
     """Means and variances of all coefficients, by name, given φ and the readings, parameters integrated out, by one dense matrix
     per draw of φ; then averaged over φ. Of parameters and nuisances alike nothing is sampled."""

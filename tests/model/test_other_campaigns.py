@@ -107,7 +107,7 @@ def dense(bound: object, campaign: Campaign, phi: dict[str, float]) -> tuple[np.
 
 @pytest.mark.parametrize("arc_deg", [360.0, 250.0])
 def test_against_a_dense_model(arc_deg: float) -> None:
-    model = HybridModel.first(1).including(Drift("time"))
+    model = HybridModel.first(1).with_term(Drift("time"))
     hyper = {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0}
     campaign = model.simulate(everything(arc_deg=arc_deg), seed=3, hyper_um=hyper).campaign
     bound = model.bind(campaign)
@@ -151,7 +151,7 @@ def test_refused() -> None:
         HybridModel.first(1).bind(silent)
     timeless = replace(plain, tests=(replace(plain.tests[0], time_s=None), *plain.tests[1:]))
     with pytest.raises(lb.InputError, match=r"drift over time must have time_s in every test, got 1 without"):
-        _ = HybridModel.first(1).including(Drift("time")).bind(timeless).terms
+        _ = HybridModel.first(1).with_term(Drift("time")).bind(timeless).terms
     with pytest.raises(lb.InputError, match="Drift over must be one of time, temperature"):
         Drift("pressure")  # type: ignore[arg-type]
 
@@ -159,7 +159,7 @@ def test_refused() -> None:
 def test_drift_of_a_sorted_campaign_is_stated() -> None:
     """Forces run in order at even times: a drift of the length looks like C_XXX and C_YYY; turned order, and it does not."""
     tests = tuple(CircularTest(f, np.arange(120) * 3.0, time_s=60.0 * k) for k, f in enumerate((100.0, 300.0, 500.0, 700.0)))
-    model = HybridModel.first(1).including(Drift("time", length_um=20.0, centre_um=20.0))
+    model = HybridModel.first(1).with_term(Drift("time", length_um=20.0, centre_um=20.0))
     found = degeneracies(model.bind(Campaign(tests)))
     lengthwise = [d for d in found if d.nuisances and d.nuisances[0] == "drift_time_length"]
     assert lengthwise

@@ -107,8 +107,8 @@ def test_a_kept_compliance_has_the_prior_of_what_it_absorbs() -> None:
 
 def test_models() -> None:
     model = lb.HybridModel.first()
-    assert model.including(Drift("temperature"), BarLength(1.0)).nuisances[1::6] == (BarLength(1.0), Drift("temperature"))
-    assert model.including(Drift()).without("drift") == model
+    assert model.with_term(Drift("temperature"), BarLength(1.0)).nuisances[1::6] == (BarLength(1.0), Drift("temperature"))
+    assert model.with_term(Drift()).without("drift") == model
     assert [scale.name for scale in model.without("discrepancy", "ball-form").scales] == ["sigma", "delta"]
     assert not model.without("truncation").prior.truncated
     assert lb.HybridModel.paper().terms == ("Compliance", "GeometricErrors")

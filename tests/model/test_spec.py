@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from campaigns import plan
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
-from ldbb_bayes.model.terms import BarLength, Discrepancy, Drift, Mount, SetupShift
+from ldbb_bayes.model.terms import Angle, BarLength, Discrepancy, Drift, Mount, SetupShift
 
 MODELS = [
     lb.HybridModel.first(1),
@@ -19,7 +21,7 @@ MODELS = [
     lb.HybridModel.first(2).without("mount", "truncation"),
     lb.HybridModel.first(1).fixing("C_XYX_1", "E_C0YX"),
     lb.HybridModel(1, (SetupShift("apart"), Discrepancy(2.0))),
-    lb.HybridModel.first(1).including(Drift("temperature", centre_um=3.0), lb.Hysteresis(1.0, 4.0)),
+    lb.HybridModel.first(1).with_term(Drift("temperature", centre_um=3.0), lb.Hysteresis(1.0, 4.0)),
     lb.HybridModel(0, (BarLength(3.0), Mount(0.2)), replace(lb.Prior.first(), tau_um=9.0, overrides={"C_XXX": 1e-5}), 0.0),
 ]
 
@@ -64,6 +66,84 @@ def test_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         lb.read_model(file)
     assert str(file) in str(caught.value)
+
+
+def test_units_in_a_model_file() -> None:
+    """Each is the number in the unit that its key or parameter has."""
+    text = """schema = 1
+    [prior]
+    tau_um = "0.002 mm"
+    direct_mm_per_N = "90 nm/N"
+    rotation_for_moment_rad_per_N_mm = "2 µrad/(N m)"
+    straightness_per_mm = "0.5 mm/m²"
+    squareness_rad = "10 arcsec"
+    slope_scale = "20 %"
+    [prior.means]
+    C_XXX = "60 nm/N"
+    "E_C(0Y)X" = "-3 µrad"
+    [prior.overrides]
+    C_XXX = "5 µm/kN"
+    C_CCY = "0.5 µrad/(N m)"
+    C_YYY_1 = "20 nm/N per kN"
+    E_XX1 = "50 µm/m"
+    E_YX2 = "300 µm/m²"
+    E_Xt0_2 = "10 µm"
+    [terms.Angle]
+    sd_deg = "0.2 °"
+    [terms.ForceError]
+    gain_sd = "2 %"
+    random_sd_N = "0.003 kN"
+    [terms.Hysteresis]
+    proportional_um_per_kN = "2 nm/N"
+    """
+    prior = lb.Prior(
+        tau_um=2.0,
+        direct_mm_per_N=9e-5,
+        rotation_for_moment_rad_per_N_mm=2e-9,
+        straightness_per_mm=5e-7,
+        squareness_rad=np.deg2rad(10.0 / 3600.0),
+        slope_scale=0.2,
+        means={"C_XXX": 6e-5, "E_C0YX": -3e-6},
+        overrides={"C_XXX": 5e-6, "C_CCY": 5e-10, "C_YYY_1": 2e-8, "E_XX1": 5e-5, "E_YX2": 3e-7, "E_Xt0_2": 0.01},
+    )
+    model = model_from_toml(text)
+    assert vars(model.prior) == vars(replace(prior, squareness_rad=model.prior.squareness_rad))
+    assert model.prior.squareness_rad == pytest.approx(prior.squareness_rad, rel=1e-12)
+    force = lb.ForceError(gain_sd=0.02, random_sd_N=3.0)
+    assert model.nuisances == (force, Angle(0.2), lb.Hysteresis(proportional_um_per_kN=2.0))
+    assert model_from_toml(model_to_toml(model)) == model
+
+
+def test_with_prior() -> None:
+    """Parameters by mean and sd, settings by their key, with units or without; what was fixed is free again."""
+    plain = lb.HybridModel.default(1).fixing("C_XXX", "C_XYX_1")
+    model = plain.with_prior({"E_C(0Y)X": (0, "20 µrad")}, C_XXX=("60 nm/N", "5 nm/N"), C_YYY_1=(0.0, 2e-8), tau_um="2 µm")
+    assert dict(model.prior.means) == {"E_C0YX": 0.0, "C_XXX": 6e-5}
+    assert dict(model.prior.overrides) == {"E_C0YX": 2e-5, "C_XXX": 5e-6, "C_YYY_1": 2e-8}
+    assert (model.prior.tau_um, model.fixed) == (2.0, ("C_XYX_1",))
+    assert model_from_toml(model_to_toml(model)) == model
+    bound = model.bind(plan())
+    assert dict(zip(bound.names, bound.prior_sd, strict=True))["C_XXX"] == 5e-6
+    assert model.with_prior(C_XXX=(0.0, "1 µm/kN")).prior.means["C_XXX"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("priors", "message"),
+    [
+        ({"tau": 2.0}, "prior must be one of .* got 'tau'. Did you mean 'tau_um'"),
+        ({"C_XXX": "5 nm/N"}, r"prior of C_XXX must be its mean and sd, got '5 nm/N'\. Write C_XXX=\(mean, sd\)"),
+        ({"C_XXX": ("5 nm", 1e-6)}, "prior mean of C_XXX must be a number with its unit, got '5 nm'. Write it in nm/N"),
+        ({"C_XXX": (0.0, None)}, "prior sd of C_XXX must be a number or text with its unit, got None"),
+        ({"C_XXX": (0.0, 0.0)}, "prior C_XXX must be a positive number, got 0"),
+        ({"C_XXX_1": ("5 nm/N per kN", 1e-9)}, "prior mean of C_XXX_1 must be left out, got 5e-09: a slope's is zero"),
+        ({"C_X": ("5 nm/N", 1e-6)}, "prior mean of C_X must be of a parameter to have a unit"),
+        ({"tau_um": "2"}, "prior tau_um must be a number with its unit, got '2'"),
+        ({"decay": "fast"}, "prior decay must be a number, got 'fast'"),
+    ],
+)
+def test_priors_refused(priors: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lb.HybridModel.default(1).with_prior(priors)
 
 
 def test_missing_file(tmp_path: Path) -> None:
