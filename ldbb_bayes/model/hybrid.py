@@ -128,7 +128,7 @@ class HybridModel(Result):
         InputError for what is neither; names are checked against the machine when the model meets a campaign.
         """
         given = {inside_name(name): value for name, value in {**(priors or {}), **more}.items()}
-        tables = {"means": dict(self.prior.means), "overrides": dict(self.prior.overrides)}
+        tables: dict[str, Any] = {"means": dict(self.prior.means), "overrides": dict(self.prior.overrides)}
         settings = [own.name for own in fields(Prior) if own.name not in tables]
         check_known("prior", [name for name in given if not name.startswith(("C_", "E_"))], settings)
         for name, value in given.items():
