@@ -175,18 +175,10 @@ def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.rename(columns=named | {name: f"{name}_um" for name in sizes})
 
 
-_NAMES = [
-    "results",
-    "covariance",
-    "correlation",
-    "budget",
-    "circularity",
-    "measured_circularity",
-    "contributions",
-    "measured_pairs",
-    "differences",
-]
-_TABLES = tuple(f"{name}.csv" for name in (*_NAMES, "conformity"))
+_NAMES = (
+    "results covariance correlation budget circularity measured_circularity contributions measured_pairs differences conformity"
+)
+_TABLES = tuple(f"{name}.csv" for name in _NAMES.split())
 REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 
@@ -305,11 +297,6 @@ def _in_words(result: Comparison | Design | str) -> dict[str, Any]:
 # ---- for programs that read calibration certificates: D-SI numbers in the format of a DCC (schema 3.3.0, D-SI 2.2.1)
 
 _DSI = {"mm": r"\milli\metre", "um": r"\micro\metre", "N": r"\newton", "rad": r"\radian"}
-_KINDS = {
-    "C": ("compliance", "Nachgiebigkeit"),
-    "C_": ("change of compliance with force", "Änderung der Nachgiebigkeit mit der Kraft"),
-    "E": ("geometric error", "Geometrieabweichung"),
-}
 
 
 def dsi_unit(*units: str) -> str:
@@ -372,10 +359,10 @@ def _parameters(
     """What the file says of every parameter; ``within``: the share of the draws in mean ± U."""
     verdicts = lb.verdicts(posterior)
     for (name, entry), own in zip(entries.items(), draws, strict=True):
-        en, de = _KINDS["C_" if re.fullmatch(r"C_.*_\d", name) else name[0]]
+        kind = "slope" if re.fullmatch(r"C_.*_\d", name) else "compliance" if name[0] == "C" else "geometric"
         low, high = entry[interval]
         yield {key: entry[key] for key in ("mean", "sd")} | {
-            "name": name, "shown": display_name(name), "en": en, "de": de, "low": low, "high": high,
+            "name": name, "shown": display_name(name), "kind": kind, "low": low, "high": high,
             "unit": dsi_unit(entry["unit"]), "within": float(np.mean(np.abs(own - entry["mean"]) <= 2.0 * entry["sd"])),
             "verdict": wording.verdict_words(verdicts[name]) if name in verdicts else "",
         }  # fmt: skip

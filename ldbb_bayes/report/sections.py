@@ -97,18 +97,9 @@ class Beside:
     differences: pd.DataFrame
 
 
+# Of every figure of the page what draws it, and its caption.
 PICTURES: Mapping[str, tuple[Callable[..., Figure], str]] = {
-    "traces": (figures.traces, "Readings and prediction (machine, bar and balls), ring by ring."),
-    "forest": (figures.forest, "Every parameter in its own unit, with 50 % and 95 % intervals."),
-    "compliance_against_force": (figures.compliance_against_force, "Compliance over the tested forces, mean and 95 % band."),
-    "evidence": (figures.evidence, "ln B against the width of the slopes' prior and under other assumptions."),
-    "compliance_with_local_fits": (figures.compliance_with_local_fits, "Compliance by every model and by local fits."),
-    "budget": (figures.budget_bars, "Uncertainty budgets: share of every source in the variance of every parameter."),
-    "circularity": (figures.circularity, "Circular-test quantities as functions of force; crosses: of the readings themselves."),
-    "contributions": (figures.contributions, "What compliance and geometry contribute to the readings, tool offsets left out."),
-    "parameter_contributions": (figures.parameter_contributions, "What every parameter contributes to the readings."),
-    "expected_widths": (figures.expected_widths, "How narrow each interval gets with the circles recommended."),
-    "residuals": (figures.residuals, "Reading minus prediction; each circle's own shift and discrepancy left in."),
+    key: (getattr(figures, {"budget": "budget_bars"}.get(key, key)), words) for key, words in wording.PAGE["pictures"].items()
 }
 
 
@@ -342,17 +333,7 @@ def _differences(first: str, other: Beside, percent: str) -> Table:
     return Table.of(caption, heads, rows, text=("unit",))
 
 
+_WRITTEN = (campaign, results, limits, degree, uncertainty, path, plan, fit, assumptions, diagnostics, method, glossary)
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
-    "campaign": ("The campaign", campaign),
-    "results": ("Results", results),
-    "limits": ("What the data cannot separate", limits),
-    "degree": ("Constant or linear", degree),
-    "uncertainty": ("Uncertainty budget", uncertainty),
-    "path": ("Circular-test quantities", path),
-    "plan": ("Recommended next tests", plan),
-    "fit": ("How well the model fits", fit),
-    "assumptions": ("Priors and assumptions", assumptions),
-    "diagnostics": ("Diagnostics", diagnostics),
-    "method": ("Method, limitations, provenance", method),
-    "glossary": ("Glossary", glossary),
+    write.__name__: (wording.PAGE["sections"][write.__name__], write) for write in _WRITTEN
 }

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,8 +41,8 @@ _ALIKE = 2e-3
 
 
 @cache
-def _macros() -> Any:
-    """The macros of sentences.j2, each of them a function's words."""
+def _environment() -> jinja2.Environment:
+    """What templates of sentences call: filters and names."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
     filters = (joined, display_name, typeset, term_words, nuisance_words, check_words, remark_words, caveat_words, repr)
@@ -50,7 +50,13 @@ def _macros() -> Any:
     environment.filters |= {"as_": format, "lines": _lines, "point": lambda at: f"({', '.join(f'{x:g}' for x in at)})"}
     names = {"IN_FORCE": IN_FORCE, "DEGREES": DEGREES, "FEW": _FEW, "BARE": _STRENGTHS[0][0], "SIGNS": _SENTENCES["signs"]}
     environment.globals |= names | {"SURE": _SURE, "JOINED": _JOINED, "CONFLICT": _CONFLICT, "plus_minus": plus_minus}
-    return environment.get_template("sentences.j2").module
+    return environment
+
+
+@cache
+def _macros() -> Any:
+    """The macros of sentences.j2, each of them a function's words."""
+    return _environment().get_template("sentences.j2").module
 
 
 def _lines(text: str) -> list[str]:
@@ -264,47 +270,11 @@ def assumption_words(assumed: Any) -> str:
     return f"{assumed.what}: {assumed.value} ({assumed.because}{where}): {assumed.option}"
 
 
-_REMARKS: Mapping[str, str | Callable[..., str]] = {
-    **_SENTENCES["remarks"],
-    "spikes": lambda reading, angle_deg, off_um, count: (
-        f"reading {reading} at {angle_deg:g}° stands {off_um:+.1f} µm off its neighbours"
-        f"{'' if count == 1 else f'; {count} readings do so'}"
-    ),
-    "one way": lambda compliance, plane: (
-        f"One direction of travel (or none stated){f' in plane {plane}' if plane else ''}: the readings cannot separate friction "
-        f"in the bar from {compliance}."
-    ),
-    "machine": lambda topology, plane, radii_mm: (
-        f"Machine {topology}, plane {plane}, R = {', '.join(f'{r:g}' for r in radii_mm)} mm"
-        f"{', each with a length of its own' if len(radii_mm) > 1 else ''}."
-    ),
-    "frames": lambda frames_mm: (
-        "Joint frames stand at "
-        + "; ".join(f"{axis} ({', '.join(f'{x:g}' for x in at)})" for axis, at in frames_mm.items())
-        + " mm."
-    ),
-    "set-ups": lambda setups: f"Set-ups {', '.join(map(str, setups))}: tool offsets of each; everything else is shared.",
-    "both ways": lambda planes: f"Both directions of travel in {', '.join(planes)}: hysteresis is a term of the model.",
-    "mount": lambda deflection_um_per_bar, compensated: (
-        f"Mount (Eq. 32) {deflection_um_per_bar:g} µm/bar, "
-        f"{'already compensated' if compensated else 'not compensated: the nominal deflection will be subtracted'}."
-    ),
-    "forces": lambda slope_N_per_bar, offset_N: (
-        f"Force law F = {slope_N_per_bar:g} N/bar · P {'−' if offset_N < 0 else '+'} {abs(offset_N):g} N, "
-        "where a test gives only one of the two."
-    ),
-    "balls": lambda clocked: (
-        "Balls clocked between tests: two forms."
-        if clocked
-        else "No ball clocked between tests: one form, the sum of both balls."
-    ),
-}
-
-
 def remark_words(remark: Remark) -> str:
     """Return a remark of a preview in words."""
-    words = _REMARKS[remark.kind]
-    return words.format(**remark.values) if isinstance(words, str) else words(**remark.values)
+    if (words := _SENTENCES["remarks"].get(remark.kind)) is not None:
+        return str(words.format(**remark.values))
+    return _environment().from_string(_SENTENCES["choices"][remark.kind]).render(remark.values)
 
 
 def look_sentences(seen: CampaignPreview) -> list[str]:

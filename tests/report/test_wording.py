@@ -193,7 +193,7 @@ def test_words_decide_nothing(
         (wording._SENTENCES["cures"], set(Cure) - {Cure.CALIBRATION}),
         (wording._SENTENCES["standing"], StandingKind),
         (wording._SENTENCES["concerns"], {*ConcernKind, "one-force"}),
-        (wording._REMARKS, RemarkKind),
+        (wording._SENTENCES["remarks"] | wording._SENTENCES["choices"], RemarkKind),
         (wording._SENTENCES["signs"], Sign),
         (wording._SENTENCES["caveats"], CaveatKind),
     ],

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from itertools import cycle
 from pathlib import Path
-from typing import Any, ParamSpec, cast
+from typing import Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
@@ -40,20 +40,7 @@ _TERM_COLOURS = {
     "Parameters": LIGHT,
 }
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
-_STYLE: dict[str, Any] = {
-    **dict.fromkeys(("font.size", "axes.labelsize"), 9.0),
-    **dict.fromkeys(("figure.titlesize", "axes.titlesize"), 9.5),
-    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 8.0),
-    **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon", "text.parse_math"), False),
-    **dict.fromkeys(("axes.grid", "axes.axisbelow"), True),
-    "axes.titleweight": "normal",
-    "grid.color": "#E3E3E3",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.2,
-    "savefig.dpi": 160,
-    "svg.hashsalt": "ldbb",
-    "svg.fonttype": "none",
-}
+_STYLE = mpl.rc_params_from_file(Path(__file__).with_name("figures.mplstyle"), use_default_template=False)
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
@@ -61,7 +48,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
     @functools.wraps(draw)
     def inner(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with mpl.rc_context(cast("Any", _STYLE)):
+        with mpl.rc_context(_STYLE):
             figure = draw(*args, **kwargs)
             if (engine := figure.get_layout_engine()) is not None:  # once, not with every file
                 engine.execute(figure)
