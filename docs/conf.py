@@ -5,20 +5,25 @@ from __future__ import annotations
 import inspect
 import json
 import re
+import sys
 import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 from typing import Any
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 
 import ldbb_bayes
 from ldbb_bayes.campaign import layout
 from ldbb_bayes.fleet import dataset
+from ldbb_bayes.result import Result
 
 project = "ldbb_bayes"
 author = copyright = "The ldbb_bayes developers"
@@ -111,8 +116,13 @@ def shape(kind: str) -> str:
         if "properties" not in own:
             continue
         head = "" if part == name else f"**{part.lstrip('_')}**. "
-        text += f"{head}{' '.join(own.get('description', '').split())}\n\n| key | holds |\n|---|---|\n"
-        text += "".join(f"| `{key}` | {holds(value, parts)} |\n" for key, value in own["properties"].items()) + "\n"
+        kind = kinds().get(part, object)
+        names = {alias[1]: name for name, own_type in kind.__annotations__.items() if (alias := ALIAS.search(str(own_type)))}
+        text += f"{head}{' '.join(own.get('description', '').split())}\n\n| key | holds | what |\n|---|---|---|\n"
+        for key, value in own["properties"].items():
+            what = said(kind, names.get(key, key)).replace("|", "\\|")
+            text += f"| `{key}` | {holds(value, parts)} | {what} |\n"
+        text += "\n"
     return text
 
 
@@ -167,12 +177,13 @@ def api(names: str) -> str:
         kind = "module" if inspect.ismodule(what) else "class" if inspect.isclass(what) else "function"
         first = re.split(r"(?<=[.:;])\s|\n\n", f"{inspect.getdoc(what)} ")[0].rstrip(":;").replace("\n", " ").replace("|", "\\|")
         same = kind == "class" and what.__name__ != last
+        hidden = ["model_config", *getattr(what, "__dataclass_fields__", ())]
         role = "mod" if kind == "module" else "obj"
         rows[f"{{py:{role}}}`{name} <ldbb_bayes.{name}>`"] = f"Another name of `{what.__name__}`." if same else first
         lines += [
             "",
             f".. auto{kind}:: ldbb_bayes.{name}",
-            *(["   :members:", "   :exclude-members: model_config"] if kind != "function" and not same else []),
+            *(["   :members:", f"   :exclude-members: {', '.join(hidden)}"] if kind != "function" and not same else []),
         ]
     return "\n".join([table("Name | What", rows), *lines, "```"])
 
@@ -190,10 +201,32 @@ def linked(name: re.Match[str]) -> str:
     return f":py:obj:`~{shown()[name[1]]}`" if name[1] in shown() else name[0]
 
 
+@cache
+def comments() -> dict[tuple[str, str], str]:
+    """What ``#:`` in the source says of fields, by class and field."""
+    modules = [module.name for module in walk_packages([str(PACKAGE)], "ldbb_bayes.") if "__main__" not in module.name]
+    found: dict[tuple[str, str], str] = {}
+    for module in modules:
+        documented = ModuleAnalyzer.for_module(module).find_attr_docs()
+        found |= {key: " ".join(text).strip() for key, text in documented.items()}
+    return found
+
+
+@cache
+def kinds() -> dict[str, type]:
+    """Classes of the package by name."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("ldbb_bayes.")]
+    return {name: own for module in modules for name, own in vars(module).items() if inspect.isclass(own)}
+
+
+def said(kind: type, name: str) -> str:
+    """What the source says of a field, here or where it is inherited from."""
+    return next((comments()[own.__name__, name] for own in kind.__mro__ if (own.__name__, name) in comments()), "")
+
+
 def forms(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Put what our docstrings say in short (errors in a sentence, descriptions behind the colon) in the form of numpydoc."""
-    text = re.sub(r"(?<![`:])`(?:ldbb_bayes\.)?(\w+)`(?!`)", linked, "\n".join(lines))
-    text = re.sub(r"(?<!`)\|(\w[^|\n]*)\|", r"\|\1\|", text)
+    text = "\n".join(lines)
     found = re.search(r"^(InputError) ((?:for|naming|when|where|names)\b.*?\.)(?: (?=[A-Z])|$)(?=\n|\Z)", text, re.M | re.S)
     if found:
         text = text.replace(found[0], "")
@@ -211,21 +244,32 @@ def forms(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list
     if found:
         error = "\n".join(f"    {line}" for line in found[2].splitlines())
         text = f"{text.rstrip()}\n\nRaises\n------\nInputError\n{error}\n"
-    lines[:] = text.split("\n")
+    if what == "class" and is_dataclass(obj):
+        rows = (f"{own.name} : {unchecked(str(own.type))}\n    {said(obj, own.name)}\n" for own in fields(obj) if own.repr)
+        text = f"{text.rstrip()}\n\nAttributes\n----------\n{''.join(rows)}"
+    text = re.sub(r"(?<![`:])`(?:ldbb_bayes\.)?(\w+)`(?!`)", linked, text)
+    lines[:] = re.sub(r"(?<!`)\|(\w[^|\n]*)\|", r"\|\1\|", text).split("\n")
 
 
-def plain_types(app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None) -> Any:
-    """Signatures without what checks the values."""
-    while signature and (start := signature.find("Annotated[")) >= 0:
+def unchecked(signature: str) -> str:
+    """Types without what checks the values."""
+    while (start := signature.find("Annotated[")) >= 0:
         depth, end, comma = 0, start + len("Annotated["), 0
         while depth >= 0:
             comma = comma or (end if signature[end] == "," and depth == 0 else 0)
             depth += {"[": 1, "(": 1, "]": -1, ")": -1}.get(signature[end], 0)
             end += 1
         signature = signature[:start] + signature[start + len("Annotated[") : comma or end - 1] + signature[end:]
-    return signature, returned
+    return signature
 
 
+def plain_types(app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None, returned: str | None) -> Any:
+    """Signatures in short; none of results, which nobody makes."""
+    made = inspect.isclass(obj) and issubclass(obj, Result) and obj is not ldbb_bayes.HybridModel
+    return "" if made else unchecked(signature or "") or None, returned
+
+
+ALIAS = re.compile(r"alias='(\w+)'")
 WRITTEN: dict[str, Callable[[str], str]] = {
     "glossary": lambda _: glossary(),
     "commands": lambda _: commands(),

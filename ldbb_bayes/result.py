@@ -146,9 +146,9 @@ class Table:
     digits, None as a dash, all else as it is."""
 
     caption: str
-    heads: tuple[str, ...]  # of the columns, with their units: force (N)
+    heads: tuple[str, ...]  #: of the columns, with their units: force (N)
     numeric: tuple[bool, ...]
-    rows: tuple[tuple[Any, ...], ...]  # the first cell names the row
+    rows: tuple[tuple[Any, ...], ...]  #: the first cell names the row
 
     @classmethod
     def of(cls, caption: str, heads: Sequence[str], rows: Sequence[Sequence[Any]], *, text: Collection[str] = ()) -> Self:

@@ -83,13 +83,13 @@ _INTERVALS = (0.5, 0.8, 0.95)
 class Validation(Result):
     """Ranks of true values among their posterior draws."""
 
-    names: tuple[str, ...]  # parameters, hyper-parameters, and ``log_likelihood``
-    ranks: Numbers  # 0 … draws, shape (replicates, quantities); uniform when calibrated
-    draws: int
-    sampler: str
-    prob: float  # of the band, simultaneous over ranks and quantities
-    failures: tuple[str, ...]  # what went wrong in replicates that gave no draws; these are not among the ranks
-    by_emcee: tuple[int, ...] = ()  # rows for which emcee took over, the weights of independent draws not to be trusted
+    names: tuple[str, ...]  #: parameters, hyper-parameters, and ``log_likelihood``
+    ranks: Numbers  #: 0 … draws, shape (replicates, quantities); uniform when calibrated
+    draws: int  #: of each replicate
+    sampler: str  #: joint or independent
+    prob: float  #: of the band, simultaneous over ranks and quantities
+    failures: tuple[str, ...]  #: what went wrong in replicates that gave no draws; these are not among the ranks
+    by_emcee: tuple[int, ...] = ()  #: rows for which emcee took over, the weights of independent draws not to be trusted
 
     @property
     def replicates(self) -> int:

@@ -199,16 +199,16 @@ class Discrimination(Result):
     """What ln B(with the slopes / without) will be: its mean [nat] and the probabilities of decisive evidence for what is true,
     and for what is false, if there are slopes, and if there are none."""
 
-    size: float  # of the slopes, in prior sd
-    augmented: bool  # tests already run are part of it: slopes are as those leave them, else drawn from their prior × ``size``
-    threshold: float  # |ln B| from which evidence is called decisive [nat]
+    size: float  #: of the slopes, in prior sd
+    augmented: bool  #: tests already run are part of it: slopes are as those leave them, else drawn from their prior × ``size``
+    threshold: float  #: |ln B| from which evidence is called decisive [nat]
     expected_with: float
     expected_without: float
     decisive_with: float
     decisive_without: float
     misleading_with: float
     misleading_without: float
-    power: dict[str, float]  # probability of decisive evidence if this slope alone is there, of plus or minus ``size`` prior sd
+    power: dict[str, float]  #: probability of decisive evidence if this slope alone is there, of plus or minus ``size`` prior sd
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,9 +216,9 @@ class Forecast(Result):
     """What to expect of tests: sd of every parameter; the expected Kullback-Leibler divergence of the posterior from the prior
     [nat], infinite when that is flat; constant or linear, None without slopes or with flat priors."""
 
-    expected: dict[str, Expected]
-    information_gain: Finite
-    discrimination: Discrimination | None
+    expected: dict[str, Expected]  #: by parameter
+    information_gain: Finite  #: expected [nat]
+    discrimination: Discrimination | None  #: None where degree is 0
 
     @property
     def determined(self) -> bool:

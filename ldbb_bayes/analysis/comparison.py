@@ -87,10 +87,10 @@ class ComparedModel:
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    elpd_lofo: Number  # sum of the leave-one-force-out log densities [nat]; not a number for one test
-    elpd_lofo_se: Number  # its standard error over the tests
-    rmse_um: float  # Eq. 34 of the posterior mean prediction, machine and shared nuisances
-    least_squares_rmse_um: Number  # Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
+    elpd_lofo: Number  #: sum of the leave-one-force-out log densities [nat]; not a number for one test
+    elpd_lofo_se: Number  #: its standard error over the tests
+    rmse_um: float  #: Eq. 34 of the posterior mean prediction, machine and shared nuisances
+    least_squares_rmse_um: Number  #: Eq. 34 of the paper's least squares (Eq. 31); not a number where forces do not determine it
     degree: int
     parameters: dict[str, Estimate]
     compliance_against_force: dict[str, Curve]
@@ -101,7 +101,7 @@ class ComparedTest:
     """One test, left out; p-values, worst order and flag as in `Outlier`."""
 
     force_N: float
-    lofo_log_density: dict[str, float]  # by model: ln p(y_r | y_−r), exact [nat]
+    lofo_log_density: dict[str, float]  #: by model: ln p(y_r | y_−r), exact [nat]
     lofo_p_value: float
     lofo_family_wise_p_value: float
     lofo_worst_order: int
@@ -136,23 +136,23 @@ class Comparison(Result):
     """Models of one campaign compared; logarithms are natural, parameters in inside units."""
 
     campaign: Readings
-    models: dict[str, ComparedModel]
-    log_bayes_factor: dict[str, float]  # by "model/first model"
-    log_bayes_factor_error: dict[str, Finite]
-    elpd_difference: dict[str, Difference]
-    sensitivity_of: str  # second model over the first, as both sensitivities are
-    prior_sensitivity: tuple[ScaledSlopes, ...]
-    prior_sensitivity_crossings: tuple[float, ...]  # slope scales at which the log Bayes factor changes sign
-    discrepancy_sensitivity: tuple[Assumed, ...]  # ideas of how circles differ, the models' first, white noise alone last
-    slopes: dict[str, VaryingSlope]  # by compliance; empty where no model has slopes, or evidence alone was asked for
-    slope_subsets: tuple[SlopeSubset, ...]  # the most probable first; not all of them where there are too many
-    compliance_against_force: dict[str, Curve]  # averaged over the subsets
-    tests: dict[str, ComparedTest]  # empty for one test
-    local_fits: Records
-    tolerance: float  # asked of every log evidence [nat]; a tenth of a nat of assumptions that the readings reject by ten
-    largest_error: Finite  # that was seen, of these assumptions aside
-    by_emcee: int = 0  # evidences that emcee and bridge sampling took over, the weights of the nodes not to be trusted
-    explanations: Explanations | None = None  # where the second model is the first with slopes, and has rivals of slopes
+    models: dict[str, ComparedModel]  #: by the names given
+    log_bayes_factor: dict[str, float]  #: by "model/first model"
+    log_bayes_factor_error: dict[str, Finite]  #: likewise [nat]
+    elpd_difference: dict[str, Difference]  #: by the same: leaving one force out
+    sensitivity_of: str  #: second model over the first, as both sensitivities are
+    prior_sensitivity: tuple[ScaledSlopes, ...]  #: ln B by the scale of the slopes' prior
+    prior_sensitivity_crossings: tuple[float, ...]  #: slope scales at which the log Bayes factor changes sign
+    discrepancy_sensitivity: tuple[Assumed, ...]  #: ideas of how circles differ, the models' first, white noise alone last
+    slopes: dict[str, VaryingSlope]  #: by compliance; empty where no model has slopes, or evidence alone was asked for
+    slope_subsets: tuple[SlopeSubset, ...]  #: the most probable first; not all of them where there are too many
+    compliance_against_force: dict[str, Curve]  #: averaged over the subsets
+    tests: dict[str, ComparedTest]  #: empty for one test
+    local_fits: Records  #: as of `local_fits`
+    tolerance: float  #: asked of every log evidence [nat]; a tenth of a nat of assumptions that the readings reject by ten
+    largest_error: Finite  #: that was seen, of these assumptions aside
+    by_emcee: int = 0  #: evidences that emcee and bridge sampling took over, the weights of the nodes not to be trusted
+    explanations: Explanations | None = None  #: where the second model is the first with slopes, and has rivals of slopes
 
     @property
     def pair(self) -> tuple[str, str]:

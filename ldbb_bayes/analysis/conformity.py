@@ -55,8 +55,8 @@ class Decision(StrEnum):
 class Tolerance:
     """What a quantity may be, limits included, in inside units (mm, N, rad); None: no limit on that side."""
 
-    lower: float | None = None
-    upper: float | None = None
+    lower: float | None = None  #: limit
+    upper: float | None = None  #: limit
 
     def __post_init__(self) -> None:
         low, high = self.ends
@@ -73,16 +73,16 @@ class Tolerance:
 class Conformity(Result):
     """A quantity and its tolerance, in inside units."""
 
-    unit: str
-    force_N: float | None  # at which it is stated; None of geometric errors and slopes
-    lower: float | None
-    upper: float | None
-    mean: float  # estimate
-    sd: float  # its standard uncertainty
-    probability: float  # of conformance
-    guard_band: float  # how far the estimate must lie inside a limit so that the machine conforms; as far outside, it does not
-    confidence: float
-    decision: Decision
+    unit: str  #: of all that follow
+    force_N: float | None  #: at which it is stated; None of geometric errors and slopes
+    lower: float | None  #: limit
+    upper: float | None  #: limit
+    mean: float  #: estimate
+    sd: float  #: its standard uncertainty
+    probability: float  #: of conformance
+    guard_band: float  #: how far the estimate must lie inside a limit so that the machine conforms; as far outside, it does not
+    confidence: float  #: at which it is decided
+    decision: Decision  #: by ISO 14253-1
 
     @property
     def limits(self) -> tuple[float, float]:

@@ -87,24 +87,24 @@ class Planned:
 class Design(Forecast):
     """Recommended tests, and what to expect of them."""
 
-    criterion: str
-    parameters: tuple[str, ...]  # of interest; all others are nuisances
-    table: Annotated[Records, Field(alias="tests")]  # one row per different test: force_N, `columns`, count
-    augment: bool  # whether the pilot's tests count as run
-    degree: int
-    reference_force_N: float
-    efficiency: float  # beside the best shares of as many tests
-    certificate: Certificate
-    shares: Records  # the best: one row per test, force_N, `columns`, share
-    baseline: dict[str, Expected]  # of equal steps of force at the first clocking and radius
-    compared: tuple[Judged, ...]  # equal steps of force, and the designs brought for comparison
-    limits: Limits
-    hyper_um: dict[str, float]  # root mean square of the values averaged over [µm]
-    measured: bool  # whether these are of their posterior given the pilot's readings, else of their prior
-    pilot: Pilot
-    # Of every candidate, for the best shares: force_N, `columns`, sensitivity.
+    criterion: str  #: of the design
+    parameters: tuple[str, ...]  #: of interest; all others are nuisances
+    table: Annotated[Records, Field(alias="tests")]  #: one row per different test: force_N, `columns`, count
+    augment: bool  #: whether the pilot's tests count as run
+    degree: int  #: of the model
+    reference_force_N: float  #: F0, the pilot's
+    efficiency: float  #: beside the best shares of as many tests
+    certificate: Certificate  #: that no other shares are better
+    shares: Records  #: the best: one row per test, force_N, `columns`, share
+    baseline: dict[str, Expected]  #: of equal steps of force at the first clocking and radius
+    compared: tuple[Judged, ...]  #: equal steps of force, and the designs brought for comparison
+    limits: Limits  #: what the tests do not show
+    hyper_um: dict[str, float]  #: root mean square of the values averaged over [µm]
+    measured: bool  #: whether these are of their posterior given the pilot's readings, else of their prior
+    pilot: Pilot  #: what it starts from
+    #: Of every candidate, for the best shares: force_N, `columns`, sensitivity.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    planned: Annotated[Any, Field(exclude=True)] = None  # the tests themselves (`Planned`); none where read from a file
+    planned: Annotated[Any, Field(exclude=True)] = None  #: the tests themselves; none where read from a file
 
     @property
     def columns(self) -> tuple[str, ...]:

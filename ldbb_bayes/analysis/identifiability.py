@@ -102,40 +102,40 @@ def unseen_share(information: Information, least: float = 1.0) -> Array:
 class ParameterIdentifiability(Result):
     """What readings and priors each say about one parameter, in inside units.
 
-    Partners are terms (then parameters) that it is confounded with, the heaviest first; of a parameter that is not confounded the
+    ``partners`` are terms (then parameters) that it is confounded with, the heaviest first; of one that is not confounded the
     terms that hold at least 5 % of its variance all the same.
     """
 
-    name: str
-    verdict: Verdict
+    name: str  #: of the parameter
+    verdict: Verdict  #: identified, prior-limited or confounded
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    partner_shares: dict[str, float]  # of its variance that vanish if the partner is known; what the model leaves out has none
-    unit: str
-    prior_mean: Number  # not a number when flat
-    prior_sd: Finite  # infinite when flat
-    mean: float  # of the Gaussian posterior; a plan's is the prior's
-    sd: float
-    contraction: Number  # 1 − Var(β | y) / Var(β); not a number when flat, like the next
-    information_gain: Number  # ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]
-    confounding: dict[str, float]  # by term: 1 − Var(β | y, term) / Var(β | y)
-    shares: dict[str, float]  # of terms, reading noise and the parameters' own priors, as in `budgets`; they sum to one
+    partner_shares: dict[str, float]  #: of its variance that vanish if the partner is known; what the model leaves out has none
+    unit: str  #: inside unit
+    prior_mean: Number  #: not a number when flat
+    prior_sd: Finite  #: infinite when flat
+    mean: float  #: of the Gaussian posterior; a plan's is the prior's
+    sd: float  #: likewise
+    contraction: Number  #: 1 − Var(β | y) / Var(β); not a number when flat, like the next
+    information_gain: Number  #: ½ ln(Var(β) / Var(β | y)), the mutual information of parameter and readings [nat]
+    confounding: dict[str, float]  #: by term: 1 − Var(β | y, term) / Var(β | y)
+    shares: dict[str, float]  #: of terms, reading noise and the parameters' own priors, as in `budgets`; they sum to one
 
 
 @dataclass(frozen=True, eq=False)
 class Identifiability(Result):
     """What a model can learn from a campaign or plan."""
 
-    parameters: dict[str, ParameterIdentifiability]
-    degeneracies: tuple[Degeneracy, ...]
-    cures: tuple[tuple[Cure, ...], ...]  # of each degeneracy, found by adding the tests to the plan and looking again
-    standing: tuple[Standing, ...]  # degeneracies with effects that are not terms of the model
-    effective_parameters: float  # that the readings determine: the sum of the contractions, all of them when the prior is flat
-    alias: ByRow  # change of each least-squares estimate (rows) per prior sd of a nuisance left out (columns); inside units
-    correlation: ByRow  # posterior correlations of parameters and shared nuisances
-    # Standard uncertainty by parameter and by what is certified of the instrument: none of these, and each there is none of yet.
+    parameters: dict[str, ParameterIdentifiability]  #: by name
+    degeneracies: tuple[Degeneracy, ...]  #: combinations that no reading sees
+    cures: tuple[tuple[Cure, ...], ...]  #: of each degeneracy, found by adding the tests to the plan and looking again
+    standing: tuple[Standing, ...]  #: degeneracies with effects that are not terms of the model
+    effective_parameters: float  #: that the readings determine: the sum of the contractions, all of them when the prior is flat
+    alias: ByRow  #: change of each least-squares estimate (rows) per prior sd of a nuisance left out (columns); inside units
+    correlation: ByRow  #: posterior correlations of parameters and shared nuisances
+    #: Standard uncertainty by parameter and by what is certified of the instrument: none of these, and each there is none of yet.
     certificates: dict[str, dict[str, float]]
-    hyper_um: dict[str, float]  # φ it holds at [µm]
-    measured: bool  # whether φ and the means come from readings
+    hyper_um: dict[str, float]  #: φ it holds at [µm]
+    measured: bool  #: whether φ and the means come from readings
 
 
 # Certificates one could have, and what they would state.
@@ -318,9 +318,9 @@ class Seen:
     name: str
     unit: str
     meaning: str
-    pattern: Mapping[str, str]  # by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths in mm
-    not_negative: bool  # whatever the joints are; the prior's truncation is about these
-    members: Mapping[str, float]  # what it is the sum of, with their weights; empty where it stands for itself
+    pattern: Mapping[str, str]  #: by plane, of the reading per unit (and N of a compliance); c = cos θ, s = sin θ, lengths in mm
+    not_negative: bool  #: whatever the joints are; the prior's truncation is about these
+    members: Mapping[str, float]  #: what it is the sum of, with their weights; empty where it stands for itself
 
 
 @dataclass(frozen=True)
@@ -329,14 +329,14 @@ class DescribedMachine(Result):
 
     topology: str
     planes: tuple[str, ...]
-    joints: tuple[str, ...]  # with branch, from the workpiece to the tool
+    joints: tuple[str, ...]  #: with branch, from the workpiece to the tool
     centres_mm: tuple[tuple[float, float, float], ...]
     compliances: tuple[Seen, ...]
     geometric_errors: tuple[Seen, ...]
-    null: tuple[str, ...]  # compliances that no reading shows
-    dependent: tuple[str, ...]  # those whose pattern is a combination of several kept ones
+    null: tuple[str, ...]  #: compliances that no reading shows
+    dependent: tuple[str, ...]  #: those whose pattern is a combination of several kept ones
     rank: int
-    condition_number: float  # of the kept compliances' columns, unscaled (mm, N), uniform full circles
+    condition_number: float  #: of the kept compliances' columns, unscaled (mm, N), uniform full circles
 
 
 def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachine:
@@ -422,14 +422,14 @@ _LISTED = 1e-3
 class Contribution:
     """One line of a budget."""
 
-    source: str  # a nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors
+    source: str  #: a nuisance coefficient, the rest of a term, a noise, or ``Parameters``: the parameters' own priors
     term: str
-    kind: Kind  # evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
-    u: float | None  # its own standard uncertainty [``unit``]; None for several coefficients together
+    kind: Kind  #: evaluated from the readings' scatter (A), or by other means (B): GUM 2.3.2, 2.3.3
+    u: float | None  #: its own standard uncertainty [``unit``]; None for several coefficients together
     unit: str
-    sensitivity: float | None  # of the parameter's estimate, per unit of the source; for noise the effective one, without sign
-    contribution: float  # its part of the parameter's standard uncertainty [unit of the parameter]
-    share: float  # of the parameter's variance
+    sensitivity: float | None  #: of the parameter's estimate, per unit of the source; for noise the effective one, without sign
+    contribution: float  #: its part of the parameter's standard uncertainty [unit of the parameter]
+    share: float  #: of the parameter's variance
 
 
 @dataclass(frozen=True)
@@ -438,11 +438,11 @@ class Budget(Result):
 
     parameter: str
     unit: str
-    u: float  # posterior standard deviation
+    u: float  #: posterior standard deviation
     contributions: tuple[Contribution, ...]
-    heaviest: str  # the term with the largest share, of those of type B where these hold more than half
-    # Standard uncertainty left if the heaviest term were known exactly; None for noise of the readings and for the parameters'
-    # own priors, which nothing makes known.
+    heaviest: str  #: the term with the largest share, of those of type B where these hold more than half
+    #: Standard uncertainty left if the heaviest term were known exactly; None for noise of the readings and for the parameters'
+    #: own priors, which nothing makes known.
     u_if_known: float | None
 
     def share(self, term: str) -> float:

@@ -78,8 +78,8 @@ Date = Annotated[str, BeforeValidator(_iso)]
 class ForceLaw:
     """F = slope · P + offset: what the regulator pressure does to the force (default: the paper's bar)."""
 
-    slope_N_per_bar: Positive = 126.04
-    offset_N: Number = -14.2
+    slope_N_per_bar: Positive = 126.04  #: force per pressure
+    offset_N: Number = -14.2  #: force at zero pressure
 
     def force_N(self, pressure_bar: float) -> float:
         """Force at a pressure [N]."""
@@ -95,8 +95,8 @@ class ForceLaw:
 class MountCompensation:
     """Deflection of the work ball's mount per bar (Eq. 32) and whether the readings are already free of it."""
 
-    deflection_um_per_bar: Annotated[Number, Field(ge=0.0)] = 2.33
-    compensated: bool = True
+    deflection_um_per_bar: Annotated[Number, Field(ge=0.0)] = 2.33  #: nominal
+    compensated: bool = True  #: whether the readings are free of it
 
 
 @refusing("ball")
@@ -107,11 +107,11 @@ class Ball:
     coefficient.
     """
 
-    sphericity_um: Positive | None = None
-    grade: str | None = None
-    harmonics_um: tuple[Harmonic, ...] = ()
-    U_um: Positive | None = None
-    certificate: Label | None = None  # which one says so: a name, no number depends on it
+    sphericity_um: Positive | None = None  #: deviation from sphericity, peak to valley
+    grade: str | None = None  #: of ISO 3290: G3 to G200, in its place
+    harmonics_um: tuple[Harmonic, ...] = ()  #: (order, amplitude [µm], phase [deg])
+    U_um: Positive | None = None  #: of their coefficients
+    certificate: Label | None = None  #: which one says so: a name, no number depends on it
 
     def __post_init__(self) -> None:
         check_known("grade of a ball", [] if self.grade is None else [self.grade], _GRADES_UM)
@@ -133,17 +133,17 @@ class Ball:
 class Instrument:
     """What certificates say of balls, bar, mount, force and angle; U: expanded uncertainties (k = 2). None: the model's."""
 
-    work: Ball = field(default_factory=Ball)
-    tool: Ball = field(default_factory=Ball)
-    bar_length_error_um: Number = 0.0
-    bar_U_um: Positive | None = None
-    mount_U_percent: Percent | None = None
-    force_U_percent: Percent | None = None
-    force_linearity_percent: Percent | None = None
-    force_random_N: Positive | None = None
-    angle_U_deg: Positive | None = None
-    bar_certificate: Label | None = None  # which certificate says so: names, no number depends on them
-    force_certificate: Label | None = None
+    work: Ball = field(default_factory=Ball)  #: ball
+    tool: Ball = field(default_factory=Ball)  #: ball
+    bar_length_error_um: Number = 0.0  #: by which readings are too large
+    bar_U_um: Positive | None = None  #: of the bar's length
+    mount_U_percent: Percent | None = None  #: of its deflection
+    force_U_percent: Percent | None = None  #: of the force's gain
+    force_linearity_percent: Percent | None = None  #: largest deviation from the line, of the largest force
+    force_random_N: Positive | None = None  #: random error of every force, one sd
+    angle_U_deg: Positive | None = None  #: of reference and lag
+    bar_certificate: Label | None = None  #: which certificate says so: names, no number depends on them
+    force_certificate: Label | None = None  #: likewise
 
     def __post_init__(self) -> None:
         alone = "the bar's length error must come with its U_um, got it alone. Give the U of its certificate (k = 2)."
@@ -163,21 +163,21 @@ class TestFields:
 
     __test__ = False
 
-    name: Annotated[str, AfterValidator(_file_name)] | None = None
-    force_N: Force | None = None
-    pressure_bar: Pressure | None = None
-    direction: Direction | None = None
-    work_ball_deg: Number | None = None  # how far the ball is turned in its socket
-    tool_ball_deg: Number | None = None
-    radius_mm: Length | None = None
-    plane: str | None = None
-    centre_x_mm: Coordinate | None = None  # of the work ball, in machine coordinates
-    centre_y_mm: Coordinate | None = None
-    centre_z_mm: Coordinate | None = None
-    # Tests of one set-up share the tool ball's offsets.
+    name: Annotated[str, AfterValidator(_file_name)] | None = None  #: one that a file may have
+    force_N: Force | None = None  #: radial, above zero
+    pressure_bar: Pressure | None = None  #: of the regulator
+    direction: Direction | None = None  #: of travel: CW or CCW
+    work_ball_deg: Number | None = None  #: how far the ball is turned in its socket
+    tool_ball_deg: Number | None = None  #: likewise
+    radius_mm: Length | None = None  #: default: the campaign's
+    plane: str | None = None  #: XY, YZ or ZX; default: the campaign's
+    centre_x_mm: Coordinate | None = None  #: of the work ball, in machine coordinates
+    centre_y_mm: Coordinate | None = None  #: likewise
+    centre_z_mm: Coordinate | None = None  #: likewise
+    #: Tests of one set-up share the tool ball's offsets.
     setup: Annotated[int, BeforeValidator(_no_text), Field(ge=1, le=LARGEST_SETUP)] | None = None
-    temperature_C: Number | None = None
-    time_s: Number | None = None  # of the start, on any common clock
+    temperature_C: Number | None = None  #: during the test
+    time_s: Number | None = None  #: of the start, on any common clock
 
 
 # Fields of a campaign that only name things: no number depends on them.
@@ -199,14 +199,14 @@ class CircularTest(TestFields):
     InputError for missing, non-finite, too few or unequal numbers of angles and readings, or a force that is not positive.
     """
 
-    force_N: Force | None = None
-    angle_deg: Any = None  # θ of the bar's sensitive direction from the plane's first axis, shape (n,)
-    reading_um: Any = None  # ρ: actual ball distance − R, shape (n,)
-    name: Annotated[str, AfterValidator(_file_name)] = field(default="", kw_only=True)  # f036 for 36 N, repeats numbered
-    work_ball_deg: Number = field(default=0.0, kw_only=True)
-    tool_ball_deg: Number = field(default=0.0, kw_only=True)
-    angle_rad: Any = field(default=None, kw_only=True)
-    reading_mm: Any = field(default=None, kw_only=True)
+    force_N: Force | None = None  #: radial, above zero
+    angle_deg: Any = None  #: θ of the bar's sensitive direction from the plane's first axis, shape (n,)
+    reading_um: Any = None  #: ρ: actual ball distance − R, shape (n,)
+    name: Annotated[str, AfterValidator(_file_name)] = field(default="", kw_only=True)  #: f036 for 36 N, repeats numbered
+    work_ball_deg: Number = field(default=0.0, kw_only=True)  #: how far the ball is turned in its socket
+    tool_ball_deg: Number = field(default=0.0, kw_only=True)  #: how far the ball is turned in its socket
+    angle_rad: Any = field(default=None, kw_only=True)  #: instead of ``angle_deg``; None afterwards
+    reading_mm: Any = field(default=None, kw_only=True)  #: instead of ``reading_um``; None afterwards
 
     def __post_init__(self) -> None:
         angle = self._column("angle_deg", "angle_rad", np.rad2deg)
@@ -308,27 +308,27 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
 class CampaignFields:
     """What a program or campaign.toml says of a campaign beside its tests."""
 
-    topology: str = "wCAFYXZSt"
-    plane: str = "XY"
-    radius_mm: Length = 150.0
-    name: Label | None = None
-    machine_id: Label | None = None  # what tells the machines of a fleet apart; default: the serial number
-    date: Date | None = None  # ISO 8601 (2026-11-20, 2026-11-20T14:30)
+    topology: str = "wCAFYXZSt"  #: joints from workpiece to tool
+    plane: str = "XY"  #: of tests that state none
+    radius_mm: Length = 150.0  #: of tests that state none
+    name: Label | None = None  #: of the campaign
+    machine_id: Label | None = None  #: what tells the machines of a fleet apart; default: the serial number
+    date: Date | None = None  #: ISO 8601 (2026-11-20, 2026-11-20T14:30)
     # For the certificate; no number depends on them.
-    machine_type: Label | None = None  # maker and type
-    serial_number: Label | None = None  # of the machine
-    operator: Label | None = None
-    place: Label | None = None
-    ball_bar: Label | None = None  # type and number
-    ball_bar_calibrated: Date | None = None
-    force_device: Label | None = None  # what makes or measures the force, and its certificate
-    # By quantity, a limit with its unit: {"C_XXX": "60 nm/N"}; see `conformity`. Of no weight in a fit either.
+    machine_type: Label | None = None  #: maker and type
+    serial_number: Label | None = None  #: of the machine
+    operator: Label | None = None  #: who measured
+    place: Label | None = None  #: where
+    ball_bar: Label | None = None  #: type and number
+    ball_bar_calibrated: Date | None = None  #: ISO 8601
+    force_device: Label | None = None  #: what makes or measures the force, and its certificate
+    #: By quantity, a limit with its unit: {"C_XXX": "60 nm/N"}; see `conformity`. Of no weight in a fit either.
     tolerances: Mapping[str, str] = field(default_factory=dict)
-    feed_mm_per_min: Number | None = None
-    resolution_um: Positive = 0.24  # of the readout; sets the floor σ ≥ resolution/√12
-    mount: MountCompensation = field(default_factory=MountCompensation)
-    force_law: ForceLaw = field(default_factory=ForceLaw)  # used where a test has only one of force and pressure
-    # Where the joints' frames stand, by axis letter; see `Machine`.
+    feed_mm_per_min: Number | None = None  #: along the circle
+    resolution_um: Positive = 0.24  #: of the readout; sets the floor σ ≥ resolution/√12
+    mount: MountCompensation = field(default_factory=MountCompensation)  #: of the work ball
+    force_law: ForceLaw = field(default_factory=ForceLaw)  #: used where a test has only one of force and pressure
+    #: Where the joints' frames stand, by axis letter; see `Machine`.
     frames_mm: SkipValidation[Mapping[str, tuple[float, float, float]]] = field(default_factory=dict)
 
 
@@ -341,11 +341,11 @@ class Campaign(CampaignFields):
     readings.
     """
 
-    tests: tuple[CircularTest, ...]
-    name: Label = field(default="campaign", kw_only=True)
-    centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)  # of tests that state none
-    instrument: Instrument = field(default_factory=Instrument, kw_only=True)
-    # Tests that may follow: what only they can show is modelled already; their readings, if any, are dropped.
+    tests: tuple[CircularTest, ...]  #: all with readings, or none
+    name: Label = field(default="campaign", kw_only=True)  #: of the campaign
+    centre_mm: tuple[Coordinate, ...] = field(default=(0.0, 0.0, 0.0), kw_only=True)  #: of tests that state none
+    instrument: Instrument = field(default_factory=Instrument, kw_only=True)  #: what certificates say of it
+    #: Tests that may follow: what only they can show is modelled already; their readings, if any, are dropped.
     foreseen: tuple[CircularTest, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:

@@ -79,17 +79,17 @@ class _Table:
 
     sheet: Sheet
     heading: Heading
-    label: str  # of its rows in the column of tests; empty where the whole sheet is one test
-    lines: list[int]  # of its rows in the file
-    numbers: dict[str, Array]  # by role, as the file has them
-    words: Mapping[str, int]  # in the column of directions, and where each first stands
+    label: str  #: of its rows in the column of tests; empty where the whole sheet is one test
+    lines: list[int]  #: of its rows in the file
+    numbers: dict[str, Array]  #: by role, as the file has them
+    words: Mapping[str, int]  #: in the column of directions, and where each first stands
     above: Mapping[str, Sequence[Said]]
     layout: Layout
-    stated: dict[str, Any]  # in a [[test]] of the layout
-    campaign: Mapping[str, Any]  # fields of the campaign that were given
+    stated: dict[str, Any]  #: in a [[test]] of the layout
+    campaign: Mapping[str, Any]  #: fields of the campaign that were given
     notes: Notes
-    fields: dict[str, Any]  # of the test, from columns that hold one value for it
-    of_all: Sequence[tuple[str, str]]  # lines of sheets left out that speak of all tests
+    fields: dict[str, Any]  #: of the test, from columns that hold one value for it
+    of_all: Sequence[tuple[str, str]]  #: lines of sheets left out that speak of all tests
 
     @property
     def place(self) -> str:
@@ -464,11 +464,11 @@ _Given = Annotated[Layout, PlainSerializer(lambda own: own.model_dump(by_alias=T
 class Imported(Result):
     """A campaign from files, with everything that was assumed."""
 
-    schema: int = field(default=1, init=False)
-    campaign: _Summary  # in JSON its name and numbers of tests and readings
-    layout: _Given  # with what was found out filled in: reading the same files with it guesses nothing of them
-    assumptions: tuple[Assumption, ...]
-    unsaid: tuple[str, ...]  # fields of the campaign for which the usual value was taken, as nothing says another
+    schema: int = field(default=1, init=False)  #: edition
+    campaign: _Summary  #: in JSON its name and numbers of tests and readings
+    layout: _Given  #: with what was found out filled in: reading the same files with it guesses nothing of them
+    assumptions: tuple[Assumption, ...]  #: with the option that changes each
+    unsaid: tuple[str, ...]  #: fields of the campaign for which the usual value was taken, as nothing says another
 
 
 def import_campaign(

@@ -83,10 +83,10 @@ class Layout(BaseModel, extra="forbid", allow_inf_nan=False):
     encoding: Annotated[str, AfterValidator(_known_encoding)] | None = None
     separator: Annotated[str, AfterValidator(_sign)] | None = None
     decimal: Literal[".", ","] | None = None
-    header_line: int | None = Field(default=None, ge=0)  # 0: there is none, columns then go by number from 1
+    header_line: int | None = Field(default=None, ge=0)  #: 0: there is none, columns then go by number from 1
     sheets: list[str] = Field(default_factory=list)
-    columns: dict[str, _Column] = Field(default_factory=dict)  # by role: header or number; several of the reading, each a test
-    # Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
+    columns: dict[str, _Column] = Field(default_factory=dict)  #: by role: header or number; several of the reading, each a test
+    #: Of the tests, in the order they stand in files, sheets and rows; before what a [[test]] says.
     forces_N: list[Number] = Field(default_factory=list)
     pressures_bar: list[Number] = Field(default_factory=list)
     reading_unit: str | None = None
@@ -94,15 +94,15 @@ class Layout(BaseModel, extra="forbid", allow_inf_nan=False):
     time_unit: str | None = None
     force_unit: str | None = None
     pressure_unit: str | None = None
-    zero: Literal["deviation", "distance"] | None = None  # readings are deviations from the radius, or distances of the balls
-    sign: Literal[1, -1] = 1  # −1 where the instrument counts a longer bar as negative
-    angle_sign: Literal[1, -1] = 1  # −1 where the file counts clockwise
-    angle_offset_deg: float = 0.0  # of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
-    start_deg: float | None = None  # of a log over time: where the circle begins
-    overshoot_deg: float | None = Field(default=None, ge=0.0)  # likewise: run-in before it
-    feed_mm_per_min: float | None = Field(default=None, gt=0.0)  # likewise: along the circle
+    zero: Literal["deviation", "distance"] | None = None  #: readings are deviations from the radius, or distances of the balls
+    sign: Literal[1, -1] = 1  #: −1 where the instrument counts a longer bar as negative
+    angle_sign: Literal[1, -1] = 1  #: −1 where the file counts clockwise
+    angle_offset_deg: float = 0.0  #: of the plane's first axis, as the file counts: θ = angle_sign · (angle − angle_offset_deg)
+    start_deg: float | None = None  #: of a log over time: where the circle begins
+    overshoot_deg: float | None = Field(default=None, ge=0.0)  #: likewise: run-in before it
+    feed_mm_per_min: float | None = Field(default=None, gt=0.0)  #: likewise: along the circle
     direction: Literal["CW", "CCW"] | None = None
-    laps: Literal["keep", "average"] | None = None  # of a recording longer than a turn
+    laps: Literal["keep", "average"] | None = None  #: of a recording longer than a turn
     test: list[TestLayout] = Field(default_factory=list)
 
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")

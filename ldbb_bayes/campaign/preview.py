@@ -76,20 +76,20 @@ class TestPreview:
     force_N: float
     pressure_bar: float
     readings: int
-    arc_deg: float  # covered
-    largest_gap_deg: float  # widest distance between neighbouring angles
-    direction: str | None  # as stated
-    travel: str | None  # as the order of the angles shows it
+    arc_deg: float  #: covered
+    largest_gap_deg: float  #: widest distance between neighbouring angles
+    direction: str | None  #: as stated
+    travel: str | None  #: as the order of the angles shows it
     plane: str
     setup: int
     radius_mm: float
     centre_mm: tuple[float, float, float]
     work_ball_deg: float
     tool_ball_deg: float
-    resolution_um: float | None  # step by which all readings differ, where enough of them repeat to see one
-    spikes: int  # readings more than eight times the scatter off a resistant Fourier fit to order 12
-    noise_um: float | None  # scatter left by a Fourier fit to order 12 without the spikes, of 35 to 200 000 readings
-    start_end_um: float | None  # last reading minus first, where the circle closes
+    resolution_um: float | None  #: step by which all readings differ, where enough of them repeat to see one
+    spikes: int  #: readings more than eight times the scatter off a resistant Fourier fit to order 12
+    noise_um: float | None  #: scatter left by a Fourier fit to order 12 without the spikes, of 35 to 200 000 readings
+    start_end_um: float | None  #: last reading minus first, where the circle closes
     peak_to_peak_um: float | None
     remarks: tuple[Remark, ...]
 

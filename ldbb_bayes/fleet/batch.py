@@ -118,7 +118,7 @@ class Settings:
     compare: bool = True
     table: Mapping[str, Any] = field(default_factory=dict)
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    tolerances: Mapping[str, str] = field(default_factory=dict)  # of quantities, before what campaigns say
+    tolerances: Mapping[str, str] = field(default_factory=dict)  #: of quantities, before what campaigns say
 
     @property
     def model(self) -> HybridModel:
@@ -385,18 +385,18 @@ def _rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 class Batch(Result):
     """A finished batch."""
 
-    out: Path
-    dataset: Path  # the Parquet table in it
-    campaigns: int
-    done: int
-    failed: Annotated[int, Field(alias="failures")]
-    not_converged: int  # of those done: that missed the sampling target
-    doubtful: int  # of those done: whose readings the model does not expect, or that speak against it
-    failures: Annotated[tuple[dict[str, str], ...], Field(alias="failed")]  # campaign and reason, of the first 10 000
-    doubts: tuple[dict[str, str], ...]  # campaign and verdict, likewise
-    fitted: int  # campaigns fitted by this run, the others were there
-    seconds: float  # that took
-    resumed: bool  # whether an earlier run was gone on with
+    out: Path  #: the folder
+    dataset: Path  #: the Parquet table in it
+    campaigns: int  #: in all
+    done: int  #: fitted, now or before
+    failed: Annotated[int, Field(alias="failures")]  #: that could not be fitted
+    not_converged: int  #: of those done: that missed the sampling target
+    doubtful: int  #: of those done: whose readings the model does not expect, or that speak against it
+    failures: Annotated[tuple[dict[str, str], ...], Field(alias="failed")]  #: campaign and reason, of the first 10 000
+    doubts: tuple[dict[str, str], ...]  #: campaign and verdict, likewise
+    fitted: int  #: campaigns fitted by this run, the others were there
+    seconds: float  #: that took
+    resumed: bool  #: whether an earlier run was gone on with
 
     def rows(self) -> pd.DataFrame:
         """Return every row; see `read_batch`."""

@@ -151,11 +151,11 @@ class PooledParameter(Result):
     """One parameter over the machines."""
 
     unit: str
-    prior_sd: float  # of what was believed of the mean of the population, about zero
-    mean: Summary  # of the population
-    spread: Summary  # standard deviation of the machines about it
-    next: Summary  # a machine of the population that was not measured
-    instrument_sd: float  # part of the sd of the mean that comes with the one instrument: more machines do not make it less
+    prior_sd: float  #: of what was believed of the mean of the population, about zero
+    mean: Summary  #: of the population
+    spread: Summary  #: standard deviation of the machines about it
+    next: Summary  #: a machine of the population that was not measured
+    instrument_sd: float  #: part of the sd of the mean that comes with the one instrument: more machines do not make it less
 
 
 @dataclass(frozen=True)
@@ -165,11 +165,11 @@ class PooledMachine(Result):
 
     name: Annotated[str, Field(exclude=True)]
     campaigns: int
-    estimate: dict[str, Summary]  # with what the population tells of it
-    alone: dict[str, Summary]  # from its campaigns and the prior of a fit, the instrument's errors as all campaigns know them
+    estimate: dict[str, Summary]  #: with what the population tells of it
+    alone: dict[str, Summary]  #: from its campaigns and the prior of a fit, the instrument's errors as all campaigns know them
     p_value: float | None = None
-    flag: bool = False  # the p-value is below 5 %
-    z: dict[str, float] = field(default_factory=dict)  # of each parameter, against what the other machines predict
+    flag: bool = False  #: the p-value is below 5 %
+    z: dict[str, float] = field(default_factory=dict)  #: of each parameter, against what the other machines predict
 
 
 _CONSTANT = re.compile(r"C_...")
@@ -179,22 +179,22 @@ _CONSTANT = re.compile(r"C_...")
 class Population(Result):
     """Machines of one kind, partially pooled; only where all could be ``judged`` none standing out means that."""
 
-    parameters: dict[str, PooledParameter]
-    machine: dict[str, PooledMachine]
-    campaigns: int
-    reference_force_N: float  # at which compliances are meant
-    forces_N: tuple[float, float]  # lowest and highest tested in all campaigns
-    topology: str
-    compliances: Mapping[str, Meaning]  # what they stand for, where the batch says it
-    instrument: tuple[str, ...]  # errors taken as common to all campaigns
-    spread_scale: float  # prior of a spread: HalfNormal(spread_scale · prior_sd)
-    seed: int
-    pareto_k: float  # of the weights of the spreads, the lower the better
-    trusted: bool  # whether that is low enough
-    caveats: tuple[Caveat, ...]
-    ci_prob: Annotated[float, Field(exclude=True)]
+    parameters: dict[str, PooledParameter]  #: mean, spread and next machine, by name
+    machine: dict[str, PooledMachine]  #: by machine_id
+    campaigns: int  #: their number
+    reference_force_N: float  #: at which compliances are meant
+    forces_N: tuple[float, float]  #: lowest and highest tested in all campaigns
+    topology: str  #: of the machines
+    compliances: Mapping[str, Meaning]  #: what they stand for, where the batch says it
+    instrument: tuple[str, ...]  #: errors taken as common to all campaigns
+    spread_scale: float  #: prior of a spread: HalfNormal(spread_scale · prior_sd)
+    seed: int  #: of the draws
+    pareto_k: float  #: of the weights of the spreads, the lower the better
+    trusted: bool  #: whether that is low enough
+    caveats: tuple[Caveat, ...]  #: what to mind
+    ci_prob: Annotated[float, Field(exclude=True)]  #: of the intervals
     judged: Annotated[bool, Field(exclude=True)]
-    readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()  # so that no campaign takes its prior from itself
+    readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()  #: so that no campaign takes its prior from itself
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
@@ -431,17 +431,17 @@ class PopulationPrior:
     Compliances alone, in inside units (mm, N, rad): their slopes and the geometric errors keep the model's own priors.
     """
 
-    reference_force_N: float  # F0, at which the compliances are meant
-    machines: int
-    campaigns: int
-    means: Mapping[str, float]
-    sds: Mapping[str, float]
-    sha256: str
-    topology: str
-    compliances: Mapping[str, Meaning] = field(default_factory=dict)  # see `stands_for`; one that is missing is the campaign's
-    machine_ids: frozenset[str] = frozenset()
-    readings: frozenset[str] = frozenset()  # SHA-256 of the campaigns
-    own_doubts: tuple[str, ...] = ()  # what the population says is to be minded
+    reference_force_N: float  #: F0, at which the compliances are meant
+    machines: int  #: their number
+    campaigns: int  #: their number
+    means: Mapping[str, float]  #: by compliance
+    sds: Mapping[str, float]  #: by compliance
+    sha256: str  #: of the population
+    topology: str  #: of the machines
+    compliances: Mapping[str, Meaning] = field(default_factory=dict)  #: one that is missing is the campaign's
+    machine_ids: frozenset[str] = frozenset()  #: of the machines
+    readings: frozenset[str] = frozenset()  #: SHA-256 of the campaigns
+    own_doubts: tuple[str, ...] = ()  #: what the population says is to be minded
 
     def model(self, model: HybridModel) -> HybridModel:
         """The same model with these priors of the compliances, at the population's reference force; slopes keep their sd."""

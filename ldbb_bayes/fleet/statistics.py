@@ -162,15 +162,15 @@ class FleetStatistics:
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
     dates: tuple[datetime | None, ...]
-    parameters: tuple[str, ...]  # c of them
+    parameters: tuple[str, ...]  #: c of them
     units: tuple[str, ...]
-    instrument: tuple[str, ...]  # errors shared by all campaigns, s of them; none where each has an instrument of its own
-    prior_sd: Array  # (c + s,): of the parameters, then of the instrument's errors
-    likelihood: Gaussian  # (n, c + s): Λ and η of (c, b), in units of prior_sd
-    reference_force_N: float  # at which compliances are meant
-    forces_N: tuple[float, float]  # lowest and highest that was tested in all campaigns
+    instrument: tuple[str, ...]  #: errors shared by all campaigns, s of them; none where each has an instrument of its own
+    prior_sd: Array  #: (c + s,): of the parameters, then of the instrument's errors
+    likelihood: Gaussian  #: (n, c + s): Λ and η of (c, b), in units of prior_sd
+    reference_force_N: float  #: at which compliances are meant
+    forces_N: tuple[float, float]  #: lowest and highest that was tested in all campaigns
     topology: str
-    compliances: Mapping[str, Meaning] = field(default_factory=dict)  # what the chosen ones stand for, where rows say it
+    compliances: Mapping[str, Meaning] = field(default_factory=dict)  #: what the chosen ones stand for, where rows say it
 
     def __len__(self) -> int:
         return len(self.campaigns)

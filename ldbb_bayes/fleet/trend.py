@@ -164,13 +164,13 @@ class ParameterChange(Result):
     """The step of one parameter, inside units."""
 
     unit: str
-    probability: float  # that it is this parameter that changed
-    place: int  # campaign (from 0) just before which it most probably did, if it did
-    change: Summary  # given that it did, whenever
-    percent: float | None  # of the level before; None where that is not known to a fifth
+    probability: float  #: that it is this parameter that changed
+    place: int  #: campaign (from 0) just before which it most probably did, if it did
+    change: Summary  #: given that it did, whenever
+    percent: float | None  #: of the level before; None where that is not known to a fifth
     level_before: float
-    level_now: Summary  # at the last campaign, averaged over hypotheses; the errors of the instrument are in it
-    common_sd: float  # what these add to the level of all campaigns together; in no point and no limit
+    level_now: Summary  #: at the last campaign, averaged over hypotheses; the errors of the instrument are in it
+    common_sd: float  #: what these add to the level of all campaigns together; in no point and no limit
 
 
 @dataclass(frozen=True)
@@ -191,19 +191,19 @@ class Trend(Result):
     change_by_here (probabilities). The instrument's errors are at their posterior mean throughout. Not in JSON.
     """
 
-    machine: str | None
-    reference_force_N: float
-    assumptions: Mapping[str, Any]  # change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
-    probability: Annotated[float, Field(alias="probability_of_change")]  # that one parameter has changed once
-    changed: bool  # whether that is above the threshold
-    false_alarm: float  # at most the probability of calling a change where there was none
-    campaigns: tuple[Visit, ...]  # in order of time
-    parameters: Mapping[str, ParameterChange]
-    most_probable: str  # the parameter that most probably changed
-    caveats: tuple[Caveat, ...]
+    machine: str | None  #: machine_id
+    reference_force_N: float  #: at which compliances are meant
+    assumptions: Mapping[str, Any]  #: change_scale, repeatability (in the prior's sd), probability, threshold, ci, one_instrument
+    probability: Annotated[float, Field(alias="probability_of_change")]  #: that one parameter has changed once
+    changed: bool  #: whether that is above the threshold
+    false_alarm: float  #: at most the probability of calling a change where there was none
+    campaigns: tuple[Visit, ...]  #: in order of time
+    parameters: Mapping[str, ParameterChange]  #: the step of each
+    most_probable: str  #: the parameter that most probably changed
+    caveats: tuple[Caveat, ...]  #: what to mind
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    conformity: Mapping[str, Mapping[str, Conformity]]  # by quantity with a tolerance and campaign, each alone, normal
-    limits_probability: float = LIMITS
+    conformity: Mapping[str, Mapping[str, Conformity]]  #: by quantity with a tolerance and campaign, each alone, normal
+    limits_probability: float = LIMITS  #: of the control limits
 
     def as_dict(self) -> dict[str, Any]:
         """The findings for JSON, in inside units; intervals are named by their probability."""

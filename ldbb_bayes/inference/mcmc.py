@@ -30,11 +30,11 @@ class StoppingRule:
 
     ess: float = 1000.0
     rhat: float = 1.01
-    max_steps: int = 20_000  # of each ensemble
-    block: int = 20  # steps between the first looks; later ones are further apart, and of a long run not every step is stored
-    discard: float = 0.25  # share of the stored draws given up as burn-in at every look
-    # The kept part must also be this many autocorrelation times long, as implied by the smallest bulk ESS: an ensemble that has
-    # hardly moved can look well mixed.
+    max_steps: int = 20_000  #: of each ensemble
+    block: int = 20  #: steps between the first looks; later ones are further apart, and of a long run not every step is stored
+    discard: float = 0.25  #: share of the stored draws given up as burn-in at every look
+    #: The kept part must also be this many autocorrelation times long, as implied by the smallest bulk ESS: an ensemble that has
+    #: hardly moved can look well mixed.
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> tuple[int, int]:

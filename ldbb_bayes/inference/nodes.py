@@ -177,11 +177,11 @@ def _root(hessian: Array) -> Array:
 class Evidence:
     """ln Z of a model and a campaign."""
 
-    log_value: float  # ln of the density of the readings in mm; only differences between models of the same readings count
-    error: float  # [nat]
-    nodes: int  # of the quadrature
-    sha256: str  # digest of the readings it is of
-    by_emcee: bool = False  # emcee and bridge sampling took over, the weights of the nodes not to be trusted
+    log_value: float  #: ln of the density of the readings in mm; only differences between models of the same readings count
+    error: float  #: [nat]
+    nodes: int  #: of the quadrature
+    sha256: str  #: digest of the readings it is of
+    by_emcee: bool = False  #: emcee and bridge sampling took over, the weights of the nodes not to be trusted
 
 
 _SPARE, _COMPONENTS = 1e-7, 8192

@@ -101,20 +101,20 @@ class Concern(Result):
 class Fit(Result):
     """How well a model fits, and what to mind."""
 
-    rmse_um: float  # Eq. 34 over all readings
-    fitness_percent: dict[str, float]  # Eq. 35, by test; not a number where its readings are all the same
-    log_prob_truncation: float  # ln P(T | y) of the untruncated posterior
-    log_prob_truncation_error: Finite  # [nat]
-    log_prob_truncation_prior: float  # ln P(T) of the prior
-    linearisation_error_um: float  # largest difference of the linear model from the exact geometry
+    rmse_um: float  #: Eq. 34 over all readings
+    fitness_percent: dict[str, float]  #: Eq. 35, by test; not a number where its readings are all the same
+    log_prob_truncation: float  #: ln P(T | y) of the untruncated posterior
+    log_prob_truncation_error: Finite  #: [nat]
+    log_prob_truncation_prior: float  #: ln P(T) of the prior
+    linearisation_error_um: float  #: largest difference of the linear model from the exact geometry
     concerns: tuple[Concern, ...]
     predictive_checks: dict[str, TestChecks]
-    sensitivity: dict[str, dict[str, float]]  # by power-scaling of prior, hyper_prior and likelihood, of each parameter
-    # Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is left
-    # out; not of flat priors.
+    sensitivity: dict[str, dict[str, float]]  #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
+    #: Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is left
+    #: out; not of flat priors.
     shift: dict[str, float]
-    # By which share an interval grows at most with noise as strong as what tests do not share at the orders 13 to 16, where the
-    # checks of noise and of its autocorrelation fail.
+    #: By which share an interval grows at most with noise as strong as what tests do not share at the orders 13 to 16, where the
+    #: checks of noise and of its autocorrelation fail.
     widening: float
 
     @property

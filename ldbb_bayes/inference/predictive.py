@@ -239,9 +239,9 @@ class TestChecks(Result):
     __test__ = False
 
     orders_p: dict[int, float]
-    noise_p: float | None  # of the readings' scatter outside orders 0 … 12 against σ
+    noise_p: float | None  #: of the readings' scatter outside orders 0 … 12 against σ
     autocorrelation: float | None
-    autocorrelation_p: float | None  # of its lag-one autocorrelation against white noise
+    autocorrelation_p: float | None  #: of its lag-one autocorrelation against white noise
 
     def of(self, test: str) -> list[Check]:
         """Every p-value there is as a check of this test."""
@@ -397,11 +397,11 @@ _SINGULAR = 1e-10
 class LeastSquares(Result):
     """A least-squares estimate and how well it fits."""
 
-    # One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the residuals, as if they were white
-    # noise; not a number where the readings do not determine the parameters), in inside units.
+    #: One row per parameter: unit, estimate, u (standard uncertainty from the scatter of the residuals, as if they were white
+    #: noise; not a number where the readings do not determine the parameters), in inside units.
     table: ByRow
-    quality: FitQuality  # RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35)
-    predicted_um: dict[str, Numbers]  # by test, in the order of its readings
+    quality: FitQuality  #: RMSE over all readings and of every test [µm], fitness of every test [%] (Eq. 34-35)
+    predicted_um: dict[str, Numbers]  #: by test, in the order of its readings
 
     @property
     def estimate(self) -> dict[str, float]:

@@ -58,8 +58,8 @@ class Circle:
     """The nominal circle of a test: the tool ball runs at distance ``radius_mm`` around the work ball."""
 
     radius_mm: float = 150.0
-    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the work ball; across the plane it changes lever arms only
-    plane: str = "XY"  # angles count from its first axis
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: of the work ball; across the plane it changes lever arms only
+    plane: str = "XY"  #: angles count from its first axis
 
     def direction(self, angle_rad: Array) -> Array:
         """Sensitive direction B̂ of the bar, shape (n, 3) [1]."""
@@ -96,9 +96,9 @@ class Joint:
 class Machine:
     """A serial machine tool and the planes it is tested in."""
 
-    topology: str = "wCAFYXZSt"  # joints from workpiece to tool
+    topology: str = "wCAFYXZSt"  #: joints from workpiece to tool
     planes: str | tuple[str, ...] = ("XY",)
-    # Where a joint's frame stands, all axes at zero, from the point where the balls coincide: by default there, as in the paper.
+    #: Where a joint's frame stands, all axes at zero, from the point where the balls coincide: by default there, as in the paper.
     frames_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -425,15 +425,15 @@ class Kept:
     """What remains of the wrench Jacobian. The weights of a set are the pattern of each member in units of the representative's
     [mm or mm² per rotation more]."""
 
-    names: tuple[ComplianceName, ...]  # one representative per proportional set, in the order of Table 1
-    sets: tuple[tuple[str, ...], ...]  # proportional sets (Table 2), whose weighted sums the kept ones are, representative first
+    names: tuple[ComplianceName, ...]  #: one representative per proportional set, in the order of Table 1
+    sets: tuple[tuple[str, ...], ...]  #: proportional sets (Table 2), whose weighted sums the kept ones are, representative first
     weights: tuple[tuple[float, ...], ...]
-    absorbed: tuple[Mapping[ComplianceName, float], ...]  # what each stands for beside its set: of the dropped sets, with weights
-    not_negative: tuple[bool, ...]  # a deflection under the load itself, whatever the joints' (semi-definite) matrices are
-    null: tuple[str, ...]  # never change a reading
-    dependent: tuple[str, ...]  # heads of sets that are combinations of several others
-    rank: int  # of the full Jacobian: unit force, full uniform circle, unscaled (mm, N)
-    condition_number: float  # of the kept columns
+    absorbed: tuple[Mapping[ComplianceName, float], ...]  #: what each stands for beside its set: dropped sets, with weights
+    not_negative: tuple[bool, ...]  #: a deflection under the load itself, whatever the joints' (semi-definite) matrices are
+    null: tuple[str, ...]  #: never change a reading
+    dependent: tuple[str, ...]  #: heads of sets that are combinations of several others
+    rank: int  #: of the full Jacobian: unit force, full uniform circle, unscaled (mm, N)
+    condition_number: float  #: of the kept columns
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:

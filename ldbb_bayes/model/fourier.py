@@ -113,28 +113,28 @@ class Setting:
     tool_ball_rad: Array
     plane: Array
     setup: Array
-    travel: Array  # +1 clockwise or not stated, −1 counterclockwise
-    time_h: Array  # from the mean of the whole campaign, like temperatures; NaN where not recorded
+    travel: Array  #: +1 clockwise or not stated, −1 counterclockwise
+    time_h: Array  #: from the mean of the whole campaign, like temperatures; NaN where not recorded
     temperature_K: Array
-    direction: Array  # basis coefficients (tests, 25, 3) of the bar's direction (X, Y, Z)
-    wrench: Array  # of j_C, (tests, 25, compliances)
-    geometric: Array  # of j_G, (tests, 25, geometric errors)
-    reference_force_N: float  # F0
-    force_range_N: float  # F_max − F_min
-    two_balls: bool  # whether the balls' forms are two terms
-    clocked: bool  # whether the clocking of either differs between tests, why they are
-    radii_mm: tuple[float, ...]  # the different ones, as of set-ups and planes
+    direction: Array  #: basis coefficients (tests, 25, 3) of the bar's direction (X, Y, Z)
+    wrench: Array  #: of j_C, (tests, 25, compliances)
+    geometric: Array  #: of j_G, (tests, 25, geometric errors)
+    reference_force_N: float  #: F0
+    force_range_N: float  #: F_max − F_min
+    two_balls: bool  #: whether the balls' forms are two terms
+    clocked: bool  #: whether the clocking of either differs between tests, why they are
+    radii_mm: tuple[float, ...]  #: the different ones, as of set-ups and planes
     setups: tuple[int, ...]
     planes: tuple[str, ...]
-    both_ways: tuple[str, ...]  # planes run in both directions of travel
-    largest_force_N: float  # F_max of the whole campaign
-    circle: Array  # name of each test's scale λ, empty where circles have none
-    compliance_estimate: Array  # Ĉ (compliances,), used only to linearise
-    axial_estimate: Array  # Ĉ_aa along X, Y, Z, zero where there is none
-    fitted: Array  # the circle fitted with Ĉ, F j_C·Ĉ + j_G·Ê, (tests, 25) [mm]
-    compensated: bool  # of the mount, like the next
+    both_ways: tuple[str, ...]  #: planes run in both directions of travel
+    largest_force_N: float  #: F_max of the whole campaign
+    circle: Array  #: name of each test's scale λ, empty where circles have none
+    compliance_estimate: Array  #: Ĉ (compliances,), used only to linearise
+    axial_estimate: Array  #: Ĉ_aa along X, Y, Z, zero where there is none
+    fitted: Array  #: the circle fitted with Ĉ, F j_C·Ĉ + j_G·Ê, (tests, 25) [mm]
+    compensated: bool  #: of the mount, like the next
     deflection_um_per_bar: float
-    instrument: Instrument  # what certificates state
+    instrument: Instrument  #: what certificates state
 
     @property
     def tests(self) -> int:

@@ -43,16 +43,16 @@ _RIVALS: dict[str, tuple[type[Term], str, str]] = {
 
 @dataclass(frozen=True)
 class HybridModel(Result):
-    """The model of a campaign, not yet bound to one; what does not go together is refused."""
+    """The model of a campaign, not yet bound to one: its ``nuisances`` (terms) and priors; refused where they clash."""
 
-    degree: int = 1  # compliance constant (0), linear or quadratic (2) in force; constant is linear with its slopes fixed at zero
+    degree: int = 1  #: compliance constant (0), linear (1) or quadratic (2) in force; constant: linear with its slopes at zero
     nuisances: tuple[Term, ...] = field(
         default_factory=lambda: tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
     )
-    prior: Prior = field(default_factory=Prior.default)
-    reference_force_N: float | None = None  # F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
-    preset: Preset = "default"  # where the model started from
-    fixed: tuple[str, ...] = ()  # parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a campaign
+    prior: Prior = field(default_factory=Prior.default)  #: of parameters and hyper-parameters
+    reference_force_N: float | None = None  #: F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
+    preset: Preset = "default"  #: where the model started from
+    fixed: tuple[str, ...] = ()  #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a campaign
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", tuple(sorted(set(map(inside_name, self.fixed)))))

@@ -87,28 +87,30 @@ class Prior:
     keep the sd that the kind of compliance gives them.
     """
 
-    direct_mm_per_N: float = 1e-4  # one sd of C_XXX and C_YYY
-    cross_mm_per_N: float = 1e-5  # of C_XYX
-    rotation_for_force_rad_per_N: float = 1e-7  # of C_CXY and C_CYY
-    rotation_for_moment_rad_per_N_mm: float = 1e-9  # of C_CCY
-    slope_scale: float = 0.3  # sd(C_k) = slope_scale · size / (F_max − F_min)^k
-    gain: float = 2e-4  # one sd of E_XX1 and E_YY1
-    squareness_rad: float = 5e-5  # of E_C(0Y)X
-    straightness_per_mm: float = 1e-6  # of E_YX2 and E_XY2
-    offset_mm: float = 0.02  # of E_Xt0 and E_Yt0
-    sigma_um: float = 1.0  # scales of half-normal priors: of white noise,
-    delta_um: float = 1.0  # set-up shift,
-    kappa_um: float = 1.0  # discrepancy,
-    tau_um: float = 1.5  # ball form at order 6,
-    omega_um: float = 1.5  # machine pattern at order 6
-    eta_um: float = 2.0  # and hysteresis
-    decay: float = 2.0  # the power by which form falls with its order, Normal within [0.5, 3.5]
-    decay_sd: float = 0.7
-    slopes_of_estimate: bool = True  # that size is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
-    truncated: bool = True  # C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at tested forces: F C(F) is a deflection under the force itself
-    flat: bool = False  # no prior on the parameters of interest (the paper's least squares)
-    overrides: Mapping[str, float] = field(default_factory=dict)  # sd by parameter, in inside units (mm, N, rad)
-    means: Mapping[str, float] = field(default_factory=dict)  # prior means, likewise
+    direct_mm_per_N: float = 1e-4  #: one sd of C_XXX and C_YYY
+    cross_mm_per_N: float = 1e-5  #: one sd of C_XYX
+    rotation_for_force_rad_per_N: float = 1e-7  #: one sd of C_CXY and C_CYY
+    rotation_for_moment_rad_per_N_mm: float = 1e-9  #: one sd of C_CCY
+    slope_scale: float = 0.3  #: sd(C_k) = slope_scale · size / (F_max − F_min)^k
+    gain: float = 2e-4  #: one sd of E_XX1 and E_YY1
+    squareness_rad: float = 5e-5  #: one sd of E_C(0Y)X
+    straightness_per_mm: float = 1e-6  #: one sd of E_YX2 and E_XY2
+    offset_mm: float = 0.02  #: one sd of E_Xt0 and E_Yt0
+    sigma_um: float = 1.0  #: scale of the half-normal prior of white noise
+    delta_um: float = 1.0  #: likewise: set-up shift
+    kappa_um: float = 1.0  #: likewise: discrepancy
+    tau_um: float = 1.5  #: likewise: ball form at order 6
+    omega_um: float = 1.5  #: likewise: machine pattern at order 6
+    eta_um: float = 2.0  #: likewise: hysteresis
+    decay: float = 2.0  #: the power by which form falls with its order, Normal within [0.5, 3.5]
+    decay_sd: float = 0.7  #: its sd
+    slopes_of_estimate: bool = (
+        True  #: the size of slopes is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
+    )
+    truncated: bool = True  #: C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at tested forces: F C(F) is a deflection under the force itself
+    flat: bool = False  #: no prior on the parameters of interest (the paper's least squares)
+    overrides: Mapping[str, float] = field(default_factory=dict)  #: sd by parameter, in inside units (mm, N, rad)
+    means: Mapping[str, float] = field(default_factory=dict)  #: prior means, in inside units
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

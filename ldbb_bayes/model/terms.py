@@ -80,16 +80,16 @@ class Unit(NamedTuple):
 class Columns:
     """Columns of one term with their Gaussian prior, p coefficients."""
 
-    names: tuple[str, ...]  # they begin with the term's ``stem``
-    values: Array  # shape (tests, 25, p)
-    sd: Array  # prior sd (p,), in units of ``hyper`` where one is named; infinite for a flat prior
-    hyper: Hyper | None = None  # the hyper-parameter that scales ``sd``
-    private: bool = False  # every test has its own copy of each coefficient
-    mean: Array | None = None  # prior mean (p,) of shared coefficients; default: zero
-    decay: Hyper | None = None  # the hyper-parameter p by which ``sd`` falls as (order/6)^(−p)
-    orders: Array | None = None  # of each coefficient (p,), with ``decay``
-    stated: Array | None = None  # sd (p,) that no hyper-parameter scales, added in quadrature
-    circle: Sequence[Hyper] | Array = ()  # names of the scales λ of private coefficients, one a test, as of `BasisNoise`
+    names: tuple[str, ...]  #: they begin with the term's ``stem``
+    values: Array  #: shape (tests, 25, p)
+    sd: Array  #: prior sd (p,), in units of ``hyper`` where one is named; infinite for a flat prior
+    hyper: Hyper | None = None  #: the hyper-parameter that scales ``sd``
+    private: bool = False  #: every test has its own copy of each coefficient
+    mean: Array | None = None  #: prior mean (p,) of shared coefficients; default: zero
+    decay: Hyper | None = None  #: the hyper-parameter p by which ``sd`` falls as (order/6)^(−p)
+    orders: Array | None = None  #: of each coefficient (p,), with ``decay``
+    stated: Array | None = None  #: sd (p,) that no hyper-parameter scales, added in quadrature
+    circle: Sequence[Hyper] | Array = ()  #: names of the scales λ of private coefficients, one a test, as of `BasisNoise`
 
     def __post_init__(self) -> None:
         p = len(self.names)
@@ -169,7 +169,7 @@ class Uncertainty:
 class Uncertainties(Result):
     """Everything that the terms of a model assume of the instrument, and the names of its certificates."""
 
-    assumed: tuple[Uncertainty, ...]
+    assumed: tuple[Uncertainty, ...]  #: in the order of the terms
     certificates: Mapping[str, str]
 
 
@@ -202,14 +202,14 @@ class Term:
     """
 
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    stem: ClassVar[str | tuple[str, ...]]  # what names of its coefficients begin with; default: ball_form for BallForm
-    words: ClassVar[str]  # what it is called; default: ball form for BallForm
-    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  # of its coefficients
-    calibration: ClassVar[str] = "a measurement of it"  # what supplies it, as a noun and as advice
+    stem: ClassVar[str | tuple[str, ...]]  #: what names of its coefficients begin with; default: ball_form for BallForm
+    words: ClassVar[str]  #: what it is called; default: ball form for BallForm
+    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: of its coefficients
+    calibration: ClassVar[str] = "a measurement of it"  #: what supplies it, as a noun and as advice
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
-    instrument: ClassVar[bool] = False  # it belongs to bar, balls, mount or force device, and is the same wherever these are
-    common: ClassVar[bool] = False  # fleets take its coefficient as one, the same in all campaigns of one instrument
-    on_demand: ClassVar[bool]  # models have it only when asked to; so they have terms of your own
+    instrument: ClassVar[bool] = False  #: it belongs to bar, balls, mount or force device, and is the same wherever these are
+    common: ClassVar[bool] = False  #: fleets take its coefficient as one, the same in all campaigns of one instrument
+    on_demand: ClassVar[bool]  #: models have it only when asked to; so they have terms of your own
 
     def __init_subclass__(cls) -> None:
         other = Term.kinds.get(cls.__name__)
@@ -447,7 +447,7 @@ class BarLength(Term):
     """1: calibration of the bar's length (ball radii, zero setting, bar temperature); another radius is another length. Mean and
     sd are those of the bar's certificate where there is one."""
 
-    sd_um: float = 9.4
+    sd_um: float = 9.4  #: one sd of the bar's length
     calibration = "a calibration of the bar's length"
     remedy = "Calibrate the bar's length."
     instrument = True
@@ -518,9 +518,9 @@ class ForceError(Term):
     """F j_C·Ĉ times a gain error and F_max q(F) j_C·Ĉ times a curvature of the force law, 0 for none, both common to all tests;
     and j_C·Ĉ times a random force error of each test. Each as the load cell's certificate says where there is one."""
 
-    gain_sd: float = 0.01
-    curvature_sd: float = 0.01
-    random_sd_N: float = 4.0
+    gain_sd: float = 0.01  #: one sd, a share of the force
+    curvature_sd: float = 0.01  #: one sd, a share of F_max
+    random_sd_N: float = 4.0  #: of every test
     stem = ("force_gain", "force_curvature", "force_random")
     unit = Unit("1", 1e-2, "%")
     calibration = "a calibration of the force"
