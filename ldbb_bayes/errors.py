@@ -61,12 +61,12 @@ def check_known(what: str, names: Iterable[str], known: Iterable[str]) -> None:
             )
 
 
-def renamed(what: str, name: str, today: Mapping[str, str], *, refused_from: str) -> str:
+def renamed(what: str, name: str, today: Mapping[str, str], *, refused_from: str, stacklevel: int = 3) -> str:
     """Return what ``name`` is called today, with a FutureWarning where it is the name of an earlier version."""
     if name not in today:
         return name
     cure = f"Write {today[name]!r}; {refused_from} refuses the old name."
-    warnings.warn(f"{what} {name!r} is called {today[name]!r} now. {cure}", FutureWarning, stacklevel=4)
+    warnings.warn(f"{what} {name!r} is called {today[name]!r} now. {cure}", FutureWarning, stacklevel=stacklevel)
     return today[name]
 
 

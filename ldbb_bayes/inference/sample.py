@@ -80,7 +80,7 @@ def _joint(
 
 def sampler_named(name: str) -> str:
     """Return the name of a sampler; what is no sampler is refused."""
-    sampler = renamed("sampler", name, {"quadrature": "independent"}, refused_from="0.3.0")
+    sampler = renamed("sampler", name, {"quadrature": "independent"}, refused_from="0.3.0", stacklevel=5)
     check_known("sampler", [sampler], ("joint", "independent"))
     return sampler
 

@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
-from ldbb_bayes.errors import check_known, require
+from ldbb_bayes.errors import check_known, renamed, require
 from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName, geometric_reading_mm, kept_compliances
 from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
 from ldbb_bayes.model.gaussian import components, least_squares
@@ -143,10 +143,15 @@ class HybridModel(Result):
         return replace(self, fixed=fixed, prior=replace(self.prior, **own, **tables))
 
     def with_term(self, *terms: Term) -> HybridModel:
-        """The same model with these nuisances, in place of its own of the same kind: ``including(Drift("temperature"))``."""
+        """The same model with these nuisances, in place of its own of the same kind: ``with_term(Drift("temperature"))``."""
         own = {type(term): term for term in (*self.nuisances, *terms)}
         places = [*Term.kinds.values(), *own]
         return replace(self, nuisances=tuple(own[kind] for kind in sorted(own, key=places.index)))
+
+    def including(self, *terms: Term) -> HybridModel:
+        """Return the same as `with_term`, its name since 0.2.0, with a FutureWarning."""
+        renamed("the method", "including", {"including": "with_term"}, refused_from="0.3.0")
+        return self.with_term(*terms)
 
     def without(self, *names: str) -> HybridModel:
         """The same model without the named terms (``ball-form`` … ``hysteresis``, ``truncation``)."""
