@@ -1,4 +1,4 @@
-"""Orthant problems whose ln P is found by sums over a line: rows that share one factor, chains, cones in a plane."""
+"""Orthant problems whose ln P is found by sums over a line: rows that share one factor, chains, cones in a plane, pairs."""
 
 from __future__ import annotations
 
@@ -90,3 +90,12 @@ def random_case(rng: np.random.Generator) -> Case:
         share = rng.dirichlet(np.ones(m), 2)
         return Case(np.append(case.mean, share @ case.mean), np.vstack([case.spread, share @ case.spread]), case.log_probability)
     return case
+
+
+def pair_by_quadrature(mean: tuple[float, float], rho: float) -> float:
+    """ln P(u₁ ≥ 0, u₂ ≥ 0) by the trapezoidal rule over u₁, however far."""
+    reach = max(mean[0], 0.0) + 40.0 + abs(mean[1] / rho)
+    value = np.concatenate([[0.0], np.geomspace(1e-9, reach, 400_001)])
+    tail = log_ndtr((mean[1] + rho * (value - mean[0])) / np.sqrt(1.0 - rho**2))
+    density = -0.5 * (value - mean[0]) ** 2 - 0.5 * np.log(2 * np.pi) + tail
+    return float(density.max() + np.log(np.trapezoid(np.exp(density - density.max()), value)))

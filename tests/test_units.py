@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,6 +26,8 @@ from ldbb_bayes.units import (
     typeset,
     value_and_uncertainty,
 )
+
+CASES = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
 
 PREFIXES = {"µ": 1e-6, "n": 1e-9}
 
@@ -131,11 +136,7 @@ def test_a_result_as_it_is_written(mean: float, sd: float, interval: tuple[float
 
 @pytest.mark.parametrize(
     ("mean", "sd", "interval", "unit", "expected"),
-    [
-        (3.561e-4, 7e-6, (3.42e-4, 3.7e-4), "1", "356 ± 14 µm/m"),
-        (-2.3e-4, 5.8e-5, (-3.44e-4, -1.16e-4), "1", "−230 ± 120 µm/m"),
-        (7.3e-11, 4.5e-11, (1.1e-11, 1.78e-10), "rad/(N mm)", "0.073 [0.011, 0.178] µrad/(N m)"),
-    ],
+    CASES["in_a_sentence"],
 )
 def test_in_a_sentence(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: str) -> None:
     """GUM 7.2.6: the value to the place of the uncertainty given with it."""
@@ -154,12 +155,7 @@ def test_stiffness() -> None:
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [
-        ("ln B = -5.85 ± 0.01", "ln B = −5.85 ± 0.01"),
-        ("[-1, -2] on 2026-11-20, 36-742 N, a-1", "[−1, −2] on 2026-11-20, 36-742 N, a-1"),
-        ("3.1e-05 and 1e-11", "3.1·10⁻⁵ and 1·10⁻¹¹"),
-        ("in 1e+02", "in 1·10²"),
-    ],
+    CASES["typeset"],
 )
 def test_typeset(text: str, expected: str) -> None:
     assert typeset(text) == expected

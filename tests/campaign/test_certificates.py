@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.cli import app
 
 from .test_folder import TOML, write
+
+CASES = tomllib.loads(Path(__file__).with_name("certificates.toml").read_text(encoding="utf-8"))
 
 SCHEIN = Path(__file__).with_name("kalibrierschein.xml")
 NAME = "kalibrierschein.xml, DCC K-2026-0815: "
@@ -94,17 +97,7 @@ def test_what_is_no_certificate_is_refused(content: bytes, message: str, tmp_pat
 
 @pytest.mark.parametrize(
     ("old", "new", "kind", "message"),
-    [
-        (
-            "Längenabweichung vom Nennmaß",
-            "Masse",
-            "bar",
-            r"must state the error of a bar's length .*'Messwert' \(\\micro\\metre\)",
-        ),
-        ("<si:coverageFactor>3</si:coverageFactor>", "", "bar", "'Messwert' must have a coverage factor k beside U"),
-        (r"\micro\metre", "µm", "bar", r"unit of 'Messwert' must be of D-SI .*got 'µm'"),
-        (">0.8<", ">0,8<", "bar", "Messwert: value must be numbers, got '0,8'. Use a decimal point"),
-    ],
+    CASES["not_said"],
 )
 def test_what_a_certificate_does_not_say(old: str, new: str, kind: str, message: str, tmp_path: Path) -> None:
     path = changed(tmp_path, (old, new))

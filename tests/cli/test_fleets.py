@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 from batches import CONSTANT, made_row
 from campaigns import TRUTH, Invoke, plan
-from trends import drawn_rows
+from fleets import drawn_rows
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb

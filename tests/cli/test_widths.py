@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trends import drawn_rows
+from fleets import drawn_rows
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb

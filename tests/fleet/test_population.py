@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import plan
-from fleets import dense, fleet, of_campaigns, telling
+from fleets import dense, doubts, fleet, of_campaigns, telling
 from scipy.stats import halfnorm, kstest, norm
-from trends import doubts
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from batches import CONSTANT, write_campaigns
-from trends import doubts, drawn_rows, one_campaign, row
+from fleets import doubts, drawn_rows, one_campaign, row
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from fleets import doubts, drawn_rows, one_campaign, verdict, with_prior
 from layout import check_texts
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.stats import halfnorm, multivariate_normal, norm
-from trends import doubts, drawn_rows, one_campaign, verdict, with_prior
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError

@@ -1,4 +1,4 @@
-"""The structured likelihood against the dense oracle, and the symmetries it must have."""
+"""The structured likelihood against the dense oracle, and the symmetries it must have; readings reduced to at most 25 numbers."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns import HYPER_UM, oracle_of, plan, simulated
+from hypothesis import given as drawn
+from hypothesis import strategies as st
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.fourier import SIZE, basis, reduce_readings
 from ldbb_bayes.model.hybrid import BoundModel, information_of, informations_of
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information
 
@@ -263,3 +266,39 @@ def test_noise_must_be_left_and_scales_positive() -> None:
         one.variances([NOISE])
     with pytest.raises(InputError, match="prior sd must be positive"):
         replace(one, scale=np.zeros(1))
+
+
+# ---- readings reduced to at most 25 numbers per test
+
+
+@drawn(n=st.integers(9, 120), arc=st.floats(190.0, 720.0), seed=st.integers(0, 10**6))
+def test_nothing_is_lost(n: int, arc: float, seed: int) -> None:
+    """‖y − B a‖² = ‖z − R a‖² + residual for any coefficients a and any sampling."""
+    rng = np.random.default_rng(seed)
+    angle = np.deg2rad(np.sort(rng.uniform(0.0, arc, n)))
+    y, a = rng.normal(size=n), rng.normal(size=SIZE)
+    reduced = reduce_readings(angle, y)
+    assert reduced.factor.shape == (min(n, SIZE), SIZE)
+    direct = np.sum((y - basis(angle) @ a) ** 2)
+    assert np.sum((reduced.projection - reduced.factor @ a) ** 2) + reduced.residual_ss == pytest.approx(direct, rel=1e-10)
+
+
+def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    angle, y = rng.uniform(0.0, 7.0, 1000), rng.normal(size=1000)
+    whole = reduce_readings(angle, y)
+    monkeypatch.setattr("ldbb_bayes.model.fourier._CHUNK", 33)
+    parts = reduce_readings(angle, y)
+    np.testing.assert_allclose(parts.factor.T @ parts.factor, whole.factor.T @ whole.factor, atol=1e-9)
+    np.testing.assert_allclose(parts.factor.T @ parts.projection, whole.factor.T @ whole.projection, atol=1e-9)
+    assert parts.residual_ss == pytest.approx(whole.residual_ss, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("n", "arc", "orthogonal"),
+    [(25, 360.0, True), (720, 360.0, True), (24, 360.0, False), (720, 220.0, False), (721, 360.5, False)],
+)
+def test_uniform_circles_are_recognised(n: int, arc: float, orthogonal: bool) -> None:
+    angle = np.deg2rad(33.0 + arc * np.arange(n) / n)
+    assert reduce_readings(angle, None).is_orthogonal is orthogonal
+    assert reduce_readings(angle, None).projection is None

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import csv
+import tomllib
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,23 +20,7 @@ from scipy.special import gammaln
 from ldbb_bayes.model.gaussian import Gaussian
 
 FOLDER = Path(__file__).resolve().parents[1] / "nist"
-# Digits (log relative errors) required of estimates, their standard deviations and the residual standard deviation: for estimates
-# the package's promise (Norris 11, Pontius 11, Longley 9, Wampler1 8, Filip 6), elsewhere one or two below what was attained, as
-# LAPACK rounds differently from build to build. Estimates lose the digits of the condition number; from Wampler3 to 5 also those
-# of ever larger residuals, beside which the terms to be found are small. Certified zeros: digits of the absolute error.
-DIGITS = {
-    "Norris": (11, 12, 12),
-    "Pontius": (11, 11, 11),
-    "NoInt1": (13, 13, 13),
-    "NoInt2": (13, 13, 13),
-    "Filip": (6, 6, 7),
-    "Longley": (9, 10, 10),
-    "Wampler1": (8, 8, 8),
-    "Wampler2": (11, 13, 13),
-    "Wampler3": (8, 12, 12),
-    "Wampler4": (7, 12, 12),
-    "Wampler5": (5, 12, 12),
-}
+DIGITS: dict[str, list[int]] = tomllib.loads((FOLDER / "digits.toml").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)

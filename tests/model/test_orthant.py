@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from orthants import random_case
-from pairs import pair_by_quadrature
+from orthants import pair_by_quadrature, random_case
 from scipy import stats
 from scipy.special import log_ndtr
 

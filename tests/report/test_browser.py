@@ -15,27 +15,15 @@ from reports import AWKWARD, awkward
 import ldbb_bayes as lb
 from ldbb_bayes.report.page import Document
 
+SCRIPTS = {path.stem: path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.js")}
+
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
 BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
 OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 A4_PX = 794 - 2 * 53
 # Elements whose text reaches outside themselves, or out of the page; what scrolls on purpose may.
-OVERFLOWING = """() => {
-  const found = [];
-  const width = document.documentElement.clientWidth;
-  for (const element of document.querySelectorAll('h1, h2, p, li, summary, figcaption, caption, th, td, .scroll, .picture')) {
-    const box = element.getBoundingClientRect();
-    if (!box.width) continue;
-    const scrolls = element.matches('.scroll, .picture');
-    const inside = element.closest('.scroll, .picture');
-    if (!scrolls && element.scrollWidth > element.clientWidth + 1 && getComputedStyle(element).display !== 'inline')
-      found.push(['text outside ' + element.tagName, element.textContent.slice(0, 80)]);
-    if ((scrolls || !inside) && box.right > width + 1) found.push(['outside the page', element.textContent.slice(0, 80)]);
-  }
-  if (document.documentElement.scrollWidth > width) found.push(['the page scrolls sideways', '']);
-  return found;
-}"""
+OVERFLOWING = SCRIPTS["overflowing"]
 # Where nothing can scroll, what stands in a scrolling box must fit as well.
 CUT_OFF = """() => [...document.querySelectorAll('.scroll, .picture')]
   .filter(box => box.scrollWidth > box.clientWidth + 1)
@@ -44,25 +32,7 @@ CUT_OFF = """() => [...document.querySelectorAll('.scroll, .picture')]
 SPILT = """() => [...document.querySelectorAll('.sheet')]
   .filter(sheet => sheet.scrollHeight > sheet.clientHeight + 1).map(sheet => [sheet.scrollHeight, sheet.clientHeight])"""
 # Text of less contrast than WCAG's AA asks for, 4.5 to 1.
-FAINT = """() => {
-  const parse = text => {
-    const p = text.match(/[\\d.]+/g).map(Number);
-    return p.length > 3 && p[3] === 0 ? null : p.slice(0, 3);
-  };
-  const light = rgb => rgb.map(v => v / 255).map(v => v <= .03928 ? v / 12.92 : ((v + .055) / 1.055) ** 2.4)
-    .reduce((sum, v, k) => sum + v * [.2126, .7152, .0722][k], 0);
-  const found = [];
-  for (const element of document.querySelectorAll('h1, h2, h3, p, li, summary, figcaption, caption, th, td, dt, dd, a')) {
-    if (!element.getBoundingClientRect().width || !element.textContent.trim()) continue;
-    let behind = element;
-    while (behind && !parse(getComputedStyle(behind).backgroundColor)) behind = behind.parentElement;
-    const ground = behind ? parse(getComputedStyle(behind).backgroundColor) : [255, 255, 255];
-    const pair = [parse(getComputedStyle(element).color), ground];
-    const [low, high] = pair.map(light).sort((a, b) => a - b);
-    if ((high + .05) / (low + .05) < 4.5) found.push([element.tagName, element.textContent.slice(0, 40), pair]);
-  }
-  return found;
-}"""
+FAINT = SCRIPTS["faint"]
 UNNAMED = """() => [...document.querySelectorAll('figure svg')].filter(svg => {
   const title = document.getElementById(svg.getAttribute('aria-labelledby'));
   return svg.getAttribute('role') !== 'img' || !title || !title.textContent.trim();

@@ -17,8 +17,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 from campaigns import plan, simulated
+from fleets import drawn_rows
 from reports import undrawn
-from trends import drawn_rows
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
