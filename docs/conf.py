@@ -286,7 +286,7 @@ def write(app: Sphinx, page: str, source: list[str]) -> None:
     for folder in {"tutorials", "how-to", "explanation", "reference/api"}:
         if page == "index" and not any((Path(__file__).parent / folder).glob("*.md")):
             source[0] = source[0].replace(f"\n{folder}/*\n", "\n")
-    source[0] = re.sub(r"\[([^]]+)\]\((\.\./[^)#]*)[^)]*\)", lambda link: named(link, app.srcdir / page), source[0])
+    source[0] = re.sub(r"(?<!!)\[([^]]+)\]\((\.\./[^)#]*)[^)]*\)", lambda link: named(link, app.srcdir / page), source[0])
     source[0] = re.sub(r"<!-- (\w+):?([^>]*) -->", lambda marker: WRITTEN[marker[1]](marker[2].strip()), source[0])
 
 
