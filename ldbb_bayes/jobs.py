@@ -15,7 +15,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
@@ -28,7 +28,10 @@ from threadpoolctl import threadpool_limits
 
 from ldbb_bayes.errors import InputError, check_known, require
 
-__all__ = ["EXECUTORS", "Lost", "dask_executor", "done", "executor_named", "one_blas_thread", "process_executor", "versions"]
+__all__ = [
+    "EXECUTORS", "Lost", "ahead", "dask_executor", "done", "executor_named", "one_blas_thread", "process_executor",
+    "second_process", "versions",
+]  # fmt: skip
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -119,6 +122,19 @@ def done(function: Callable[[T], R], jobs: Iterable[T], executor: Executor | Non
             future.cancel()
 
 
+def ahead(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
+    """Begin a call on an executor, and return what gives its result: worked out here where there is none, or it failed there."""
+    future = None if executor is None else executor.submit(call)
+
+    def result() -> R:
+        if future is not None:
+            with suppress(Exception):
+                return future.result()
+        return call()
+
+    return result
+
+
 def _submitted(call: Callable[[], R], executor: Executor | None) -> Future[R]:
     if executor is not None:
         return executor.submit(call)
@@ -146,6 +162,13 @@ def process_executor(workers: int = 0) -> Iterator[Executor]:
         pool.shutdown()
     finally:
         pool.stop()
+
+
+@contextmanager
+def second_process() -> Iterator[Executor | None]:
+    """Yield one process beside this one, as of `process_executor`; none where there is one core."""
+    with nullcontext() if _usable_cores() == 1 else process_executor(1) as executor:
+        yield executor
 
 
 def _usable_cores() -> int:

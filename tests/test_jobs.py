@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.jobs import Lost, dask_executor, done, executor_named, one_blas_thread, process_executor
+from ldbb_bayes.jobs import Lost, ahead, dask_executor, done, executor_named, one_blas_thread, process_executor, second_process
 
 
 class Late(Executor):
@@ -170,6 +170,24 @@ def test_processes(tmp_path: Path) -> None:
             os.kill(process, 0)
     with executor_named("process", 1) as executor:
         assert executor is None
+
+
+def test_a_call_begun_ahead_has_its_result_whatever_becomes_of_its_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with process_executor(1) as executor:
+        assert ahead(os.getpid, executor)() != os.getpid() == ahead(os.getpid, None)()
+        assert ahead(partial(dies, tmp_path, 1, 5), executor)() == 25
+        assert len(list(tmp_path.iterdir())) == 1
+        with pytest.raises(ZeroDivisionError):
+            ahead(partial(reciprocal, 3), executor)()
+    monkeypatch.setattr("ldbb_bayes.jobs._usable_cores", lambda: 1)
+    with second_process() as executor:
+        assert executor is None
+    monkeypatch.setattr("ldbb_bayes.jobs._usable_cores", lambda: 2)
+    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", lambda self: (_ for _ in ()).throw(OSError("no room")))
+    with second_process() as executor:
+        assert ahead(os.getpid, executor)() == os.getpid()
 
 
 def test_an_interruption_stops_those_at_work() -> None:

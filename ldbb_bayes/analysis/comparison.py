@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
@@ -41,7 +42,7 @@ from ldbb_bayes.inference.evidence import Evidences, check_comparable, leave_one
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.inference.predictive import fit_quality, least_squares
-from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.jobs import ahead, one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.result import Array, Finite, Number, Records, Result, read_result
 from ldbb_bayes.units import ranked
@@ -219,6 +220,7 @@ def compare(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
     evidences: Evidences | None = None,
+    executor: Executor | None = None,
 ) -> Comparison:
     """Compare models of one campaign.
 
@@ -234,6 +236,7 @@ def compare(
     seed : of replicates and bands.
     progress : called with the steps done and their number.
     evidences : nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance is the one asked for.
+    executor : works out local fits meanwhile; see `ldbb_bayes.jobs`. Default: here. The result does not depend on it.
     """
     check_probability(ci_prob)
     evidences = _checked(models, campaign, evidences or Evidences(campaign, tolerance=tolerance))
@@ -247,6 +250,7 @@ def compare(
     discrepancies = changed(pair.values(), discrepancy_assumptions(pair.values()))
     wishes = (len(campaign.tests) > 1, linear.degree > 0, campaign.force_levels > 1)
     several, subsets, windows = (not evidence_only and wanted for wanted in wishes)
+    local = ahead(partial(local_fits, largest, campaign, ci_prob=ci_prob), executor if windows else None)
     rivals = pair[second].rivals != () and pair[first] == pair[second].with_degree(0) != pair[second]
     if progress is not None:
         total = len(models) * (1 + several * len(campaign.tests)) + 2 * (len(by_scale) + len(discrepancies))
@@ -289,7 +293,7 @@ def compare(
         slope_subsets=found,
         compliance_against_force=curves,
         tests=_tests(weighed, left, densities, seed, tolerance) if several else {},
-        local_fits=local_fits(largest, campaign, ci_prob=ci_prob) if windows else pd.DataFrame(),
+        local_fits=local() if windows else pd.DataFrame(),
         tolerance=tolerance,
         largest_error=max(own.error for own in every),
         by_emcee=sum(own.by_emcee for own in every),
