@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from math import gamma
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from ldbb_bayes.machine.chain import ComplianceName, GeometricName, compliance_j
 from ldbb_bayes.result import Array
 
 __all__ = [
-    "MAX_ORDER", "ORDERS", "SIZE", "TRAVEL", "WAYS", "Reduced", "Setting", "basis", "coefficients", "derivative",
+    "MAX_ORDER", "ORDERS", "SIZE", "TRAVEL", "WAYS", "Even", "Reduced", "Setting", "basis", "coefficients", "derivative",
     "geometric_errors_of", "harmonic_index", "reduce_readings", "setting_of",
 ]  # fmt: skip
 
@@ -32,7 +32,7 @@ TRAVEL = {"CW": 1.0, "CCW": -1.0}
 WAYS = {1.0: "CW", -1.0: "CCW"}
 _HOUR_S = 3600.0
 _CHUNK = 8192
-_ORTHOGONAL = 1e-9
+_EVEN, _UNEVEN = 1e-6, 4
 
 
 def basis(angle_rad: Array) -> Array:
@@ -69,6 +69,20 @@ def derivative(values: Array) -> Array:
     return found
 
 
+class Even(NamedTuple):
+    """RᵀR = S (1 + V λ Vᵀ) S, S the root of a uniform full circle's: ``size`` (25,), ``departure`` λ (25,), the largest first,
+    positive where readings lie closer than elsewhere, and ``along`` V (25, 25)."""
+
+    size: Array
+    departure: Array
+    along: Array
+
+    @property
+    def counts(self) -> NDArray[np.bool_]:
+        """Which departures change a log density by more than 1e-6."""
+        return np.abs(self.departure) > _EVEN
+
+
 @dataclass(frozen=True, eq=False)
 class Reduced:
     """One test after projection on the basis: ``projection`` z = Qᵀ y [mm], m = min(n, 25) numbers, None of a planned test;
@@ -79,13 +93,17 @@ class Reduced:
     residual_ss: float
     readings: int
 
-    @property
-    def is_orthogonal(self) -> bool:
-        """True when the sampling makes the basis functions orthogonal (a uniform full circle with n ≥ 25)."""
+    @cached_property
+    def even(self) -> Even | None:
+        """How RᵀR departs from that of a uniform full circle; none of arcs and of few readings, which depart from it widely."""
         if self.readings < SIZE:
-            return False
-        gram = self.factor.T @ self.factor
-        return bool(np.abs(gram - np.diag(np.diag(gram))).max() <= _ORTHOGONAL * self.readings)
+            return None
+        root = np.where(ORDERS == 0, 1.0, np.sqrt(0.5))
+        value, vectors = np.linalg.eigh(self.factor.T @ self.factor / np.outer(root, root))
+        departure = value / np.median(value) - 1.0
+        order = np.argsort(-np.abs(departure), kind="stable")
+        found = Even(np.sqrt(np.median(value)) * root, departure[order], vectors[:, order])
+        return found if np.count_nonzero(found.counts) <= _UNEVEN and value[0] > 0.0 else None
 
 
 def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:

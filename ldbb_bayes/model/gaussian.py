@@ -206,18 +206,24 @@ class Gaussian:
         return self.at(rng.standard_normal((*size, *self.mean.shape)))
 
 
-def eliminate(front: Array, links: Array | None = None) -> None:
+def eliminate(front: Array, links: Array | None = None, *, sign: Array | None = None, linked: Array | None = None) -> None:
     """Cholesky factorisation in place, the stack last: of s columns of symmetric matrices and of what is right of them, ``front``
     (g, s, n, w), n ≥ s, column j from its diagonal on being [:, j, j:]; NaN where one is not positive definite. The products of
-    ``links`` (k, n, w), columns eliminated before, are subtracted first."""
+    ``links`` (k, n, w), columns eliminated before, are subtracted first. L S Lᵀ where pivots have a ``sign`` S (g, s), those of
+    the links in ``linked`` (k,)."""
+    left = front if sign is None else np.empty_like(front)
+    before = links if links is None or linked is None else links * linked[:, None, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         for j in range(front.shape[1]):
             column = front[:, j, j:]
-            if links is not None:
-                column -= np.einsum("kw,kiw->iw", links[:, j], links[:, j:])
+            if links is not None and before is not None:
+                column -= np.einsum("kw,kiw->iw", before[:, j], links[:, j:])
             if j:
-                column -= np.einsum("gkw,gkiw->giw", front[:, :j, j], front[:, :j, j:])
-            column *= 1.0 / np.sqrt(column[:, :1])
+                column -= np.einsum("gkw,gkiw->giw", left[:, :j, j], front[:, :j, j:])
+            own = 1.0 if sign is None else sign[:, j, None, None]
+            column *= own / np.sqrt(own * column[:, :1])
+            if sign is not None:
+                left[:, j, j:] = own * column
 
 
 def solve_lower(lower: Array, right: Array, *, triangular: bool = False) -> Array:

@@ -27,7 +27,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.fourier import SIZE, Reduced
+from ldbb_bayes.model.fourier import SIZE, Even, Reduced
 from ldbb_bayes.model.gaussian import Gaussian, components, eliminate, solve_upper
 from ldbb_bayes.model.terms import NOISE, OWN, BasisNoise, Columns, Hyper, Source
 from ldbb_bayes.model.truncation import Orthant, Truncation
@@ -41,6 +41,7 @@ _MALLOC_BYTES = 31 << 20
 # The most and the fewest φ of one pass; numbers that the cache holds; what BLAS rounds alike the multiples of: results do not
 # depend on the stack.
 _MOST, _FEWEST, _CACHED, _MULTIPLE = 512, 128, 1 << 19, 8
+_CROWDED = "crowded"
 # mm²: a hyper-parameter of zero, whose coefficients are then zero to all digits.
 _LEAST_VARIANCE = 1e-60
 # Multiplications in the time that a column takes besides; columns whose Gram entries are computed together.
@@ -91,6 +92,17 @@ class _Front(NamedTuple):
     columns: Index
     kinds: Index
     gram: Array
+    sign: Array | None  # of the pivots (g, s), where not all are positive
+
+    def eliminated(self, factor: Array, links: Array | None = None, linked: Array | None = None) -> Array:
+        """L of its entries in place, and ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (g, w)."""
+        eliminate(factor, links, sign=self.sign, linked=linked)
+        white, span = factor[:, :, -1], np.arange(factor.shape[1])
+        left = white if self.sign is None else self.sign[:, :, None] * white
+        found = 0.5 * np.einsum("gsw,gsw->gw", left, white) - np.log(factor[:, span, span]).sum(axis=1)
+        if not np.isfinite(found).all():
+            raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
+        return found
 
     def entries(self, weight: Array, shift: Array | None, out: Array | None = None) -> Array:
         """P and Aᵀ D⁻¹ r from the diagonal on, shape (g, s, s + m + 1, w), at weights 1/D (kinds, w); ``shift`` (columns, w) is
@@ -112,6 +124,12 @@ class _Elimination(NamedTuple):
     root: _Front
 
     @property
+    def linked(self) -> Array | None:
+        """Signs of the leaves' pivots, where not all are positive."""
+        signs = [np.ones(front.columns.shape) if front.sign is None else front.sign for front in self.leaves]
+        return None if all(front.sign is None for front in self.leaves) else np.concatenate([own.ravel() for own in signs])
+
+    @property
     def most(self) -> int:
         """How many φ to take at a time."""
         entries = sum(int(np.prod(front.gram.shape[:3])) for front in (*self.alone, *self.leaves, self.root))
@@ -128,11 +146,10 @@ class _Elimination(NamedTuple):
             own = links[begun : begun + g * s, most - s :].reshape(g, s, n, weight.shape[1])
             factors.append(front.entries(weight, shift, own))
             begun += g * s
-        for factor in factors:
-            eliminate(factor)
+        gained = [front.eliminated(own).sum(axis=0) for front, own in zip((*self.alone, *self.leaves), factors, strict=True)]
         factors.append(self.root.entries(weight, shift))
-        eliminate(factors[-1], links[:, most:])
-        return factors, np.sum([_gained(factor).sum(axis=0) for factor in factors], axis=0)
+        gained.append(self.root.eliminated(factors[-1], links[:, most:], self.linked)[0])
+        return factors, np.sum(gained, axis=0)
 
 
 class _Plan(NamedTuple):
@@ -175,13 +192,15 @@ class StructuredGaussian:
     ) -> None:
         _keep_freed_memory()
         interest = np.zeros((len(reduced), SIZE, 0)) if interest is None else interest
-        diagonal = all(test.is_orthogonal for test in reduced)
+        even = [test.even for test in reduced if test.even is not None]
+        diagonal = len(even) == len(reduced)
         noise = [term for term in columns if isinstance(term, BasisNoise)]
         # Of arcs only one noise can be made diagonal: that of most orders. The others become private columns.
         absorbed = noise if diagonal else sorted(noise, key=lambda term: -np.count_nonzero(term.sd))[:1]
         shared = [term for term in columns if isinstance(term, Columns) and not term.private]
         private = [term for term in columns if isinstance(term, Columns) and term.private]
         private += [_as_columns(term, len(reduced)) for term in noise if term not in absorbed]
+        private += _departing(even) if diagonal else []
         self._q, v = (sum(len(term.names) for term in terms) for terms in (shared, private))
         self._private = list(self._q + np.arange(len(reduced) * v).reshape(-1, v)) if v else []
         every = {Source(), Source("sigma"), *(source for term in columns for source in term.sources)}
@@ -190,7 +209,11 @@ class StructuredGaussian:
         self._sources = sorted(every, key=lambda own: (place[own.hyper], place[own.circle], own.order))
         readings = _reading_rows(reduced, absorbed, shared, private, interest, offset, self._sources, diagonal=diagonal)
         self._rows, self._unit, volume = _with_prior(readings, shared, private, self._sources)
+        of_sign = [-1.0 if name.startswith(_CROWDED) else 1.0 for term in private for name in term.names] * len(reduced)
+        self._sign = np.array([*[1.0] * self._q, *of_sign])
+        self._rows.variance[len(self._rows.variance) - len(of_sign) :] *= self._sign[self._q :, None]
         self._constant = np.array([*(-0.5 * _LOG_2PI * test.readings for test in reduced), volume])
+        self._constant[:-1] -= [0.5 * np.log1p(own.departure).sum() for own in even] if diagonal else 0.0
         _, first, kind = np.unique(_to_ten_digits(self._rows.variance), axis=0, return_index=True, return_inverse=True)
         self._kinds, self._kind = self._rows.variance[first], kind.ravel()
         moved = (self._rows.interest != 0.0).any(axis=1)
@@ -214,16 +237,16 @@ class StructuredGaussian:
             parts = [front.entries(weight, shift.reshape(-1, len(index))) for front in self._by_test]
             for front in self._in_order.leaves:
                 private = front.entries(weight, shift.sum(axis=0))
-                eliminate(private)
-                left += _gained(private).sum(axis=0) - _gained(private)
+                gained = front.eliminated(private)
+                left += gained.sum(axis=0) - gained
                 links = private[:, :, front.gram.shape[1] :]
-                parts[-1][:-1] -= np.einsum("tvjw,tviw->tjiw", links[:, :, :-1], links)
-            for part in parts:
+                signed = links if front.sign is None else links * front.sign[:, :, None, None]
+                parts[-1][:-1] -= np.einsum("tvjw,tviw->tjiw", signed[:, :, :-1], links)
+            for front, part in zip(self._by_test, parts, strict=True):
                 tests, groups = len(left), len(part) // len(density)
                 own = part.reshape(tests + 1, groups, *part.shape[1:])
                 rest = (own.sum(axis=0) - own[:-1]).reshape(tests * groups, *part.shape[1:])
-                eliminate(rest)
-                left += _gained(rest).reshape(tests, groups, len(index)).sum(axis=1)
+                left += front.eliminated(rest).reshape(tests, groups, len(index)).sum(axis=1)
             total[index] = left.T
         return total
 
@@ -256,7 +279,7 @@ class StructuredGaussian:
         for index, weight, shift, _ in self._passes(phi, beta, _FEWEST):
             known = (columns[:, :q] @ white[index].T) * weight[self._kind]
             factor = front.entries(weight, shift - columns.T @ known)
-            eliminate(factor)
+            eliminate(factor, sign=front.sign)
             mean[index] = solve_upper(factor[:, :, :v].transpose(3, 0, 2, 1), factor[:, :, -1].transpose(2, 0, 1))
         return mean * self._unit[q : q + v]
 
@@ -275,7 +298,7 @@ class StructuredGaussian:
             index = np.minimum(np.arange(start, start + size), len(phi) - 1)
             variance, shift = self._variances(phi[index]), None
             weight = 1.0 / variance
-            square = np.einsum("tk,kw->tw", number, np.log(variance)) + np.einsum("tk,kw->tw", squares, weight)
+            square = np.einsum("tk,kw->tw", number, np.log(np.abs(variance))) + np.einsum("tk,kw->tw", squares, weight)
             if beta is not None:
                 residual = values[:, None] - interest @ np.broadcast_to(beta, (len(phi), beta.shape[-1]))[index].T
                 weighted = residual * weight[kind]
@@ -288,7 +311,8 @@ class StructuredGaussian:
         """D of every kind of row, shape (kinds, w): what is known of them times each source squared."""
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         sizes = np.stack([np.broadcast_to(source.at(value), len(phi)) for source in self._sources])
-        return np.maximum(self._kinds @ sizes**2, _LEAST_VARIANCE)
+        found = self._kinds @ sizes**2
+        return np.where(found < 0.0, np.minimum(found, -_LEAST_VARIANCE), np.maximum(found, _LEAST_VARIANCE))
 
     def _front(self, groups: Sequence[Index], border: Index | None = None, *, test: Sequence[int] | None = None) -> _Front:
         """Groups of as many columns each, to be eliminated together, and the columns that border them; of each group all rows, or
@@ -307,7 +331,8 @@ class StructuredGaussian:
         padded = np.zeros((len(groups), gram.shape[3]), dtype=np.intp)
         for k, (own, values) in enumerate(zip(kinds, sums, strict=True)):
             gram[k, ..., : len(own)], padded[k, : len(own)] = np.moveaxis(values, 0, -1), own
-        return _Front(np.array(groups, dtype=np.intp), padded, gram)
+        sign = self._sign[np.array(groups, dtype=np.intp)]
+        return _Front(np.array(groups, dtype=np.intp), padded, gram, sign if (sign < 0.0).any() else None)
 
     def _elimination(self, plan: _Plan) -> _Elimination:
         alone, leaves = plan.fronts
@@ -393,9 +418,9 @@ def _reading_rows(
 
 def _turned(test: Reduced, absorbed: Sequence[BasisNoise], *, diagonal: bool) -> tuple[Array, Array, list[Array]]:
     """The turn (m, m) of a test's rows, the turned factor (m, 25), and the sd of every absorbed noise in each row."""
-    if diagonal:
-        size = np.diag(test.factor)
-        return np.diag(np.sign(size)), np.diag(np.abs(size)), [np.abs(size) * term.sd for term in absorbed]
+    if diagonal and test.even is not None:
+        size = test.even.size
+        return size[:, None] * np.linalg.inv(test.factor), np.diag(size), [size * term.sd for term in absorbed]
     left, singular, _ = np.linalg.svd(test.factor * (absorbed[0].sd if absorbed else 1.0))
     return left.T, left.T @ test.factor, [singular][: len(absorbed)]
 
@@ -433,20 +458,26 @@ def _with_prior(
     return _Rows(*(np.concatenate(pair) for pair in both)), unit, float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum())
 
 
-def _gained(factor: Array) -> Array:
-    """½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group, shape (g, w)."""
-    white, span = factor[:, :, -1], np.arange(factor.shape[1])
-    found = 0.5 * np.einsum("gsw,gsw->gw", white, white) - np.log(factor[:, span, span]).sum(axis=1)
-    if not np.isfinite(found).all():
-        raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
-    return found
-
-
 def _as_columns(term: BasisNoise, tests: int) -> Columns:
     used = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(used)))
     values[:, used, np.arange(len(used))] = 1.0
     return Columns(tuple(f"{term.hyper}_{i}" for i in used), values, term.sd[used], term.hyper, private=True, circle=term.circle)
+
+
+def _departing(even: Sequence[Even]) -> list[Columns]:
+    """By what the noise of circles exceeds that of uniform ones where readings are missing, and falls below it, as a negative
+    variance, where they crowd: σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ)."""
+    found = []
+    for name, sign in (("sparse", -1.0), (_CROWDED, 1.0)):
+        kept = [np.flatnonzero(own.counts & (sign * own.departure > 0.0)) for own in even]
+        values = np.zeros((len(even), SIZE, max(map(len, kept))))
+        for part, own, columns in zip(values, even, kept, strict=True):
+            share = np.abs(own.departure[columns]) / (1.0 + own.departure[columns])
+            part[:, : len(columns)] = own.along[:, columns] * np.sqrt(share) / own.size[:, None]
+        names = tuple(f"{name}_{i}" for i in range(values.shape[2]))
+        found.append(Columns(names, values, np.ones(len(names)), "sigma", private=True))
+    return [own for own in found if own.names]
 
 
 def _to_ten_digits(values: Array) -> Array:

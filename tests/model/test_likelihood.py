@@ -22,6 +22,15 @@ SAMPLINGS = {
     "uneven counts": plan((60, 30, 26, 45)),
     "arc": plan((40, 50, 60, 45), arc_deg=220.0, work_deg=40.0),
     "few on arc": plan((9, 30, 12, 25), arc_deg=220.0),
+    "a gap": plan((60, 85, 75, 80), arc_deg=356.0),
+    "an overlap": plan((60, 90, 75, 85), arc_deg=361.0),
+    "a gap, an overlap and none": replace(
+        plan(),
+        tests=tuple(
+            replace(own, angle_deg=np.arange(n) * step)
+            for own, n, step in zip(plan().tests, (90, 90, 90, 92), (3.97, 4.03, 4.0, 4.0), strict=True)
+        ),
+    ),
     "both balls": plan((9, 30, 40, 25), work_deg=40.0, tool_deg=-25.0),
     "raw": plan(compensated=False),
     "repeated forces": plan(forces_N=(300.0, 300.0, 742.0, 742.0), compensated=False),
@@ -77,7 +86,7 @@ def test_flat_priors_integrate_to_the_formula(degree: int) -> None:
     np.testing.assert_allclose(given.mean * scale, np.tile(solution, (2, 1)), atol=1e-9 * np.abs(solution).max())
 
 
-@pytest.mark.parametrize("sampling", ["uniform", "arc", "both balls"])
+@pytest.mark.parametrize("sampling", ["uniform", "arc", "both balls", "a gap, an overlap and none"])
 def test_conditional_log_likelihood_per_test(sampling: str) -> None:
     """ln p(y_r | y_−r, β, φ) from the oracle's dense covariance, test by test."""
     campaign = simulated(SAMPLINGS[sampling])
@@ -165,7 +174,7 @@ def test_columns_of_zeros_do_no_harm() -> None:
             )
 
 
-@pytest.mark.parametrize("sampling", ["uniform", "arc"])
+@pytest.mark.parametrize("sampling", ["uniform", "arc", "an overlap"])
 def test_results_do_not_depend_on_the_stack(sampling: str) -> None:
     """One φ alone, and any number of them in several passes."""
     bound = lb.HybridModel.first(1).bind(simulated(SAMPLINGS[sampling]))
@@ -296,9 +305,9 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     ("n", "arc", "orthogonal"),
-    [(25, 360.0, True), (720, 360.0, True), (24, 360.0, False), (720, 220.0, False), (721, 360.5, False)],
+    [(25, 360.0, True), (720, 360.0, True), (24, 360.0, False), (720, 220.0, False), (721, 360.5, True)],
 )
 def test_uniform_circles_are_recognised(n: int, arc: float, orthogonal: bool) -> None:
     angle = np.deg2rad(33.0 + arc * np.arange(n) / n)
-    assert reduce_readings(angle, None).is_orthogonal is orthogonal
+    assert (reduce_readings(angle, None).even is not None) is orthogonal
     assert reduce_readings(angle, None).projection is None
