@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import StrEnum
@@ -39,7 +39,7 @@ from ldbb_bayes.analysis.sensitivity import (
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, check_comparable, leave_one_out, log_bayes_factor, probabilities
-from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.inference.nodes import Evidence, Nodes
 from ldbb_bayes.inference.posterior import check_probability
 from ldbb_bayes.inference.predictive import fit_quality, least_squares
 from ldbb_bayes.jobs import ahead, one_blas_thread
@@ -236,7 +236,7 @@ def compare(
     seed : of replicates and bands.
     progress : called with the steps done and their number.
     evidences : nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance is the one asked for.
-    executor : works out local fits meanwhile; see `ldbb_bayes.jobs`. Default: here. The result does not depend on it.
+    executor : works out local fits and other assumptions meanwhile, with the same result; see `ldbb_bayes.jobs`. Default: here.
     """
     check_probability(ci_prob)
     evidences = _checked(models, campaign, evidences or Evidences(campaign, tolerance=tolerance))
@@ -247,28 +247,30 @@ def compare(
     linear = largest.with_degree(min(largest.degree, 1))
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
     by_scale = changed(pair.values(), {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales})
-    discrepancies = changed(pair.values(), discrepancy_assumptions(pair.values()))
+    as_is, *odd = changed(pair.values(), discrepancy_assumptions(pair.values())).items()
     wishes = (len(campaign.tests) > 1, linear.degree > 0, campaign.force_levels > 1)
     several, subsets, windows = (not evidence_only and wanted for wanted in wishes)
     local = ahead(partial(local_fits, largest, campaign, ci_prob=ci_prob), executor if windows else None)
     rivals = pair[second].rivals != () and pair[first] == pair[second].with_degree(0) != pair[second]
     if progress is not None:
-        total = len(models) * (1 + several * len(campaign.tests)) + 2 * (len(by_scale) + len(discrepancies))
+        total = len(models) * (1 + several * len(campaign.tests)) + 2 * (len(by_scale) + 1 + (0 if executor else len(odd)))
         total += rivals * 2 ** (1 + len(pair[second].rivals)) + (count_subsets(linear, campaign) if subsets else 0)
         evidences.progress = map(progress, itertools.count(1), itertools.repeat(total)).__next__
 
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
+    least, apart = max(weighed[name].evidence.log_value for name in pair) - _FAR, evidences.apart()
+    apart.progress = apart.progress if executor else evidences.progress
+    elsewhere = ahead(partial(_under, tuple(pair), dict(odd), apart, least), executor)
     left = leave_one_out(weighed, tolerance=tolerance, progress=evidences.progress) if several else {}
     others = [name for name in models if name != first]
     factors = {f"{name}/{first}": log_bayes_factor(weighed[name].evidence, weighed[first].evidence) for name in others}
-    least = max(weighed[name].evidence.log_value for name in pair) - _FAR
-    scaled = under(pair, by_scale, evidences.of)
-    circles = under(pair, discrepancies, partial(evidences.unless_rejected, least))
-    if (explained := explanations(pair, evidences) if rivals else None) is not None:
-        circles = (*circles[:1], explained.averaged, explained.alone, *circles[1:])
+    scaled, circles = (under(pair, assumed, evidences.of) for assumed in (by_scale, dict([as_is])))
+    explained = explanations(pair, evidences) if rivals else None
     slopes, found, curves = slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
+    circles += () if explained is None else (explained.averaged, explained.alone)
+    assumed, theirs = elsewhere()
     evidences.progress = lambda: None
-    every = evidences.every + [own.evidence for others in left.values() for own in others.values()]
+    every = [*evidences.every, *theirs, *(own.evidence for others in left.values() for own in others.values())]
     # ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,).
     densities = {
         name: nodes.evidence.log_value - np.array([others.evidence.log_value for others in left.get(name, {}).values()])
@@ -288,7 +290,7 @@ def compare(
             ScaledSlopes(s, a.log_bayes_factor, a.log_bayes_factor_error) for s, a in zip(scales, scaled, strict=True)
         ),
         prior_sensitivity_crossings=_crossings(np.array(scales), np.array([a.log_bayes_factor for a in scaled])),
-        discrepancy_sensitivity=circles,
+        discrepancy_sensitivity=circles + assumed,
         slopes=slopes,
         slope_subsets=found,
         compliance_against_force=curves,
@@ -316,6 +318,13 @@ def _checked(models: Mapping[str, HybridModel], campaign: Campaign, evidences: E
     for model in models.values():
         check_comparable(model, campaign)
     return evidences.of_campaign(campaign)
+
+
+def _under(
+    names: Sequence[str], assumptions: Mapping[str, Sequence[HybridModel]], evidences: Evidences, least: float
+) -> tuple[tuple[Assumed, ...], list[Evidence]]:
+    """The models under assumptions, roughly where these are rejected, and the evidences that are not rough."""
+    return under(names, assumptions, partial(evidences.unless_rejected, least)), evidences.every
 
 
 def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
 
@@ -19,6 +19,8 @@ from ldbb_bayes.cli.options import Output, command, group, option
 from ldbb_bayes.errors import InputError, require
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     import xarray as xr
 
     from ldbb_bayes.campaign.campaign import Ball
@@ -185,7 +187,7 @@ class Given:
 
 # ---- the report of files
 
-_STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "next tests": 1.0, "page": 8.0}
+_STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
 # Of a log evidence [nat]: a third to a tenth of the time that 0.01 takes, which compare asks.
 _TOLERANCE = 0.05
 Begin = Callable[[str], Callable[..., None] | None]
@@ -197,6 +199,7 @@ def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.Hy
     from ldbb_bayes.analysis.conformity import check_force
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.inference.posterior import record_of
+    from ldbb_bayes.jobs import second_process
     from ldbb_bayes.report.findings import full_result
 
     for name in ("comparison", "design"):
@@ -209,16 +212,17 @@ def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.Hy
     campaign, imported = source.campaign(ask=ask)
     check_force(campaign, asked.get("force_N"))
     campaign = with_tolerances(campaign, model, asked.get("tolerances", {}))
-    with options.step_progress(output.quiet, **_STEPS) as begin:
-        fit, worked = _worked(campaign, model, begin, asked)
+    with options.step_progress(output.quiet, **_STEPS) as begin, second_process() as executor:
+        fit, worked = _worked(campaign, model, begin, asked, executor)
         numbers = fit if worked["averaged"] is None else worked["averaged"]
         result, stated = (full_result(own, asked["ci_prob"]) for own in (fit, numbers))
         if campaign.tolerances:  # decided once: what the sheets state, at their force
             decided = lb.conformity(numbers, force_N=asked.get("force_N"))
             result["conformity"] = stated["conformity"] = {name: own.as_dict() for name, own in decided.items()}
         with staged_folder(output.out, force=output.force, ours=output.files) as staging:
-            _write_beside(staging, fit, result, imported, worked)
             document = lb.write_report(fit, staging, **worked, **_of_page(asked), progress=begin("page"))
+            worked["recommended"] = worked["recommended"]()
+            _write_beside(staging, fit, result, imported, worked)
     parts = _said(imported, fit, stated, worked)
     return document, parts, record_of(fit)["sampler"]["converged"]
 
@@ -229,26 +233,24 @@ def _of_page(asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def _worked(
-    campaign: lb.Campaign, model: lb.HybridModel, begin: Begin, asked: dict[str, Any]
+    campaign: lb.Campaign, model: lb.HybridModel, begin: Begin, asked: dict[str, Any], executor: Executor | None
 ) -> tuple[xr.DataTree, dict[str, Any]]:
-    """The fit of linear compliance; how constant and linear compare, their average, and the tests to run next, or why not."""
+    """The fit of linear compliance; how constant and linear compare, their average, and, when asked, the tests to run
+    next; or why not."""
     from ldbb_bayes.inference.evidence import Evidences
-    from ldbb_bayes.jobs import ahead, second_process
+    from ldbb_bayes.jobs import ahead
 
     seed, models = asked["seed"], {"constant": model.with_degree(0), "linear": model}
-    planned = partial(_or_reason, partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed))
-    with second_process() as executor:
-        design = ahead(planned, executor)
-        begin("fit")
-        fit = lb.sample(model, campaign, sampler="independent", seed=seed)
-        both, told = {"evidences": Evidences(campaign, tolerance=_TOLERANCE), "seed": seed}, begin("compare")
-        asked_of = {"ci_prob": asked["ci_prob"], "progress": told, "executor": executor}
-        comparison = _or_reason(partial(lb.compare, models, campaign, **asked_of, **both))
-        begin("average")
-        averaged = _or_reason(partial(lb.average, models, campaign, **both))
-        begin("next tests")
-        kept = None if isinstance(averaged, str) else averaged
-        return fit, {"comparison": comparison, "recommended": design(), "averaged": kept}
+    begin("fit")
+    fit = lb.sample(model, campaign, sampler="independent", seed=seed)
+    both, told = {"evidences": Evidences(campaign, tolerance=_TOLERANCE), "seed": seed}, begin("compare")
+    of_pair = partial(lb.compare, models, campaign, ci_prob=asked["ci_prob"], progress=told, executor=executor, **both)
+    comparison = _or_reason(of_pair)
+    design = ahead(partial(_or_reason, partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed)), executor)
+    begin("average")
+    averaged = _or_reason(partial(lb.average, models, campaign, **both))
+    averaged = None if isinstance(averaged, str) else averaged
+    return fit, {"comparison": comparison, "recommended": cache(design), "averaged": averaged}
 
 
 def _or_reason(work: Callable[[], Any]) -> Any:

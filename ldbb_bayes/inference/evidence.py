@@ -123,6 +123,10 @@ def marginals(
     return table
 
 
+def _silent() -> None:
+    """Nobody is told; unlike a lambda it goes to other processes."""
+
+
 class Evidences:
     """Nodes and evidences of the models of one campaign, or of the tests to ``keep`` of it, each with this error [nat];
     ``progress`` is called after each."""
@@ -132,7 +136,7 @@ class Evidences:
         campaign: Campaign,
         *,
         tolerance: float = 1e-2,
-        progress: Callable[[], object] = lambda: None,
+        progress: Callable[[], object] = _silent,
         keep: Sequence[str] | None = None,
     ) -> None:
         self.campaign, self.tolerance, self.progress, self._keep = campaign, tolerance, progress, keep
@@ -164,11 +168,15 @@ class Evidences:
             self.progress()
         return rough
 
+    def apart(self, tolerance: float | None = None) -> Evidences:
+        """Others of the same readings, without models as yet, that look for modes near those found here."""
+        found = Evidences(self.campaign, tolerance=tolerance or self.tolerance, keep=self._keep)
+        found._modes = {**self._modes}
+        return found
+
     @cached_property
     def _rough(self) -> Evidences:
-        found = Evidences(self.campaign, tolerance=max(self.tolerance, _ROUGH), keep=self._keep)
-        found._modes = self._modes
-        return found
+        return self.apart(max(self.tolerance, _ROUGH))
 
     def _weigh(self, model: HybridModel) -> Nodes:
         check_comparable(model, self.campaign)

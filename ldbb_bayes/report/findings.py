@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import ldbb_bayes as lb
@@ -78,7 +78,7 @@ class Findings:
     posterior: xr.DataTree
     ci_prob: float
     comparison: Compared
-    design: Recommended
+    recommended: Callable[[], Recommended]
     averaged: xr.DataTree | None = None
     tolerances: Mapping[str, Any] | None = None
 
@@ -97,6 +97,11 @@ class Findings:
     def varying(self) -> float:
         """Probability that compliance changes with force; one where that is what was fitted."""
         return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
+
+    @cached_property
+    def design(self) -> Recommended:
+        """The tests to run next."""
+        return self.recommended()
 
     @cached_property
     def result(self) -> dict[str, Any]:
@@ -149,24 +154,25 @@ def find(
     ci_prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | None = None,
-    recommended: Recommended | None = None,
+    recommended: Recommended | Callable[[], Recommended] | None = None,
     averaged: xr.DataTree | None = None,
     tolerances: Mapping[str, Any] | None = None,
 ) -> Findings:
     """Return what a report shows of a fit, after a look whether what is brought is of the same readings; as `write_report`."""
     digest = campaign_of(posterior).sha256
     for what, own in (
-        ("comparison", None if comparison is None or isinstance(comparison, str) else comparison.campaign),
-        ("design", None if recommended is None or isinstance(recommended, str) else recommended.pilot),
+        ("comparison", getattr(comparison, "campaign", None)),
+        ("design", getattr(recommended, "pilot", None)),
     ):
         if own is not None and own.sha256 != digest:
             got = f"got one of {own.name!r} (SHA-256 {own.sha256[:12]}… instead of {digest[:12]}…)"
             raise InputError(f"{what} must be of the readings of the fit, {got}. Make the {what} again.")
+    planned = partial(_next_tests, posterior, tests) if recommended is None else recommended
     return Findings(
         posterior,
         ci_prob,
         _compared(posterior) if comparison is None else comparison,
-        _next_tests(posterior, tests) if recommended is None else recommended,
+        planned if callable(planned) else lambda: planned,
         averaged,
         tolerances,
     )

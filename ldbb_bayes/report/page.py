@@ -199,7 +199,7 @@ def write_report(
     ci_prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | None = None,
-    recommended: Recommended | None = None,
+    recommended: Recommended | Callable[[], Recommended] | None = None,
     averaged: xr.DataTree | None = None,
     tolerances: Mapping[str, Any] | None = None,
     language: str = "en",
@@ -222,7 +222,7 @@ def write_report(
     tests : circles to recommend; default: as many as the campaign has.
     comparison : from `compare` on the same readings; default: the evidence of constant and linear compliance is worked out.
     recommended : from `design` or `read_design` after the same readings; default: as many circles as ``tests``, of the forces
-        tested.
+        tested. Or what gives it when the page comes to it.
     averaged : from `average`: what the sheets state; default: the posterior itself, and the sheets say so.
     tolerances : mapping of quantity to Tolerance, optional
         That the sheets are to state conformity with.
