@@ -172,22 +172,13 @@ def test_processes(tmp_path: Path) -> None:
         assert executor is None
 
 
-def test_a_call_begun_ahead_has_its_result_whatever_becomes_of_its_process(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_call_begun_ahead_has_its_result_whatever_becomes_of_its_process(tmp_path: Path) -> None:
     with process_executor(1) as executor:
         assert ahead(os.getpid, executor)() != os.getpid() == ahead(os.getpid, None)()
         assert ahead(partial(dies, tmp_path, 1, 5), executor)() == 25
         assert len(list(tmp_path.iterdir())) == 1
         with pytest.raises(ZeroDivisionError):
             ahead(partial(reciprocal, 3), executor)()
-    monkeypatch.setattr("ldbb_bayes.jobs._usable_cores", lambda: 1)
-    with second_process() as executor:
-        assert executor is None
-    monkeypatch.setattr("ldbb_bayes.jobs._usable_cores", lambda: 2)
-    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", lambda self: (_ for _ in ()).throw(OSError("no room")))
-    with second_process() as executor:
-        assert ahead(os.getpid, executor)() == os.getpid()
 
 
 def test_an_interruption_stops_those_at_work() -> None:
@@ -231,6 +222,10 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", lambda self: (_ for _ in ()).throw(OSError("no room")))
     with pytest.raises(InputError, match=r"a worker process must start, got no room"), process_executor(1) as executor:
         executor.submit(int).result()
+    for cores in (1, 2):
+        monkeypatch.setattr("ldbb_bayes.jobs._usable_cores", lambda cores=cores: cores)
+        with second_process() as executor:
+            assert (executor is None, ahead(os.getpid, executor)()) == (cores == 1, os.getpid())
     monkeypatch.setitem(sys.modules, "dask", None)
     with pytest.raises(InputError, match=r"find the library dask, got none.*pip install 'ldbb-bayes\[fleet\]'"), dask_executor():
         pass

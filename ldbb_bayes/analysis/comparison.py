@@ -271,11 +271,7 @@ def compare(
     assumed, theirs = elsewhere()
     evidences.progress = lambda: None
     every = [*evidences.every, *theirs, *(own.evidence for others in left.values() for own in others.values())]
-    # ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,).
-    densities = {
-        name: nodes.evidence.log_value - np.array([others.evidence.log_value for others in left.get(name, {}).values()])
-        for name, nodes in weighed.items()
-    }
+    densities = {name: _predicted(nodes, left.get(name, {})) for name, nodes in weighed.items()}
     return Comparison(
         campaign=Readings(campaign.name, campaign.sha256),
         models=_models(weighed, densities, seed, ci_prob),
@@ -318,6 +314,11 @@ def _checked(models: Mapping[str, HybridModel], campaign: Campaign, evidences: E
     for model in models.values():
         check_comparable(model, campaign)
     return evidences.of_campaign(campaign)
+
+
+def _predicted(nodes: Nodes, left: Mapping[str, Nodes]) -> Array:
+    """ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,)."""
+    return nodes.evidence.log_value - np.array([others.evidence.log_value for others in left.values()])
 
 
 def _under(
