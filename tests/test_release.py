@@ -1,0 +1,71 @@
+"""A release is one command and one version everywhere; earlier names are answered for a while."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.sample import sampler_named
+
+STATED = ("ldbb_bayes/__init__.py", "CITATION.cff", "CHANGELOG.md")
+
+
+def stated(tree: Path) -> str:
+    return "\n".join((tree / name).read_text(encoding="utf-8") for name in STATED)
+
+
+def test_one_version(root: Path) -> None:
+    """Package, citation and the newest section of the changelog, unless that is of the next."""
+    newest, day = re.findall(r"^## (\S+) \((.*?)\)$", stated(root), re.M)[0]
+    assert re.findall(r"^version: (.*)$", stated(root), re.M) == [lb.__version__]
+    assert (newest == lb.__version__) != (day == "unreleased")
+
+
+def run(tree: Path, *command: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*map(str, command)], cwd=tree, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def tree(root: Path, tmp_path: Path) -> Path:
+    """What a release changes, in a repository of its own, where building does nothing, or fails."""
+    for name in (".ci/release", *STATED):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(root / name, tmp_path / name)
+    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 7.8.9 (unreleased)\n\n- New.\n", encoding="utf-8")
+    (tmp_path / ".ci" / "package").write_text("#!/bin/sh\ntest ! -e .git/broken\n")
+    (tmp_path / ".ci" / "package").chmod(0o755)
+    for words in ("init", "config user.name A", "config user.email a@b.c", "add .", "commit -mAll"):
+        assert run(tmp_path, "git", *words.split()).returncode == 0
+    return tmp_path
+
+
+def test_a_release_is_one_command(tree: Path) -> None:
+    assert run(tree, ".ci/release", "7.8.9").returncode == 0
+    assert [run(tree, "git", *own).stdout for own in (["tag"], ["status", "--porcelain"])] == ["v7.8.9\n", ""]
+    for line in ('__version__ = "7.8.9"', r"version: 7\.8\.9\ndate-released: \d{4}-\d\d-\d\d", r"## 7\.8\.9 \(\d{4}-\d\d-\d\d\)"):
+        assert re.search(f"^{line}$", stated(tree), re.M)
+    assert "VERSION must be new, got v7.8.9" in run(tree, ".ci/release", "7.8.9").stderr
+
+
+@pytest.mark.parametrize(
+    ("version", "code", "words"), [("7.8", 2, "must be X.Y.Z, got '7.8'"), ("7.9.0", 2, "got no such line"), ("7.8.9", 1, "")]
+)
+def test_a_release_that_fails_changes_nothing(tree: Path, version: str, code: int, words: str) -> None:
+    (tree / ".git" / "broken").touch()
+    done = run(tree, ".ci/release", version)
+    assert (done.returncode, words in done.stderr) == (code, True)
+    assert [run(tree, "git", *own).stdout for own in (["tag"], ["status", "--porcelain"])] == ["", ""]
+
+
+def test_an_earlier_name_is_answered_with_a_warning() -> None:
+    with pytest.warns(FutureWarning, match=r"'quadrature' is called 'independent' now. Write 'independent'; 0.3.0 refuses"):
+        assert sampler_named("quadrature") == "independent"
+    assert sampler_named("joint") == "joint"
+    model, drift = lb.HybridModel.default(), lb.Drift("temperature")
+    with pytest.warns(FutureWarning, match="the method 'including' is called 'with_term' now"):
+        assert model.including(drift) == model.with_term(drift)
