@@ -18,6 +18,7 @@ __all__ = ["written"]
 
 HERE = Path(__file__).resolve().parent
 PAGES = HERE.parent / "docs" / "explanation"
+OF_U = identifiability._QUARTER**0.5  # a quarter of the variance is half of the standard uncertainty
 
 
 def written() -> dict[Path, str]:
@@ -35,7 +36,7 @@ def written() -> dict[Path, str]:
         **{kind.__name__: kind() for kind in Term.kinds.values()},
         "prior": lb.Prior.default(),
         "rule": lb.StoppingRule(),
-        "limit": {"half": identifiability._HALF, "contracted": identifiability._CONTRACTED},
+        "limit": {"half": identifiability._HALF, "contracted": identifiability._CONTRACTED, "of_u": OF_U},
         "rest_low": min(rest),
         "rest_high": max(rest),
         "marked": families["mild"]["second"]["marked"],
