@@ -1,0 +1,61 @@
+"""Pages for users are true and plain: every block runs and prints what is shown, no sentence is long, the workbook is the experiment."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import run_page
+
+import ldbb_bayes as lb
+
+ROOT = Path(__file__).resolve().parents[1]
+LESSONS = [*sorted((ROOT / "docs" / "tutorials").glob("*.md")), *sorted((ROOT / "docs" / "how-to").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+WORKBOOK = ROOT / "docs" / "tutorials" / "practice.xlsx"
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if "_build" not in page.parts], ids=name_of)
+def test_blocks_run(page: Path, tmp_path: Path) -> None:
+    """In a folder of their own, with the data of the checkout and the tutorial's workbook."""
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    (tmp_path / WORKBOOK.name).write_bytes(WORKBOOK.read_bytes())
+    command = [sys.executable, "-W", "error", run_page.__file__, str(page)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_what_is_not_printed_is_seen() -> None:
+    printed = "parameter  value\nC_XXX       57.5  nm/N\nC_YYY       42.0  nm/N\n"
+    assert run_page.missing("C_XXX  57  nm/N\n…\nC_YYY …", printed) is None
+    for shown in ("C_XXX  67.5  nm/N", "C_YYY  42.0  nm/N\nC_XXX  57.5  nm/N", "C_XXX  57.5  µm", "C_XXX  57.5"):
+        assert run_page.missing(shown, printed), shown
+
+
+def sentences(page: Path) -> list[str]:
+    """Of the text, list items and table cells; code, links' addresses and comments left out."""
+    text = re.sub(r"^```.*?^```$|<!--.*?-->|\]\([^)]*\)|`[^`]*`", " code ", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    parts = re.split(r"\n\s*\n|^\s*(?:[-*]|\d+\.|#+)\s|\||[.!?](?=[\s)])", text, flags=re.M)
+    return [" ".join(part.split()) for part in parts]
+
+
+@pytest.mark.parametrize("page", LESSONS, ids=name_of)
+def test_no_sentence_is_long(page: Path) -> None:
+    assert [own for own in sentences(page) if len(own.split()) > 35] == []
+
+
+def test_the_workbook_is_the_published_experiment(recovered: lb.Campaign) -> None:
+    found = lb.import_campaign(WORKBOOK).campaign
+    assert found.forces_N.tolist() == recovered.forces_N.tolist()
+    for test, own in zip(found.tests, recovered.tests, strict=True):
+        np.testing.assert_allclose(test.angle_deg, own.angle_deg, atol=1e-9)
+        np.testing.assert_allclose(test.reading_um, own.reading_um, atol=5.001e-3)
