@@ -1,4 +1,4 @@
-"""Run the python and sh blocks of a page in order, in the folder where one is, and compare what they print with what the page shows.
+"""Run the python and sh blocks of a page in order, in this folder, and compare what they print with what the page shows.
 
 python tests/run_page.py docs/how-to/own_term.md
 

@@ -1,4 +1,4 @@
-"""Pages for users are true and plain: every block runs and prints what is shown, no sentence is long, the workbook is the experiment."""
+"""Pages for users are true and plain: blocks run and print what is shown, sentences are short, the workbook is the experiment."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Write and execute first_hour.ipynb, and draw the README's picture.
+"""Write and execute first_hour.ipynb, draw the README's picture, and write the workbook of the first tutorial.
 
-pip install nbformat nbclient ipykernel
+pip install nbformat nbclient ipykernel openpyxl
 python studies/00_first_hour/make_notebook.py
 """
 
@@ -12,10 +12,18 @@ from pathlib import Path
 try:
     import nbformat
     from nbclient import NotebookClient
+    from openpyxl import Workbook
 except ImportError as error:
-    sys.exit(f"make_notebook: {error.name} must be installed. pip install nbformat nbclient ipykernel")
+    sys.exit(f"make_notebook: {error.name} must be installed. pip install nbformat nbclient ipykernel openpyxl")
+
+import ldbb_bayes as lb
+from ldbb_bayes.report.figures import traces
 
 HERE = Path(__file__).resolve().parent
+ABOUT = (
+    ("Machine", "Practice machine"), ("Serial number", 4711), ("Date", "2026-11-20"), ("Operator", "A. Reader"), ("Plane", "XY"),
+    ("Radius", "150 mm"), ("Feed", "2000 mm/min"), ("Direction", "clockwise"), ("Ball bar", "Practice bar 1"),
+)  # fmt: skip
 CELLS = (
     "# The first hour\n\nReadings to credible intervals, on the experiment recovered from the published tables "
     "(what in it is not data stands in `data/recovered_experiment/README.md`).",
@@ -49,12 +57,24 @@ def main() -> None:
         cell.metadata.pop("execution", None)
     nbformat.write(notebook, HERE / "first_hour.ipynb")
 
-    import ldbb_bayes as lb
-    from ldbb_bayes.report.figures import traces
-
     campaign = lb.read_campaign(lb.embedded_campaign())
     posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
     traces(posterior).savefig(HERE / "traces.png", dpi=110)
+    write_workbook(campaign)
+
+
+def write_workbook(campaign: lb.Campaign) -> None:
+    """A sheet about a machine that is made up, and a sheet a circle."""
+    book = Workbook()
+    book.active.title = "About"
+    for row in ABOUT:
+        book.active.append(row)
+    for test in campaign.tests:
+        sheet = book.create_sheet(f"{test.force_N:.0f} N")
+        sheet.append(("Angle [°]", "Reading [µm]"))
+        for angle, reading in zip(test.angle_deg, test.reading_um, strict=True):
+            sheet.append((float(angle), round(float(reading), 2)))
+    book.save(HERE.parents[1] / "docs" / "tutorials" / "practice.xlsx")
 
 
 if __name__ == "__main__":

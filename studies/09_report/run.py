@@ -1,7 +1,7 @@
 """The report of the published experiment: how long it takes after the fit, how large the page is, what it counts.
 
 python studies/09_report/run.py            # fails when a stated number is not reproduced (seconds are not compared)
-python studies/09_report/run.py --write    # states anew, and takes the picture where a Chromium is installed
+python studies/09_report/run.py --write    # states anew; pictures of sheet 1 and, where a Chromium is installed, of the page
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pypdfium2
 
 import ldbb_bayes as lb
 
@@ -24,6 +25,7 @@ from study import DATA, Effort, Study, run  # noqa: E402
 
 CAMPAIGN = DATA / "recovered_experiment"
 RUNS: dict[Effort, int] = {"quick": 1, "usual": 3, "write": 5}
+WORKBOOK = HERE.parents[1] / "docs" / "tutorials" / "practice.xlsx"
 SCREEN = "1280,900"
 NAMES = ("C_XXX", "C_YYY", "C_CCY", "E_XX1", "E_YX2")
 
@@ -41,6 +43,9 @@ def measure(effort: Effort) -> dict[str, Any]:
             seconds.append(time.perf_counter() - start)
         if effort == "write":
             picture(folder / "report.html")
+            subprocess.run([*command, "report", str(WORKBOOK), "--out", f"{name}/book", "--yes", "--quiet"], check=True)
+            with pypdfium2.PdfDocument(f"{name}/book/report.pdf") as sheets:
+                sheets[0].render(scale=1.25).to_pil().convert("P", palette=1, colors=64).save(HERE / "sheet_1.png", optimize=True)
         return {"seconds": {"least": min(seconds), "most": max(seconds), "runs": len(seconds)}} | numbers(folder)
 
 

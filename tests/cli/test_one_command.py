@@ -226,7 +226,7 @@ def test_an_interruption_or_a_full_disk_leaves_nothing(tmp_path: Path, invoke: I
 
 def test_machines_on_the_list_can_be_measured(root: Path) -> None:
     """And stand in the docs."""
-    page = (root / "docs" / "readings.md").read_text(encoding="utf-8")
+    page = (root / "docs" / "how-to" / "machines.md").read_text(encoding="utf-8")
     for own in reporting.MACHINES:
         assert f"| {own.name} | `{own.topology}` | {own.looks} |" in page
         assert lb.Machine(own.topology, ("XY", "YZ", "ZX")).plane

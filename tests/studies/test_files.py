@@ -46,7 +46,7 @@ def test_awkward(name: str, tmp_path: Path) -> None:
 def test_the_page_counts_them(root: Path) -> None:
     """What is refused, and how, is a golden (import_malformed)."""
     assert (len(awkward.CASES) >= 30, len(malformed.CASES) >= 60) == (True, True)
-    page = (root / "docs" / "readings.md").read_text(encoding="utf-8")
+    page = (root / "docs" / "how-to" / "files_as_found.md").read_text(encoding="utf-8")
     assert f"{len(awkward.CASES)} awkward ways" in page
     assert f"{len(malformed.CASES)} files that are refused" in page
 

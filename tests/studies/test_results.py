@@ -146,7 +146,7 @@ def test_machines_as_they_are_in_the_limits() -> None:
 
 def test_pages_of_the_handbook_quote_the_studies() -> None:
     seen = stated("08_other_campaigns")["simulated"]
-    page = (ROOT / "docs" / "machines.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "directions_radii_balls.md").read_text(encoding="utf-8")
     radii, ways = ("one radius", "two radii"), ("five clockwise", "ten clockwise", "both directions")
     shown = (("E_C0YX", 1e6, "µrad", radii), ("E_YX2", 1e9, "µm/m²", radii), ("C_XYX", 1e6, "nm/N", ways))
     for name, factor, unit, kinds in shown:
