@@ -287,7 +287,7 @@ def write(app: Sphinx, page: str, source: list[str]) -> None:
         if page == "index" and not any((Path(__file__).parent / folder).glob("*.md")):
             source[0] = source[0].replace(f"\n{folder}/*\n", "\n")
     source[0] = re.sub(r"(?<!!)\[([^]]+)\]\((\.\./[^)#]*)[^)]*\)", lambda link: named(link, app.srcdir / page), source[0])
-    source[0] = re.sub(r"<!-- (\w+):?([^>]*) -->", lambda marker: WRITTEN[marker[1]](marker[2].strip()), source[0])
+    source[0] = re.sub(r"<!-- (?!not executed)(\w+):?([^>]*) -->", lambda marker: WRITTEN[marker[1]](marker[2].strip()), source[0])
 
 
 def named(link: re.Match[str], page: Path) -> str:
