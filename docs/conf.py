@@ -283,11 +283,9 @@ WRITTEN: dict[str, Callable[[str], str]] = {
 
 def write(app: Sphinx, page: str, source: list[str]) -> None:
     """Put what is written from the package where a page has ``<!-- its name: of what -->``."""
-    for folder in {"tutorials", "how-to", "explanation", "reference/api"}:
-        if page == "index" and not any((Path(__file__).parent / folder).glob("*.md")):
-            source[0] = source[0].replace(f"\n{folder}/*\n", "\n")
     source[0] = re.sub(r"(?<!!)\[([^]]+)\]\((\.\./[^)#]*)[^)]*\)", lambda link: named(link, app.srcdir / page), source[0])
-    source[0] = re.sub(r"<!-- (?!not executed)(\w+):?([^>]*) -->", lambda marker: WRITTEN[marker[1]](marker[2].strip()), source[0])
+    marker = re.compile(r"<!-- (?!not executed)(\w+):?([^>]*) -->")
+    source[0] = marker.sub(lambda found: WRITTEN[found[1]](found[2].strip()), source[0])
 
 
 def named(link: re.Match[str], page: Path) -> str:
