@@ -21,7 +21,8 @@ from ldbb_bayes.cli import app
 def pages(root: Path) -> list[Path]:
     """In the order in which they are read."""
     folders = ["tutorials", "how-to", "", "explanation", "reference", "reference/api"]
-    return [root / "README.md", *(page for folder in folders for page in sorted((root / "docs" / folder).glob("*.md")))]
+    documented = [page for folder in folders for page in sorted((root / "docs" / folder).glob("*.md"))]
+    return [root / "README.md", root / "CONTRIBUTING.md", *documented]
 
 
 def text(root: Path) -> str:

@@ -19,8 +19,7 @@ def stated(tree: Path) -> str:
     return "\n".join((tree / name).read_text(encoding="utf-8") for name in STATED)
 
 
-def test_one_version(root: Path) -> None:
-    """Package, citation and the newest section of the changelog, unless that is of the next."""
+def test_package_citation_and_changelog_have_one_version(root: Path) -> None:
     newest, day = re.findall(r"^## (\S+) \((.*?)\)$", stated(root), re.M)[0]
     assert re.findall(r"^version: (.*)$", stated(root), re.M) == [lb.__version__]
     assert (newest == lb.__version__) != (day == "unreleased")
