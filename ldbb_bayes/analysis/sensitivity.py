@@ -78,7 +78,7 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
     changes: dict[str, Change] = {"as in the model": replace}
     for label, kind, term in _DISCREPANCIES:
         if any(next((own for own in model.nuisances if isinstance(own, kind)), None) != term for model in models):
-            changes[label] = methodcaller("without", kind.key()) if term is None else methodcaller("including", term)
+            changes[label] = methodcaller("without", kind.key()) if term is None else methodcaller("with_term", term)
     return changes | {WHITE_NOISE: methodcaller("without", "truncation", *(kind.key() for kind in Term.kinds.values()))}
 
 
