@@ -253,6 +253,7 @@ def forms(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list
 
 def unchecked(signature: str) -> str:
     """Types without what checks the values."""
+    signature = re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", signature.replace("<factory>", "..."))
     while (start := signature.find("Annotated[")) >= 0:
         depth, end, comma = 0, start + len("Annotated["), 0
         while depth >= 0:
@@ -284,8 +285,8 @@ WRITTEN: dict[str, Callable[[str], str]] = {
 def write(app: Sphinx, page: str, source: list[str]) -> None:
     """Put what is written from the package where a page has ``<!-- its name: of what -->``."""
     source[0] = re.sub(r"(?<!!)\[([^]]+)\]\((\.\./[^)#]*)[^)]*\)", lambda link: named(link, app.srcdir / page), source[0])
-    marker = re.compile(r"<!-- (?!not executed)(\w+):?([^>]*) -->")
-    source[0] = marker.sub(lambda found: WRITTEN[found[1]](found[2].strip()), source[0])
+    markers = rf"<!-- ({'|'.join(WRITTEN)}):?([^>]*) -->"
+    source[0] = re.sub(markers, lambda marker: WRITTEN[marker[1]](marker[2].strip()), source[0])
 
 
 def named(link: re.Match[str], page: Path) -> str:

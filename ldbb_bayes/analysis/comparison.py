@@ -236,7 +236,7 @@ def compare(
     seed : of replicates and bands.
     progress : called with the steps done and their number.
     evidences : nodes to use and to add to, of this campaign: those that `average` uses too. Their tolerance is the one asked for.
-    executor : works out local fits and other assumptions meanwhile, with the same result; see `ldbb_bayes.jobs`. Default: here.
+    executor : works out local fits and other assumptions meanwhile, with the same result; see `process_executor`. Default: here.
     """
     check_probability(ci_prob)
     evidences = _checked(models, campaign, evidences or Evidences(campaign, tolerance=tolerance))

@@ -74,7 +74,7 @@ class Variance:
 class LogBayesFactor:
     """Φ = the expected ln B in favour of the truth, with the parameters or without them, both equally probable.
 
-    With S in units of the prior, eigenvalues 1 + λ, and parameters that are `size` prior sd in the mean square, E[ln B] is
+    With S in units of the prior, eigenvalues 1 + λ, and parameters that are ``size`` prior sd in the mean square, E[ln B] is
     ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)] if they are there and ½ Σ [λ/(1 + λ) − ln(1 + λ)] if not; half the difference is
     Φ = ¼ size² Σ λ²/(1 + λ), which never falls. For one parameter it leads to the design of T-optimality. Not concave: an optimum
     is a local one.

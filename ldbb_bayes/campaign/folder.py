@@ -56,7 +56,7 @@ _TEXTS = ("test", "direction", "plane")
 def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, Any] | None = None, **options: Any) -> Campaign:
     """Return the campaign, or the plan, of a campaign folder, a campaign.toml, or one tidy CSV; `InputError` names file and cure.
 
-    Certificates are fields of `Instrument`, before what campaign.toml says of them; options, for a tidy CSV only, what
+    ``certificates`` are fields of `Instrument`, before what campaign.toml says of them; options, for a tidy CSV only, what
     campaign.toml would say (``radius_mm=150``, ``mount=MountCompensation(...)``, …).
     """
     path = Path(path)
@@ -353,7 +353,7 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def embedded_campaign(name: str = "recovered_experiment") -> Path:
-    """Return the folder of an embedded campaign, from the installed wheel or from the checkout."""
+    """Return the folder of an embedded campaign by its ``name``, from the installed wheel or from the checkout."""
     package = Path(str(files("ldbb_bayes")))
     for folder in (package / "_data" / name, package.parent / "data" / name):
         if (folder / TOML_NAME).is_file():

@@ -476,7 +476,7 @@ def import_campaign(
 ) -> Imported:
     """Read tables as they are found into one campaign.
 
-    Every file (CSV or text of any encoding and separator) or sheet of a workbook (XLSX, XLS, ODS) is one test, or holds a column
+    Each of ``files`` (CSV or text of any kind) or sheet of a workbook (XLSX, XLS, ODS) is one test, or holds a column
     that names the test of each row. What the layout does not say is found out and told; other arguments are fields of
     `Campaign`. An `InputError` names the file, the line and the cure.
     """
@@ -639,7 +639,7 @@ def _note_machine(
 
 
 def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> CircularTest:
-    """Drop the readings inside the given arcs [deg], counter-clockwise from start to end, modulo 360°."""
+    """Return the test without the readings inside ``arcs_deg``, each counter-clockwise from start to end [deg], modulo 360°."""
     keep = np.ones(len(test.angle_deg), dtype=bool)
     for start, end in arcs_deg:
         if not (np.isfinite(start) and np.isfinite(end)):
@@ -651,7 +651,7 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[tuple[float, float]]) -> 
 
 
 def mask_reversals(test: CircularTest, half_width_deg: float = 5.0) -> CircularTest:
-    """Drop the readings within ``half_width_deg`` of the axis reversal points 0°, 90°, 180° and 270°."""
+    """Return the test without the readings within ``half_width_deg`` of the axis reversal points 0°, 90°, 180° and 270°."""
     require(0.0 < half_width_deg < 45.0, f"half_width_deg must lie between 0 and 45, got {half_width_deg}. Choose a few degrees.")
     return mask_angles(test, [(q - half_width_deg, q + half_width_deg) for q in (0.0, 90.0, 180.0, 270.0)])
 

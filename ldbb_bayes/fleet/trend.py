@@ -451,8 +451,8 @@ _VISIBLE, _MOST_NAMED = 0.05, 6
 
 @styled
 def control_chart(trend: Trend) -> Figure:
-    """A panel for each parameter, campaigns side by side in order of time: every one by itself, the limits from those before it,
-    and where it may have changed."""
+    """Return the chart of a ``trend``, a panel for each parameter: campaigns in order of time, each by itself, the limits from
+    those before it, and where it may have changed."""
     columns = min(len(trend.parameters), 2)
     figure, every = panels(len(trend.parameters), columns, 2.0, 0.9, sharex=True)
     for k, (axes, name) in enumerate(zip(every, trend.parameters, strict=True)):

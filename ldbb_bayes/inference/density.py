@@ -56,7 +56,7 @@ class LogDensity:
     every density is normalised: the evidence of a nested sampler is that of `log_evidence`.
     """
 
-    bound: BoundModel
+    bound: BoundModel  #: the model of the campaign
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -62,7 +62,7 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
 
 
 def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
-    """ln of the Bayes factor of a model over another, and its error [nat].
+    """Return ln of the Bayes factor of a model, with this ``evidence``, over an ``other``, and its error [nat].
 
     InputError when the two are of different readings.
     """

@@ -348,8 +348,17 @@ def exact_reading_mm(
     compliances: Mapping[str, float] | None = None,
     geometric_errors: Mapping[str, float] | None = None,
 ) -> Array:
-    """Exact reading of one circle, shape (n,) [mm]: geometry by Eq. 1-14 plus compliance by Eq. 20, of any of the 36 ``C_ijk`` of
-    each joint [mm/N, rad/N, rad/(N mm)] and any of `geometric_names` [1, 1/mm, rad, mm]."""
+    """Return the exact reading of one circle, shape (n,) [mm]: geometry by Eq. 1-14 plus compliance by Eq. 20.
+
+    InputError for names that the machine does not have.
+
+    Parameters
+    ----------
+    circle, angle_rad : where: angles θ, shape (n,) [rad].
+    force_N : radial force.
+    compliances : any of the 36 ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)]; the others are zero.
+    geometric_errors : any of `geometric_names` [1, 1/mm, rad, mm]; the others are zero.
+    """
     given = compliances or {}
     every = {name.label: name for name in joint_names(machine)}
     check_known("parameter", given, tuple(every))
@@ -546,11 +555,17 @@ def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
 def hybrid_jacobian(
     machine: Machine, circle: Circle, angle_rad: Array, force_N: float, *, degree: int = 0, reference_force_N: float = 0.0
 ) -> pd.DataFrame:
-    """Reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and, with F0 = 0, 33: DataFrame, shape
-    (n, (degree + 1) compliances + geometric errors) [mm per inside unit of the parameter].
+    """Return the reading per unit of every parameter of the linear hybrid model, J_H of Eq. 28 and, with F0 = 0, 33: DataFrame,
+    shape (n, (degree + 1) compliances + geometric errors) [mm per inside unit of the parameter].
 
     Column k of a compliance is F (F − F0)^k j_C. Columns are those of this circle alone, named as in results: C_XXX …, C_XXX_1 …,
-    then E_XX1 … .
+    then E_XX1 … . InputError for a degree other than 0, 1 or 2.
+
+    Parameters
+    ----------
+    circle, angle_rad : where: angles θ, shape (n,) [rad].
+    force_N, reference_force_N : radial force F, and F0.
+    degree : 0, 1 or 2.
     """
     import pandas as pd
 
@@ -569,8 +584,8 @@ def hybrid_jacobian(
 
 
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
-    """What one unit of every planar compliance, 18 for one plane, null columns included, and of every geometric error, 7, does to
-    the reading (Tables 2 and 3): DataFrame, shape (n, compliances + geometric errors) [mm per unit, and N of compliances]."""
+    """Return what one unit of every planar compliance, 18 for one plane, and of every geometric error, 7, does to readings of a
+    ``circle`` at ``angle_rad`` (n,): DataFrame, shape (n, 25) [mm per unit, and N of compliances] (Tables 2 and 3)."""
     import pandas as pd
 
     angle = np.asarray(angle_rad, dtype=float)

@@ -202,7 +202,7 @@ class Gaussian:
         return np.asarray(log_root - 0.5 * ((white**2).sum(axis=-1) + white.shape[-1] * _LOG_2PI))
 
     def draw(self, rng: np.random.Generator, size: tuple[int, ...] = ()) -> Array:
-        """Independent draws, shape (*size, ..., q)."""
+        """Independent draws, shape ``(*size, ..., q)``."""
         return self.at(rng.standard_normal((*size, *self.mean.shape)))
 
 

@@ -104,9 +104,7 @@ class Prior:
     eta_um: float = 2.0  #: likewise: hysteresis
     decay: float = 2.0  #: the power by which form falls with its order, Normal within [0.5, 3.5]
     decay_sd: float = 0.7  #: its sd
-    slopes_of_estimate: bool = (
-        True  #: the size of slopes is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
-    )
+    slopes_of_estimate: bool = True  #: the size is of the compliance itself, max(|Ĉ|, sd(C)/20), else sd(C) (first edition)
     truncated: bool = True  #: C_XXX(F), C_YYY(F), C_CCY(F) ≥ 0 at tested forces: F C(F) is a deflection under the force itself
     flat: bool = False  #: no prior on the parameters of interest (the paper's least squares)
     overrides: Mapping[str, float] = field(default_factory=dict)  #: sd by parameter, in inside units (mm, N, rad)

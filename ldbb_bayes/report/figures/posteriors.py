@@ -450,5 +450,5 @@ FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
 def save_figures(
     posterior: xr.DataTree, folder: str | os.PathLike[str], *, formats: tuple[str, ...] = ("png", "svg")
 ) -> list[Path]:
-    """Draw every figure of a posterior into a folder; returns the files written."""
+    """Draw every figure of a posterior into a ``folder``, in these ``formats`` (png, svg, pdf), and return the files written."""
     return [path for name, draw in FIGURES.items() for path in style.save_figure(draw(posterior), folder, name, formats=formats)]
