@@ -13,6 +13,7 @@ import dataclasses
 import html
 import json
 import re
+import shutil
 import sys
 import tempfile
 import tomllib
@@ -22,7 +23,6 @@ from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import circles
 import numpy as np
 import pandas as pd
 from differences import Difference, Rule, compact, condensed, differences
@@ -36,6 +36,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 sys.path.append(str(ROOT / "studies" / "10_files"))  # the files that are imported
 RECOVERED = ROOT / "data" / "recovered_experiment"
+CAMPAIGNS = ("arcs", "clocked", "two_radii", "both_ways", "three_planes")
 DEGREES = {"clocked": 2, "two_radii": 0}
 # Depend on the code, the machine or the clock, not on the answer.
 LEFT_OUT = {"seconds", "started", "versions", "platform", "provenance", "resumed", "toml", "stamp", "sha256", "model_sha256"}
@@ -57,7 +58,7 @@ class Work:
         if name in ("recovered", "small"):
             return RECOVERED if name == "recovered" else self.shop[0]
         path = self.folder / name
-        return circles.plan(path) if name == "plan" else circles.write_campaign(path, circles.CAMPAIGNS[name])
+        return Path(shutil.copytree(HERE / "campaigns" / name, path))
 
     def read(self, name: str) -> lb.Campaign:
         return lb.read_campaign(self.campaign(name))
@@ -97,7 +98,7 @@ class Work:
     @cached_property
     def shop(self) -> list[Path]:
         """Small campaigns of several machines."""
-        return circles.fleet(self.folder / "shop")
+        return sorted(Path(shutil.copytree(HERE / "campaigns" / "shop", self.folder / "shop")).iterdir())
 
     @cached_property
     def compared(self) -> Path:
@@ -174,7 +175,7 @@ def golden(*names: str, fast: tuple[str, ...] = (), slow: bool = False, relative
 
 @golden(relative=1e-10)
 def _check(work: Work) -> Any:
-    names = (*circles.CAMPAIGNS, "plan", "recovered")
+    names = (*CAMPAIGNS, "plan", "recovered")
     found = {name: work.run("check", work.campaign(name), "--json") for name in names}
     for own in found.values():
         own["tests"] = own["tests"][::2]
@@ -250,7 +251,7 @@ def _simulate(work: Work) -> Any:
     return found
 
 
-@golden(*circles.CAMPAIGNS, fast=("two_radii",))
+@golden(*CAMPAIGNS, fast=("two_radii",))
 def _fit(work: Work, name: str) -> Any:
     """Independent draws: summary.json and model.toml, and what `summarize` prints."""
     out = work.fitted(name)
@@ -262,7 +263,7 @@ def _fit(work: Work, name: str) -> Any:
     return found | ({"text": work.run("summarize", out, "--ci", 0.9)} if name == "both_ways" else {})
 
 
-@golden(*circles.CAMPAIGNS)
+@golden(*CAMPAIGNS)
 def _marginals(work: Work, name: str) -> Any:
     """Where many compliances are truncated the processor chooses their order, and so the points of the sequence."""
     model = lb.HybridModel.first(int(name == "clocked"))
@@ -270,7 +271,7 @@ def _marginals(work: Work, name: str) -> Any:
     return work.cleaned(lb.marginals(model, work.read(name), tolerance=0.02))
 
 
-@golden(*circles.CAMPAIGNS, "plan", fast=("arcs", "both_ways", "plan"))
+@golden(*CAMPAIGNS, "plan", fast=("arcs", "both_ways", "plan"))
 def _identify(work: Work, name: str) -> Any:
     arguments = ("identify", work.campaign(name), "--degree", DEGREES.get(name, 1))
     found = work.run(*arguments, "--json")
