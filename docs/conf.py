@@ -47,6 +47,7 @@ myst_heading_anchors = 4
 html_theme = "furo"
 html_title = f"ldbb_bayes {release}"
 html_math_renderer = "mathml"
+html_static_path, html_css_files = ["_static"], ["site.css"]
 html_copy_source = html_show_sourcelink = False
 pygments_style, pygments_dark_style = "friendly", "github-dark"
 
@@ -179,7 +180,7 @@ def api(names: str) -> str:
         same = kind == "class" and what.__name__ != last
         hidden = ["model_config", *getattr(what, "__dataclass_fields__", ())]
         role = "mod" if kind == "module" else "obj"
-        rows[f"{{py:{role}}}`{name} <ldbb_bayes.{name}>`"] = f"Another name of `{what.__name__}`." if same else first
+        rows[f"{{py:{role}}}`{last} <ldbb_bayes.{name}>`"] = f"Another name of `{what.__name__}`." if same else first
         lines += [
             "",
             f".. auto{kind}:: ldbb_bayes.{name}",
