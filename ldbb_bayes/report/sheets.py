@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from fpdf import FPDF
 
     from ldbb_bayes.analysis.identifiability import ParameterIdentifiability
+    from ldbb_bayes.campaign.campaign import Ball
     from ldbb_bayes.model.hybrid import BoundModel
     from ldbb_bayes.report.findings import Findings
 
@@ -467,7 +468,7 @@ def _entries(found: Findings, words: Words) -> Iterator[tuple[str, str]]:
     for key, size, given in _instrument(found):
         names = campaign.instrument.certificates.items()
         named = next((f" ({own.split(': ')[0][:32]})" for what, own in names if what.startswith(key)), "")
-        (stated if given else assumed).append(words(f"entries.{key}") + (named if given else f" {words.number(size)}"))
+        (stated if given else assumed).append(f"{words(f'entries.{key}')} {words.number(size)}{named if given else ''}")
     yield words("fields.certificates"), ", ".join(stated) or words("entries.none")
     yield words("fields.assumed"), ", ".join(assumed) or words("entries.none")
 
@@ -479,19 +480,25 @@ _INSTRUMENT = {
 
 
 def _instrument(found: Findings) -> Iterator[tuple[str, str, bool]]:
-    """Parts of the instrument that the model knows, U (k = 2) of each, and whether a certificate states it."""
+    """Parts of the instrument that the model knows, what is stated of each or else the U (k = 2) assumed, and which it is."""
     bound = bound_of(found.posterior)
+    instrument = bound.campaign.instrument
     known = {own.name: own for own in uncertainties(bound.campaign, bound.model.nuisances).assumed}
-    for key, name in _INSTRUMENT.items():
-        if name in known:
-            own = known[name]
-            if own.value or own.unit == "1":
-                yield key, f"± {two_digits(2.0 * own.sd / (own.value or 1.0), 100.0)} %", own.stated
-            elif own.unit == "rad":
-                yield key, f"± {two_digits(np.degrees(2.0 * own.sd))}°", own.stated
-            else:
-                factor, label = display_unit(own.unit)
-                yield key, f"± {two_digits(2.0 * own.sd, factor)} {label}", own.stated
+    for key, own in ((key, known[name]) for key, name in _INSTRUMENT.items() if name in known):
+        ball: Ball | None = getattr(instrument, key, None)
+        if own.unit == "1" or key == "mount":
+            size = f"{two_digits(2.0 * own.sd / (own.value or 1.0), 100.0)} %"
+        elif own.unit == "rad":
+            size = f"{two_digits(np.degrees(2.0 * own.sd))}°"
+        else:
+            factor, label = display_unit(own.unit)
+            size = f"{two_digits(2.0 * own.sd, factor)} {label}"
+        size = f"U = {size}" if own.stated else f"± {size}"
+        if key == "bar" and own.value:
+            size = f"{own.value * 1e3:+.4g} µm, {size}".replace("-", "−")
+        if ball is not None and ball.stated_sphericity_um is not None:
+            size = ball.grade or f"{ball.sphericity_um:g} µm"
+        yield key, size, own.stated
 
 
 def _short(text: str) -> str:

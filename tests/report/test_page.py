@@ -7,6 +7,7 @@ import html.parser
 import json
 import re
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -189,6 +190,16 @@ def test_numbers_of_an_average() -> None:
         (banner,) = (block for block in first.blocks if isinstance(block, Banner))
         assert ("Stated at 1000 N, outside the tested forces" in banner.sentence) == (force == 1000.0)
         assert re.search(r"constant compliance .* %, linear compliance .* %", said)
+
+
+def test_what_certificates_state_is_on_sheet_1() -> None:
+    balls = {"work": lb.Ball(sphericity_um=0.6), "tool": lb.Ball(grade="G20", certificate="GZ 7: two balls")}
+    stated = lb.Instrument(**balls, bar_U_um=1.2, bar_length_error_um=-0.5, force_U_percent=0.5)
+    found = find(fitted(lb.HybridModel.default(1), replace(simulated(plan()), instrument=stated)), comparison=NOT_COMPARED)
+    said = dict(next(block.entries for block in sheets(found)[0].blocks if isinstance(block, Fields)))
+    form = "form of the work ball 0.6 µm, form of the tool ball G20 (GZ 7)"
+    assert said["Stated by certificate"] == f"bar length −0.5 µm, U = 1.2 µm, {form}, force U = 0.50 %"
+    assert said["Assumed, U (k = 2)"] == "mount ± 20 %, angle of the trace ± 0.20°"
 
 
 def test_every_place_is_escaped() -> None:
