@@ -107,6 +107,7 @@ def _said_in_words(text: str) -> Iterator[tuple[str, str]]:
             value = _iso(value) if key in ("date", "ball_bar_calibrated") else value
             if key in _NAMES:
                 column = _KEY.fullmatch(value) or (_is_header(value) and not re.search(r"[:=\d]", match[0]))
+                column = column and not (key == "ball_bar" and re.fullmatch(_PARTS["product"], value, re.IGNORECASE))
                 value = "" if column else re.split(rf",\s*{_AND_CALIBRATED}", value, flags=re.I)[0]
             if value.isprintable() and not is_missing(value or "-"):
                 yield key, value

@@ -514,6 +514,10 @@ def import_campaign(
         if entry.file not in used:
             notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], "no file, sheet or label of that name", "--layout")
     _take_resolution(campaign, tests, notes)
+    for key, said in said_above(tables[0].of_all).items():
+        for own in said if key in _LOADS else ():
+            why = f"line {own.line} says {own.value:g} {key.partition('_')[2]} outside the list of tests"
+            notes.add("", key, "taken for no test", why, _option(_LOADS[key][1]))
     unsaid = _note_machine(campaign, tests, notes, not_understood(tables[0].of_all))
     campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
     return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid)

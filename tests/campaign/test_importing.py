@@ -414,23 +414,25 @@ RADII = [("Radius:", "100 mm"), ("Radius", "100 mm"), ("Radius:", None, "100 mm"
 def test_labels_and_values_of_an_overview_are_read_above_and_below_its_list(
     radius: tuple[Any], listed: list[Any], colon: str, tmp_path: Path
 ) -> None:
-    said = {"Maschine": "VMC 12", "Messgerät": "LDBB 7", "kalibriert am": "1.2.2026", "Vorschub": "2000 mm/min", "Ort": "Halle 3",
+    said = {"Maschine": "VMC 12", "Messgerät": "LDBB", "kalibriert am": "1.2.2026", "Vorschub": "2000 mm/min", "Ort": "Halle 3",
             "Kraftmessgerät": "Kistler 9317"}  # fmt: skip
     pairs = [(label + colon, value) for label, value in said.items()]
     overview = [*pairs[:2], radius, *listed, *pairs[2:], *([] if listed else [("Richtung" + colon, "UZS")])]
     own = imported(book(tmp_path / "b.xlsx", {"Info": overview, "36 N": SHEET, "742 N": SHEET})).campaign
     assert [own.machine_id, own.ball_bar, own.ball_bar_calibrated, own.feed_mm_per_min, own.place, own.force_device] == [
-        "VMC 12", "LDBB 7", "2026-02-01", 2000.0, "Halle 3", "Kistler 9317"]  # fmt: skip
+        "VMC 12", "LDBB", "2026-02-01", 2000.0, "Halle 3", "Kistler 9317"]  # fmt: skip
     assert [(test.radius_mm, test.direction) for test in own.tests] == [(100.0, "CCW" if listed else "CW")] * 2
 
 
 def test_what_is_not_understood_or_contradicts_the_force_law_is_told(tmp_path: Path) -> None:
-    overview = [("Radius", "hundert"), ("Vorschub", "langsam"), ("Richtung", "CW und CCW")]
+    overview = [("Radius", "hundert"), ("Vorschub", "langsam"), ("Richtung", "CW und CCW"), ("Prüfkraft:", "238 N")]
     path = book(tmp_path / "b.xlsx", {"Info": overview, "A": SHEET, "B": SHEET})
     found = imported(path, {"forces_N": [112.0, 2.0], "pressures_bar": [1.0, 2.0]}).assumptions
     because = {own.what: own.because for own in found if not own.place}
     for line, key in enumerate(("radius_mm", "feed_mm_per_min", "direction"), start=1):
         assert re.fullmatch(f"line {line} of .* says {key.split('_')[0]}, not understood", because[key])
+    (unused,) = (own.because for own in found if own.value == "taken for no test")
+    assert re.fullmatch("line 4 of .* says 238 N outside the list of tests", unused)
     assert ("2 N at 2 bar", "of the pressures the force law makes 237.9 N") in {(own.value, own.because) for own in found}
 
 
