@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from ldbb_bayes.campaign.layout import WORDS
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.files import bytes_of
 
@@ -26,23 +27,8 @@ _ASIDE = "usedMethods", "usedSoftware", "measuringEquipments", "influenceConditi
 # Element of an uncertainty and of the number in it, of D-SI 2 and 1.
 _EXPANDED = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
 _STANDARD = {"standardMU": "valueStandardMU", "coverageIntervalMU": "valueStandardMU", "coverageInterval": "standardUnc"}
-_PREFIXES = {"giga": 1e9, "mega": 1e6, "kilo": 1e3, "hecto": 1e2, "centi": 1e-2, "milli": 1e-3, "micro": 1e-6, "nano": 1e-9}
-_UNITS: Mapping[str, tuple[float, str]] = {  # factor and dimension
-    "metre": (1.0, "m"), "newton": (1.0, "N"), "bar": (1.0, "bar"), "pascal": (1e-5, "bar"), "radian": (1.0, ""),
-    "degree": (math.pi / 180.0, ""), "one": (1.0, ""), "percent": (0.01, ""), "ppm": (1e-6, ""), "second": (1.0, "s"),
-    "kilogram": (1.0, "kg"), "gram": (1e-3, "kg"), "kelvin": (1.0, "K"), "degreecelsius": (1.0, "K"), "volt": (1.0, "V"),
-}  # fmt: skip
-# What a quantity is, by words of its name or refType; the first that fits.
-_ROLES = {
-    "form": r"spheric|roundness|rundheit|kugelform|formabweichung|form (deviation|error)|diameter variation|durchmesserschwank",
-    "linearity": r"linearit",
-    "indication": r"indication|anzeigeabweichung|messabweichung|measurement ?error|length error|längenfehler",
-    "deviation": r"deviation|abweichung",
-    "nominal": r"nominal|nenn|soll",
-    "gain": r"sensitivity|empfindlichkeit|gain|verstärkung|coefficient|koeffizient|slope|steigung",
-    "length": r"length|länge|distance|abstand",
-    "force": r"force|kraft",
-}
+# Prefixes; units with factor and dimension; what a quantity is, by words of its name or refType, the first that fits.
+_PREFIXES, _UNITS, _ROLES = WORDS["dcc"]["prefixes"], WORDS["dcc"]["units"], WORDS["dcc"]["roles"]
 
 
 @dataclass(frozen=True)

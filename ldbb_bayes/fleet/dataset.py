@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -35,30 +36,10 @@ _META = b"ldbb_bayes"
 _NUMBERS = ("mean", "sd", "median", "ci_low", "ci_high")
 _ROWS_AT_ONCE = 1024
 _DECIDED = {"probability": "double", "decision": "string"}  # of conformity with each tolerance
-_TEXT, _TEXTS, _NUMBERS_LIST = "string", "list<string>", "list<double>"
+_TEXTS, _NUMBERS_LIST = "list<string>", "list<double>"
 # Every column and its kind: of the campaign and its fit, then, behind those of the parameters, its statistics.
-_COLUMNS = {
-    **dict.fromkeys(("campaign", "name", "sha256", "machine_id", "date", "status", "reason", "topology", "planes"), _TEXT),
-    **dict.fromkeys(("compliances", "tolerances"), _TEXT),
-    **dict.fromkeys(("tests", "readings"), "int64"),
-    **dict.fromkeys(("force_min_N", "force_max_N", "reference_force_N"), "double"),
-    "degree": "int64",
-    "terms": _TEXTS,
-    "model_sha256": _TEXT,
-    "sampler": _TEXT,
-    "seed": "int64",
-    "versions": _TEXT,
-    "converged": "bool",
-    "state": _TEXT,
-    "kinds": _TEXTS,
-    "verdict": _TEXT,
-    **dict.fromkeys(("misfits", "warnings"), _TEXTS),
-    **dict.fromkeys(("log_prob_truncation", "rmse_um", "log_bayes_factor", "log_bayes_factor_error"), "double"),
-}
-_GAUSSIAN = {
-    **dict.fromkeys(("gaussian_names", "gaussian_units"), _TEXTS),
-    **dict.fromkeys(("gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"), _NUMBERS_LIST),
-}
+_TABLE: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("columns.toml").read_text(encoding="utf-8"))
+_COLUMNS, _GAUSSIAN = (dict[str, str](_TABLE[part]) for part in ("columns", "gaussian"))
 
 
 def check_pyarrow() -> None:
