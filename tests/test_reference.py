@@ -1,0 +1,102 @@
+"""The documentation: it builds without a warning, its links lead somewhere, and every public name is in the reference."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import inspect
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from pydantic import TypeAdapter
+from test_readme import pages
+
+import ldbb_bayes as lb
+
+# What the start of the reference of Python says once for all.
+COMMON = {"model", "campaign", "posterior", "machine", "test", "path", "ci_prob", "seed", "progress"}
+EXTERNAL = re.compile(r"https?://[\w.-]+\.[a-z]{2,}(:\d+)?(/[\w./?=&%+~#@!$,;:()*'-]*)?|mailto:[^@\s]+@[\w.-]+\.[a-z]{2,}")
+
+
+def anchors(page: str) -> set[str]:
+    """As GitHub makes them, and MyST."""
+    heads = re.findall(r"^#+ +(.*?) *#*$", re.sub(r"^```.*?^```", "", page, flags=re.S | re.M), re.M)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+def faults(page: Path, root: Path) -> list[str]:
+    """Links and pictures that lead nowhere."""
+    text = re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S | re.M)
+    found = []
+    for link in re.findall(r"\]\(<?([^)>\s]+)>?(?: \"[^\"]*\")?\)|(?:src|href)=\"([^\"]+)\"", text):
+        place, _, anchor = "".join(link).partition("#")
+        target = (page.parent / place).resolve() if place else page
+        if ":" in place:
+            found += [] if EXTERNAL.fullmatch("".join(link)) else [f"{page.name}: {place} is no address"]
+        elif not target.exists() or not target.is_relative_to(root):
+            found.append(f"{page.name}: {place} does not exist")
+        elif anchor and target.suffix == ".md" and anchor not in anchors(target.read_text("utf-8")):
+            found.append(f"{page.name}: {place} has no #{anchor}")
+    return found
+
+
+def test_links_lead_somewhere(root: Path, tmp_path: Path) -> None:
+    every = [*pages(root), *root.glob("*.md"), *(root / "studies").rglob("*.md")]
+    assert [fault for page in every for fault in faults(page, root)] == []
+    bad = tmp_path / "bad.md"
+    bad.write_text("# A head\n[a](#a-head) [b](#b) [c](missing.md) ![d](d.png) [e](http:/nowhere) [f](https://a.org/b)")
+    assert len(faults(bad, tmp_path)) == 4
+
+
+def test_every_public_name_is_in_the_reference_with_an_example(root: Path) -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in (root / "docs" / "reference" / "api").glob("*.md"))
+    shown = " ".join(re.findall(r"<!-- api: (.*?) -->", text)).split()
+    run = "".join(re.findall(r"```python\n(.*?)```", text, re.S))
+    names = set(lb.__all__) - {"__version__"}
+    assert names <= set(shown)
+    assert {name for name in names if not re.search(rf"\blb\.{name}\b", run)} == set()
+    assert len(set(shown)) == len(shown)
+
+
+@pytest.mark.parametrize("name", sorted(set(lb.__all__) - {"__version__", "figures"}))
+def test_arguments_and_fields_are_documented(name: str) -> None:
+    """Each by its name in the docstring, by ``#:`` beside it, or for all functions at once; numbers of arrays have shapes."""
+    what = getattr(lb, name)
+    text = inspect.getdoc(what) or ""
+    if dataclasses.is_dataclass(what):
+        sources = [inspect.getsource(kind) for kind in what.__mro__ if kind.__module__.startswith("ldbb_bayes")]
+        text += " ".join("".join(found) for found in re.findall(r"^    (\w+): .*#: |#: .*\n    (\w+): ", "".join(sources), re.M))
+        missing = {own.name for own in dataclasses.fields(what) if not re.search(rf"\b{own.name}\b", text)}
+    elif inspect.isfunction(what):
+        missing = {p for p in inspect.signature(what).parameters if not re.search(rf"\b{p}\b", text)} - COMMON
+        if inspect.signature(what).return_annotation in ("Array", "pd.DataFrame"):
+            assert re.search(r"shape|[Rr]ow|column", text)
+    else:
+        return
+    assert missing == set()
+
+
+def test_json_has_the_keys_of_the_reference(recovered: lb.Campaign) -> None:
+    found = lb.identify(lb.HybridModel.default(degree=0), recovered)
+    schema = TypeAdapter(lb.Identifiability).json_schema(mode="serialization")
+    assert set(schema["properties"]) == set(found.as_dict())
+    one = schema["$defs"]["ParameterIdentifiability"]["properties"]
+    assert all(set(one) == set(entry) for entry in found.as_dict()["parameters"].values())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("myst_parser") is None, reason="The extra docs is not installed")
+def test_the_documentation_builds(root: Path, tmp_path: Path) -> None:
+    """Without a warning, without a network, in under three minutes; a page without its place in the order is a warning."""
+    begun = time.monotonic()
+    build = [sys.executable, "-m", "sphinx", "-W", "-n", "-q", str(root / "docs"), str(tmp_path)]
+    done = subprocess.run(build, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert time.monotonic() - begun < 180
+    for page in tmp_path.rglob("*.html"):
+        loaded = re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=\"([^\"]+)\"", page.read_text(encoding="utf-8"))
+        assert [address for address in loaded if "://" in address] == [], page.name
