@@ -53,18 +53,7 @@ def test_what_is_read_is_written_back(unit: str, value: float) -> None:
 
 @pytest.mark.parametrize(
     ("text", "unit", "expected"),
-    [
-        ("0.5nm/N", "mm/N", 5e-7),
-        ("+.5 um/kN", "mm/N", 5e-7),
-        ("2 nm/N/kN", "mm/N/N", 2e-9),
-        ("2 nrad/N per kN^2", "rad/N/N^2", 2e-15),
-        ("3 urad/(N*m)", "rad/(N mm)", 3e-9),
-        ("3 μrad/N/m", "rad/(N mm)", 3e-9),
-        ("18 N/µm", "N/mm", 18e3),
-        ("-4 µm/m", "rad", -4e-6),
-        ("2 arcsec", "rad", 2 * np.pi / 180 / 3600),
-        ("0.02 %", "1", 2e-4),
-    ],
+    CASES["typed"],
 )
 def test_units_as_they_are_typed(text: str, unit: str, expected: float) -> None:
     assert to_inside(text, unit) == pytest.approx(expected, rel=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.campaign.importing import angles_from_time, average_laps, on_the_circle
 from ldbb_bayes.campaign.layout import layout_to_toml
 from ldbb_bayes.campaign.spreadsheet import decimal_mark, numbers_of, read_sheets, seconds_of
+
+CASES = tomllib.loads(Path(__file__).with_name("importing.toml").read_text(encoding="utf-8"))
 
 HEADER, NAME = "angle_deg,reading_um", "a 36N.csv"
 
@@ -94,15 +97,7 @@ def test_a_number_written_any_way_comes_back(value: float, decimal: str, digits:
 
 @pytest.mark.parametrize(
     ("cells", "since"),
-    [
-        (["23:59:58,5", "2026-11-21T23:59:59.5", "0:00:00.25", "00:01:00"], [86_398.5, 86_399.5, 86_400.25, 86_460.0]),
-        (["59:59.5", "00:00.5", "0:01.5"], [3599.5, 3600.5, 3601.5]),
-        (["11:59:59.5 AM", "12:00:00 PM", "12:00:01.25 pm", "1:00:00 p.m."], [43_199.5, 43_200.0, 43_201.25, 46_800.0]),
-        (["12:59:59 AM", "1:00:00 AM", "1:00:01AM"], [3599.0, 3600.0, 3601.0]),
-        (["2026-03-04T12:00:00Z", "2026-03-04T12:00:01.5Z"], [43_200.0, 43_201.5]),
-        (["2026-03-04 12:00:00+01:00", "2026-03-04 12:00:01+01:00"], [43_200.0, 43_201.0]),
-        (["59:59.5Z", "00:00.5Z"], [3599.5, 3600.5]),
-    ],
+    CASES["times_of_day"],
 )
 def test_times_of_day(cells: list[str], since: list[float]) -> None:
     """They go on over midnight, or over the hour; by clocks of twelve hours, and with zones."""
@@ -243,25 +238,11 @@ def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("header", "form", "above", "layout", "expected"),
-    [
-        ("angle_deg,reading_um,humidity", "{a},{r},0.4", "", {}, ("columns not used", "humidity")),
-        ("angle_deg,reading_um,Test temperature", "{a},{r},21", "", {}, ("columns not used", "Test temperature")),
-        ("temperature_C,angle_deg,reading_um", "{t},{a},{r}", "", {}, ("columns not used", "temperature_C")),
-        (HEADER, "{a},{r}", "", {"test": [{"file": "other.csv", "force_N": 742.0}]}, ("[[test]] not used", "other.csv")),
-        (HEADER, "{a},{r}", "", {"direction": "CW"}, ("direction", "CW, as stated")),
-        ("angle_deg;reading_nm", "{a};12,{k}10", "", {}, ("decimal mark", ",")),
-        ("angle_deg;reading_um", "{a};{r}.250", "", {"decimal": ","}, ("decimal mark", ",, as given")),
-        ("force_N,angle [deg],reading [um]", "36,{a},{r}", "", {"forces_N": [400.0]}, ("force_N", "400 N, as given")),
-        ("direction,angle,reading_um", "CCW,{a},{r}", "", {"direction": "CW"}, ("direction", "CW, as given")),
-        ("angle,reading [um]", "{a},{r}", "", {"reading_unit": "nm"}, ("unit of the reading", "nm, as given")),
-        ("radius_mm,plane,angle,reading_um", "100,YZ,{a},{r}", "Radius: 150 mm", {}, ("radius_mm", "100 mm, its column")),
-        ("Load step,angle_deg,reading_um", "3,{a},{r}", "", {}, ("force_N", "36 N")),
-        ("test,angle_deg,reading_um", "../evil,{a},{r}", "", {"forces_N": [36.0]}, ("name of the test", "_._evil")),
-    ],
+    CASES["told"],
 )
 def test_told(header: str, form: str, above: str, layout: dict[str, Any], expected: tuple[str, str], tmp_path: Path) -> None:
     path = table(tmp_path / NAME, header, lines(form), above)
-    assert expected in told(imported(path, layout, plane="XY"))
+    assert tuple(expected) in told(imported(path, layout, plane="XY"))
 
 
 LEFT_ALONE = ("Raw data", "Temperature;compensated", "Resolution: 5", "Encoder resolution: 1 mm", "Machine;Date", "Plane: XY, YZ")
