@@ -33,7 +33,7 @@ EXIT_MISSED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 REQUIRED = inspect.Parameter.empty
 # Short, so that names of options stay whole in the help on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
-_CATALOGUE: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "options.toml").read_text(encoding="utf-8"))
+CATALOGUE: Mapping[str, Any] = tomllib.loads((Path(__file__).parent / "options.toml").read_text(encoding="utf-8"))
 
 
 # ---- groups of options
@@ -121,11 +121,11 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
     """The options of groups in options.toml, those of a panel under its heading; ``kinds`` beside `KINDS`."""
 
     def made(own: Mapping[str, Any] | str) -> Option:
-        stated = dict(_CATALOGUE["shared"][own] if isinstance(own, str) else own)
+        stated = dict(CATALOGUE["shared"][own] if isinstance(own, str) else own)
         return option({**KINDS, **kinds}[stated.pop("kind", "text")], stated.pop("help"), **stated)
 
     found: dict[str, Option] = {}
-    for key, own in [entry for group in groups for entry in _CATALOGUE[group].items()]:
+    for key, own in [entry for group in groups for entry in CATALOGUE[group].items()]:
         if isinstance(own, str) or "help" in own:
             found[key] = made(own)
         else:

@@ -15,7 +15,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.cli import options
 from ldbb_bayes.cli.analyses import RESULT_FILES, with_tolerances, write_result
 from ldbb_bayes.cli.campaigns import LAYOUT_OPTIONS
-from ldbb_bayes.cli.options import Output, command, group, option
+from ldbb_bayes.cli.options import Output, command, group, option, options_of
 from ldbb_bayes.errors import InputError, require
 
 if TYPE_CHECKING:
@@ -42,25 +42,7 @@ class MachineType(NamedTuple):
     looks: str
 
 
-MACHINES = (
-    MachineType(
-        "gantry with a trunnion",
-        "wCAFYXZSt",
-        "the table turns (C) and tilts (A) but does not travel; the spindle moves in X, Y and Z",
-    ),
-    MachineType(
-        "C-frame", "wXYFZSt", "the table travels in X upon a saddle in Y; the spindle moves up and down (Z) on a fixed column"
-    ),
-    MachineType("C-frame with a trunnion", "wCAXYFZSt", "the same, and on its table another that turns (C) and tilts (A)"),
-    MachineType("bed type", "wXFYZSt", "the table travels in X; the spindle moves in Y and Z on a column or a fixed bridge"),
-    MachineType("gantry", "wFXYZSt", "the workpiece stands still; a bridge travels in X and carries the spindle in Y and Z"),
-    MachineType("gantry with a fork head", "wFXYZCASt", "the same, and its spindle turns (C) and tilts (A) in a fork"),
-    MachineType(
-        "horizontal",
-        "wBZFXYSt",
-        "the table turns (B) and travels in Z towards a lying spindle, which moves in X and Y on a column",
-    ),
-)
+MACHINES = tuple(MachineType(**own) for own in options.CATALOGUE["machines"])
 
 
 # ---- what is asked where a terminal can answer
@@ -363,18 +345,7 @@ def _named(first: xr.DataTree, posteriors: list[xr.DataTree], paths: Sequence[Pa
 
 # ---- the command
 
-_REPORT = group(
-    comparison=option(Path, "Of a fit: the --out folder of an earlier compare of the same readings.", metavar="DIR"),
-    design=option(Path, "Of a fit: the --out folder of an earlier design after the same readings.", metavar="DIR"),
-    tests=option(int, "Circles to recommend. Default: as many as were run.", min=1, max=300),
-    same_instrument=option(bool, "Fits beside one another share bar, balls, mount and force device.", False),
-    language=option(str, "Of the two sheets: en or de.", "en", metavar="en|de"),
-    annex=option(bool, "Print all that follows the two sheets too.", False),
-    tolerance=options.TOLERANCE,
-    force_N=option(float, "Force (N) at which the sheets state stiffness. Default: the middle of those tested."),
-    ci=options.CI,
-    seed=options.SEED,
-)
+_REPORT = group(**options_of("report"))
 _FILES = typer.Argument(
     help="Tables as they are found (workbook, CSV, text; * and ? are expanded), a campaign, or the --out folder of a fit; "
     "more fits are set beside the first.",
