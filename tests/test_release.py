@@ -12,7 +12,7 @@ import pytest
 import ldbb_bayes as lb
 from ldbb_bayes.inference.sample import sampler_named
 
-STATED = ("ldbb_bayes/__init__.py", "CITATION.cff", "README.md", "CHANGELOG.md")
+STATED = ("ldbb_bayes/__init__.py", "CITATION.cff", "CHANGELOG.md")
 
 
 def stated(tree: Path) -> str:
@@ -21,7 +21,7 @@ def stated(tree: Path) -> str:
 
 def test_package_citation_and_changelog_have_one_version(root: Path) -> None:
     newest, day = re.findall(r"^## (\S+) \((.*?)\)$", stated(root), re.M)[0]
-    assert {*re.findall(r"(?:^version: |ldbb_bayes-)(\d[\d.]*)(?:-py3|$)", stated(root), re.M)} == {lb.__version__}
+    assert re.findall(r"^version: (.*)$", stated(root), re.M) == [lb.__version__]
     assert (newest == lb.__version__) != (day == "unreleased")
 
 
@@ -47,7 +47,7 @@ def test_a_release_is_one_command(tree: Path) -> None:
     assert run(tree, ".ci/release", "7.8.9").returncode == 0
     assert [run(tree, "git", *own).stdout for own in (["tag"], ["status", "--porcelain"])] == ["v7.8.9\n", ""]
     dated = (r"version: 7.8.9\ndate-released: \d{4}-\d\d-\d\d", r"## 7.8.9 \(\d{4}-\d\d-\d\d\)")
-    for line in ('__version__ = "7.8.9"', ".*ldbb_bayes-7.8.9-py3.*", *dated):
+    for line in ('__version__ = "7.8.9"', *dated):
         assert re.search(f"^{line}$", stated(tree), re.M)
     assert "VERSION must be new, got v7.8.9" in run(tree, ".ci/release", "7.8.9").stderr
 
