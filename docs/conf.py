@@ -24,6 +24,8 @@ import ldbb_bayes
 from ldbb_bayes.campaign import layout
 from ldbb_bayes.fleet import dataset
 from ldbb_bayes.result import Result
+from ldbb_bayes.units import _ATOMS as atoms
+from ldbb_bayes.units import _UNITS as units_of_reading
 
 project = "ldbb_bayes"
 author = copyright = "The ldbb_bayes developers"
@@ -162,6 +164,17 @@ def units() -> str:
     return table("Of | Units", {role: ", ".join(f"`{unit}`" for unit in known) for role, known in layout.UNITS.items()})
 
 
+def reading() -> str:
+    """Inside units beside those for reading."""
+    rows = {f"`{unit}`": f"{label} = {1.0 / factor:g} {unit}" for unit, (factor, label) in units_of_reading.items() if label}
+    return table("Inside | For reading", rows)
+
+
+def typed() -> str:
+    """Units that a quantity may be typed in."""
+    return ", ".join(f"`{unit}`" for unit in atoms)
+
+
 def batch() -> str:
     """Columns of a batch's table and their kinds."""
     kinds = {"string": "text", "int64": "whole number", "double": "number", "bool": "true or false", "list<string>": "texts"}
@@ -278,6 +291,8 @@ WRITTEN: dict[str, Callable[[str], str]] = {
     "roles": lambda _: roles(),
     "units": lambda _: units(),
     "batch": lambda _: batch(),
+    "reading": lambda _: reading(),
+    "typed": lambda _: typed(),
     "shape": shape,
     "api": api,
 }
