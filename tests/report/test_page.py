@@ -6,6 +6,7 @@ import html
 import html.parser
 import json
 import re
+from collections.abc import Collection, Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -117,11 +118,13 @@ def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, 
                 if head in STATED and cell:
                     found.setdefault((row[name], STATED[head]), set()).add(cell)
     assert len(found) > 60
+    for quantity, number in [*drawn(page, found)]:
+        found[quantity].add(number)
     for (name, what), cells in found.items():
         if what == "value":  # to the place of u beside u, to that of U beside U
             numbers = [float(cell.replace("−", "-")) for cell in cells]
             place = max(10.0 ** -len(cell.partition(".")[2]) for cell in cells)
-            place *= 10.0 if place == 1.0 and all(cell.endswith("0") for cell in cells) else 1.0
+            place *= 10.0 if place == 1.0 and any(cell.endswith("0") for cell in cells) else 1.0
             assert max(numbers) - min(numbers) <= place, (name, cells)
         else:
             assert len(cells) == 1, (name, what, cells)
@@ -129,6 +132,22 @@ def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, 
         assert found[name, "u"] == {u}, name
     rmse = set(re.findall(r"RMSE (?:is )?([\d.]+) µm", re.sub(r"<svg.*?</svg>", "", page, flags=re.S)))
     assert len(rmse) == 1
+
+
+def drawn(page: str, known: Collection[tuple[str, str]]) -> Iterator[tuple[tuple[str, str], str]]:
+    """What figures write beside their dots and bars: quantity and what is stated of it, as known from tables, and the number."""
+    for key, number, what in (
+        ("forest", r"(−?[\d.]+) (?:±|\[).*", "value"),
+        ("forest", r"−?[\d.]+ (?:± ([\d.]+)|\[.*\]) .*", "U"),
+        ("budget", r"([\d.]+) [^\d].*", "u"),
+        ("expected_widths", r"([\d.]+)", "u"),
+    ):
+        drawing = page[page.index(f'aria-labelledby="title-{key}"') :].partition("</svg>")[0]
+        texts = [html.unescape(re.sub("<[^>]+>", "", own)) for own in re.findall("<text.*?</text>", drawing, re.S)]
+        names = [(name, what) for text in texts if ((name := text.partition(" ")[0]), what) in known]
+        numbers = [own[1] for text in texts if (own := re.fullmatch(number, text))]
+        assert len(names) == 19
+        yield from ((name, own) for name, own in zip(names, numbers, strict=key != "expected_widths") if own)
 
 
 def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
