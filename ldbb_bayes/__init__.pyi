@@ -67,6 +67,8 @@ from .inference.posterior import summarize as summarize
 from .inference.posterior import to_units as to_units
 from .inference.predictive import LeastSquares as LeastSquares
 from .inference.predictive import least_squares as least_squares
+from .inference.replicates import predict as predict
+from .inference.replicates import with_predictive as with_predictive
 from .inference.sample import sample as sample
 from .machine.chain import Circle as Circle
 from .machine.chain import Machine as Machine

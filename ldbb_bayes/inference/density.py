@@ -27,16 +27,7 @@ _START_TEMPERATURE, _TRIES, _EDGE = 1.5, 2, 1e-15
 def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     """Return the posterior's log density, for samplers and optimisers of your own.
 
-    Parameters
-    ----------
-    model
-    campaign
-        With readings.
-
-    Raises
-    ------
-    InputError
-        For a plan, or a model that the campaign cannot carry.
+    InputError for a plan, or a model that the campaign cannot carry.
 
     Examples
     --------

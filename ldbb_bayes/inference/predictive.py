@@ -109,7 +109,7 @@ def new_circle_coefficients(bound: BoundModel, phi: Array, beta: Array, rng: np.
     """A new circle in the place of every test, white noise aside: shared nuisances drawn from their posterior, force error,
     set-up shift and discrepancy drawn anew; (draws, tests, 25) [mm]."""
     shared = _shared_drawn(bound, phi, beta, rng)
-    return shared + np.stack([_draw_own(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
+    return shared + np.stack([draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))], axis=1)
 
 
 def _shared_drawn(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
@@ -117,7 +117,7 @@ def _shared_drawn(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gen
     return np.asarray(machine_coefficients(bound, beta) + np.einsum("tkq,wq->wtk", shared_columns(bound), drawn))
 
 
-def _draw_own(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
+def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
     """Fresh draws of what circle r has for itself: random force error, set-up shift, discrepancy; (draws, 25) [mm]."""
     total = np.zeros((len(phi), SIZE))
     for columns, sd in _own(bound, phi, r):
@@ -135,11 +135,6 @@ def _own(bound: BoundModel, phi: Array, r: int) -> Iterator[tuple[Array, Array]]
             yield term.values[r], np.broadcast_to(term.sd_at(value), (len(phi), len(term.names)))
 
 
-def _hyper(bound: BoundModel, phi: Array, name: str | None) -> Array:
-    """Values of one hyper-parameter, shape (draws, 1); ones for none."""
-    return np.ones((len(phi), 1)) if name is None else phi[:, [bound.hyper_prior.names.index(name)]]
-
-
 def replicate_left_out(
     bound: BoundModel, others: Nodes, name: str, size: int, rng: np.random.Generator, *, each: int = 1
 ) -> Array:
@@ -151,8 +146,8 @@ def replicate_left_out(
     machine = machine + draw_shared(others.bound, phi, beta, rng) @ shared_columns(bound)[r].T
     machine, phi = np.repeat(machine, each, axis=0)[:size], np.repeat(phi, each, axis=0)[:size]
     factor = bound.reduced[r].factor
-    noise = _hyper(bound, phi, "sigma") * rng.standard_normal((size, len(factor)))
-    circle = (machine + _draw_own(bound, phi, r, rng)) @ factor.T + noise
+    noise = phi[:, [bound.hyper_prior.names.index("sigma")]] * rng.standard_normal((size, len(factor)))
+    circle = (machine + draw_of_circle(bound, phi, r, rng)) @ factor.T + noise
     return np.asarray(circle @ harmonics_of(bound, r).T)
 
 
@@ -333,7 +328,7 @@ def predictive_checks(bound: BoundModel, phi: Array, beta: Array, rng: np.random
     """Compare every test with new circles under the posterior, φ (draws, h) [mm] and β (draws, p)."""
     _, phi, beta = Part(bound, phi, beta).few(_DRAWS)
     shared = _shared_drawn(bound, phi, beta, rng)
-    sigma = _hyper(bound, phi, "sigma")[:, 0]
+    sigma = phi[:, bound.hyper_prior.names.index("sigma")]
     checks = {}
     for r, (test, reduced) in enumerate(zip(_tests(bound), bound.reduced, strict=True)):
         inverse = harmonics_of(bound, r)

@@ -17,7 +17,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, renamed, require
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
-from ldbb_bayes.inference.integrals import CHUNK
+from ldbb_bayes.inference.integrals import in_chunks
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior, TooRoughError, draw_jointly
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
@@ -172,8 +172,8 @@ def sample(
 
     Returns
     -------
-    ArviZ's layout: posterior, prior, sample_stats, log_prior, log_likelihood (per test, conditional on the other tests),
-    observed_data, constant_data, provenance. All numbers in mm, N, rad.
+    ArviZ's layout: posterior, prior, sample_stats, log_prior, observed_data, constant_data, provenance; `with_predictive` adds
+    the groups for checks of models. All numbers in mm, N, rad.
     """
     sampler = sampler_named(sampler)
     require(not campaign.is_plan, "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
@@ -285,17 +285,11 @@ def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: f
 
 
 def densities_of(part: Part) -> dict[str, Array]:
-    """Of each draw its log density, those of its priors, and ln p of each test given the others, (n,) and (n, tests)."""
+    """Of each draw its log density and those of its priors, (n,) each."""
     bound, phi, beta = part
     density = JointDensity(bound)
-    points = density.join(beta, bound.hyper_prior.free(phi))
-    chunks = [slice(i, i + CHUNK) for i in range(0, len(points), CHUNK)]
-    return {
-        "lp": np.concatenate([density(points[own]) for own in chunks]),
-        "parameters": bound.log_prior(beta),
-        "hyper": bound.hyper_prior.log_density(phi),
-        "per_test": np.concatenate([bound.log_likelihood_per_test(phi[own], beta[own]) for own in chunks]),
-    }
+    lp = in_chunks(density, density.join(beta, bound.hyper_prior.free(phi)))
+    return {"lp": lp, "parameters": bound.log_prior(beta), "hyper": bound.hyper_prior.log_density(phi)}
 
 
 def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -314,7 +308,6 @@ def groups_of(
         "prior": _named(bound, prior[0][None], prior[1][None]),
         "sample_stats": {"lp": densities["lp"]},
         "log_prior": {name: densities[name] for name in ("parameters", "hyper")},
-        "log_likelihood": {"per_test": densities["per_test"]},
         "observed_data": {"reading_mm": np.concatenate([test.readings_mm() for test in tests])},
         "constant_data": {
             "angle_rad": np.concatenate([test.angles_rad() for test in tests]),

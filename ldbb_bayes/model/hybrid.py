@@ -434,11 +434,6 @@ class BoundModel:
         """ln p(y | β, φ), shape (w,). φ (w, h) [mm], β (w, p)."""
         return self.given_interest.log_density(phi, beta - self.centre)
 
-    def log_likelihood_per_test(self, phi: Array, beta: Array) -> Array:
-        """ln p(y_r | other tests, β, φ), shape (w, tests): shared nuisances make tests dependent."""
-        shifted = beta - self.centre
-        return self.given_interest.log_density(phi, shifted)[:, None] - self.given_interest.log_density_without(phi, shifted)
-
     def log_prior(self, beta: Array) -> Array:
         """ln p(β), shape (...): −inf outside the truncation, its prior probability divided out; 0 when flat."""
         if self.model.prior.flat:

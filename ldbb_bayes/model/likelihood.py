@@ -229,27 +229,6 @@ class StructuredGaussian:
             total[index] = density + self._fastest.factor(weight, shift)[1]
         return total
 
-    def log_density_without(self, phi: Array, beta: Array) -> Array:
-        """ln p(z without test r | β, φ) for every r, shape (w, tests)."""
-        total = np.empty((len(phi), len(self._constant) - 1))
-        for index, weight, shift, density in self._passes(phi, beta, _FEWEST, apart=True):
-            left = density.sum(axis=0) - density[:-1]
-            parts = [front.entries(weight, shift.reshape(-1, len(index))) for front in self._by_test]
-            for front in self._in_order.leaves:
-                private = front.entries(weight, shift.sum(axis=0))
-                gained = front.eliminated(private)
-                left += gained.sum(axis=0) - gained
-                links = private[:, :, front.gram.shape[1] :]
-                signed = links if front.sign is None else links * front.sign[:, :, None, None]
-                parts[-1][:-1] -= np.einsum("tvjw,tviw->tjiw", signed[:, :, :-1], links)
-            for front, part in zip(self._by_test, parts, strict=True):
-                tests, groups = len(left), len(part) // len(density)
-                own = part.reshape(tests + 1, groups, *part.shape[1:])
-                rest = (own.sum(axis=0) - own[:-1]).reshape(tests * groups, *part.shape[1:])
-                left += front.eliminated(rest).reshape(tests, groups, len(index)).sum(axis=1)
-            total[index] = left.T
-        return total
-
     def conditional(self, phi: Array, beta: Array | None = None, *, last: int | None = None) -> tuple[Array, Gaussian]:
         """ln p(z | β, φ), shape (w,), and the shared coefficients, or the ``last`` of them, given z, β and φ: w Gaussians."""
         w, first = len(phi), 0 if last is None else self._q - last
@@ -283,16 +262,12 @@ class StructuredGaussian:
             mean[index] = solve_upper(factor[:, :, :v].transpose(3, 0, 2, 1), factor[:, :, -1].transpose(2, 0, 1))
         return mean * self._unit[q : q + v]
 
-    def _passes(
-        self, phi: Array, beta: Array | None, most: int, *, apart: bool = False
-    ) -> Iterator[tuple[Index, Array, Any, Array]]:
+    def _passes(self, phi: Array, beta: Array | None, most: int) -> Iterator[tuple[Index, Array, Array | None, Array]]:
         """Some φ at a time, a multiple of eight, the last one repeated: which; 1/D (kinds, w); Aᵀ D⁻¹ r of the rows that β moves,
-        (columns, w); −½ Σ ln D − ½ rᵀ D⁻¹ r (w,). The latter two ``apart``: of every test, and last of the prior."""
-        columns, interest, values, _, test, _ = (part[self._moved] for part in self._rows)
-        kind, every = self._kind[self._moved], range(len(self._constant))
-        sums = np.eye(len(every)) if apart else np.ones((1, len(every)))
+        (columns, w); −½ Σ ln D − ½ rᵀ D⁻¹ r (w,)."""
+        columns, interest, values, *_ = (part[self._moved] for part in self._rows)
+        kind, sums = self._kind[self._moved], np.ones((1, len(self._constant)))
         number, squares, constant = (sums @ part for part in (self._number, self._squares, self._constant[:, None]))
-        each = [slice(*np.searchsorted(test, [r, r + 1])) for r in every] if apart else [slice(None)]
         for start in range(0, len(phi), most):
             size = -(-min(len(phi) - start, most) // _MULTIPLE) * _MULTIPLE
             index = np.minimum(np.arange(start, start + size), len(phi) - 1)
@@ -302,10 +277,9 @@ class StructuredGaussian:
             if beta is not None:
                 residual = values[:, None] - interest @ np.broadcast_to(beta, (len(phi), beta.shape[-1]))[index].T
                 weighted = residual * weight[kind]
-                square += sums[:, test] @ (residual * weighted)
-                shift = np.array([columns[own].T @ weighted[own] for own in each])
-            density = constant - 0.5 * square
-            yield (index, weight, shift, density) if apart else (index, weight, shift if shift is None else shift[0], density[0])
+                square += np.ones((1, len(kind))) @ (residual * weighted)
+                shift = columns.T @ weighted
+            yield index, weight, shift, (constant - 0.5 * square)[0]
 
     def _variances(self, phi: Array) -> Array:
         """D of every kind of row, shape (kinds, w): what is known of them times each source squared."""
@@ -314,12 +288,11 @@ class StructuredGaussian:
         found = self._kinds @ sizes**2
         return np.where(found < 0.0, np.minimum(found, -_LEAST_VARIANCE), np.maximum(found, _LEAST_VARIANCE))
 
-    def _front(self, groups: Sequence[Index], border: Index | None = None, *, test: Sequence[int] | None = None) -> _Front:
-        """Groups of as many columns each, to be eliminated together, and the columns that border them; of each group all rows, or
-        those of one test."""
+    def _front(self, groups: Sequence[Index], border: Index | None = None) -> _Front:
+        """Groups of as many columns each, to be eliminated together, and the columns that border them."""
         sums, kinds = [], []
-        for k, columns in enumerate(groups):
-            met = (self._rows.columns[:, columns] != 0.0).any(axis=1) & (True if test is None else self._rows.test == test[k])
+        for columns in groups:
+            met = (self._rows.columns[:, columns] != 0.0).any(axis=1)
             index = np.flatnonzero(met)[np.argsort(self._kind[met], kind="stable")]
             own, starts = np.unique(self._kind[index], return_index=True)
             both = columns if border is None else np.concatenate([columns, border])
@@ -339,16 +312,6 @@ class StructuredGaussian:
         return _Elimination(
             [*map(self._front, alone)], [self._front(part, plan.root) for part in leaves], self._front([plan.root])
         )
-
-    @cached_property
-    def _by_test(self) -> list[_Front]:
-        """Of the columns alone and, last, of the root what every test contributes, and after the tests the prior."""
-        found, size, tests = [], len(self._unit), np.arange(len(self._constant))
-        for front in (*self._in_order.alone, self._in_order.root):
-            test = np.repeat(tests, len(front.columns))
-            own = self._front([*front.columns] * len(tests), test=test.tolist())
-            found.append(own._replace(columns=own.columns + size * test[:, None]))
-        return found
 
     def _linked(self, columns: Index) -> list[Index]:
         """The groups that columns fall into when those with a row in common go together."""

@@ -224,7 +224,6 @@ def kernel(campaigns: Mapping[str, lb.Campaign], rounds: int) -> dict[str, dict[
             "likelihood": partial(bound.log_likelihood, phi, beta),
             "conditional": partial(bound.given, phi),
             "draw": partial(given.draw, rng),
-            "without_each_test": partial(bound.log_likelihood_per_test, phi, beta),
         }
     taken: dict[str, dict[str, list[float]]] = {name: {what: [] for what in own} for name, own in calls.items()}
     for _ in range(rounds + 1):

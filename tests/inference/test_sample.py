@@ -46,14 +46,12 @@ def posterior(campaign: lb.Campaign) -> xr.DataTree:
 
 
 def test_layout(either: xr.DataTree, campaign: lb.Campaign) -> None:
-    sampled = {"posterior", "prior", "sample_stats", "log_prior", "log_likelihood"}
+    sampled = {"posterior", "prior", "sample_stats", "log_prior"}
     assert set(either.children) == sampled | {"observed_data", "constant_data", "provenance"}
     assert list(either["posterior"].data_vars) == [*MODEL.bind(campaign).names, "sigma", "delta", "kappa", "tau"]
     assert either["posterior"]["C_XXX"].dims == ("chain", "draw")
     assert either["posterior"].sizes["chain"] == 4
     assert either["posterior"]["C_CCY"].attrs["unit"] == "rad/(N mm)"
-    assert either["log_likelihood"]["per_test"].dims == ("chain", "draw", "test")
-    assert list(either["log_likelihood"].coords["test"].to_numpy()) == [t.name for t in campaign.tests]
     readings = np.concatenate([t.readings_mm() for t in campaign.tests])
     np.testing.assert_array_equal(either["observed_data"]["reading_mm"].to_numpy(), readings)
 
@@ -67,8 +65,6 @@ def test_stored_densities_are_consistent(either: xr.DataTree, campaign: lb.Campa
     prior = float(log_prior["parameters"]) + float(log_prior["hyper"]) + bound.hyper_prior.free(phi).sum()
     expected = bound.log_likelihood(phi, beta)[0] + prior
     assert float(either["sample_stats"]["lp"].isel(pick)) == pytest.approx(expected, abs=1e-6)
-    per_test = either["log_likelihood"]["per_test"].isel(pick).to_numpy()
-    np.testing.assert_allclose(per_test, bound.log_likelihood_per_test(phi, beta)[0], atol=1e-7)
 
 
 def test_draws_and_prior_are_inside_the_truncation(either: xr.DataTree) -> None:

@@ -78,25 +78,6 @@ def test_flat_priors_integrate_to_the_formula(degree: int) -> None:
     np.testing.assert_allclose(given.mean * scale, np.tile(solution, (2, 1)), atol=1e-9 * np.abs(solution).max())
 
 
-@pytest.mark.parametrize("sampling", ["uniform", "arc", "both balls", "crowded, even, sparse at the seam"])
-def test_conditional_log_likelihood_per_test(sampling: str) -> None:
-    """ln p(y_r | y_−r, β, φ) from the oracle's dense covariance, test by test."""
-    campaign = simulated(SAMPLINGS[sampling])
-    bound, oracle = lb.HybridModel.first(1).bind(campaign), oracle_of(campaign, 1)
-    phi, beta = points(bound, 1)
-    covariance, residual = oracle.covariance(phi[0]), oracle.y - oracle.J @ beta[0]
-    edges = np.cumsum([0, *[t.angle.size for t in oracle.tests]])
-    found = bound.log_likelihood_per_test(phi, beta)[0]
-    for r in range(len(oracle.tests)):
-        own = np.arange(edges[r], edges[r + 1])
-        rest = np.setdiff1d(np.arange(residual.size), own)
-        gain = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[np.ix_(rest, own)]).T
-        schur = covariance[np.ix_(own, own)] - gain @ covariance[np.ix_(rest, own)]
-        shift = residual[own] - gain @ residual[rest]
-        value = -0.5 * (shift @ np.linalg.solve(schur, shift) + np.linalg.slogdet(schur)[1] + own.size * np.log(2 * np.pi))
-        assert found[r] == pytest.approx(value, abs=1e-5)
-
-
 def test_leaving_tests_out_keeps_the_campaigns_properties() -> None:
     campaign = simulated(plan(work_deg=40.0))
     bound = lb.HybridModel.first(1).bind(campaign)
@@ -106,13 +87,6 @@ def test_leaving_tests_out_keeps_the_campaigns_properties() -> None:
         assert getattr(rest.setting, name) == getattr(bound.setting, name)
     np.testing.assert_array_equal(rest.setting.compliance_estimate, bound.setting.compliance_estimate)
     np.testing.assert_array_equal(rest.truncation.rows, bound.truncation.rows)
-    phi, beta = points(bound)
-    chain = rest.log_likelihood(phi, beta)
-    for name in ("f520", "f742"):
-        grown = bound.keeping([*rest.test_names, name])
-        chain = chain + grown.log_likelihood_per_test(phi, beta)[:, grown.test_names.index(name)]
-        rest = grown
-    np.testing.assert_allclose(chain, bound.log_likelihood(phi, beta), atol=1e-6)
 
 
 def everything(campaign: Campaign, degree: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -163,11 +137,11 @@ def test_results_do_not_depend_on_the_stack(sampling: str) -> None:
     """One φ alone, and any number of them in several passes."""
     bound = lb.HybridModel.first(1).bind(simulated(SAMPLINGS[sampling]))
     phi, beta = points(bound, 700)
-    together = bound.log_evidence(phi), bound.log_likelihood(phi, beta), bound.log_likelihood_per_test(phi, beta)
+    together = bound.log_evidence(phi), bound.log_likelihood(phi, beta)
     given = bound.given(phi)[1]
     for part in (slice(0, 1), slice(3, 16), slice(500, 700)):
         alone = bound.log_evidence(phi[part]), bound.log_likelihood(phi[part], beta[part])
-        for one, whole in zip((*alone, bound.log_likelihood_per_test(phi[part], beta[part])), together, strict=True):
+        for one, whole in zip(alone, together, strict=True):
             np.testing.assert_allclose(one, whole[part], rtol=1e-12)
         np.testing.assert_allclose(
             bound.given(phi[part])[1].mean / bound.scale, given.mean[part] / bound.scale, rtol=0, atol=1e-11
