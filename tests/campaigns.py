@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,12 +54,6 @@ def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
     """Readings of a plan under plain truths."""
     model = HybridModel.first(0)
     return model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
-
-
-def with_priors(model: HybridModel, priors: dict[str, tuple[float, float]]) -> HybridModel:
-    """Of prior means and sds."""
-    means, sds = ({name: own[k] for name, own in priors.items()} for k in (0, 1))
-    return replace(model, prior=replace(model.prior, means=means, overrides=sds))
 
 
 def tidy(campaign: Campaign, path: Path) -> Path:

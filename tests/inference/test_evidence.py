@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import TRUTH, oracle_of, plan, simulated, with_priors
+from campaigns import TRUTH, oracle_of, plan, simulated
 from oracle import Oracle
 from scipy import stats
 
@@ -66,7 +66,7 @@ def brute_force(oracle: Oracle) -> list[float]:
 def test_to_a_millionth_of_a_nat(campaign: lb.Campaign, priors: dict[str, tuple[float, float]]) -> None:
     oracle = oracle_of(campaign, 0, terms=("length", "mount", "force", "discrepancy"), truncated=True, given_priors=priors)
     for own, expected in zip((SMALL.without("truncation"), SMALL), brute_force(oracle), strict=True):
-        found = lb.log_evidence(with_priors(own, priors), campaign, tolerance=5e-7)
+        found = lb.log_evidence(own.with_prior(priors), campaign, tolerance=5e-7)
         assert found.error < 1e-6
         assert found.log_value == pytest.approx(expected, abs=1e-6, rel=0.0)
 

@@ -11,7 +11,7 @@ import arviz_stats
 import numpy as np
 import pytest
 import xarray as xr
-from campaigns import plan, simulated, with_priors
+from campaigns import plan, simulated
 from collapsed import collapsed
 
 import ldbb_bayes as lb
@@ -262,7 +262,7 @@ PRIORS = {"C_XXX": (4.4e-5, 4e-6), "C_YYY": (5.0e-5, 3e-6), "C_CCY": (-2e-10, 4e
 @pytest.mark.parametrize("sampler", [pytest.param("joint", marks=pytest.mark.slow), "independent"])
 def test_readings_less_what_prior_means_expect(sampler: str) -> None:
     """The posterior with means m of y is that without of y − J m, moved by m: draw by draw."""
-    model = with_priors(MODEL.without("force-error", "truncation"), PRIORS)
+    model = MODEL.without("force-error", "truncation").with_prior(PRIORS)
     plain = replace(model, prior=replace(model.prior, means=dict.fromkeys(PRIORS, 0.0)))
     bound = model.bind(FEW)
     less = tuple(

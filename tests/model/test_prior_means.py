@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import oracle_of, plan, simulated, with_priors
+from campaigns import oracle_of, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -29,7 +29,7 @@ CLOSE = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_conditional_and_evidence_are_the_oracles(degree: int) -> None:
     campaign = simulated(plan((30, 26, 40, 28), arc_deg=250.0, work_deg=20.0))
-    bound = with_priors(lb.HybridModel.first(degree), PRIORS).bind(campaign)
+    bound = lb.HybridModel.first(degree).with_prior(PRIORS).bind(campaign)
     dense = oracle_of(campaign, degree, given_priors=PRIORS)
     np.testing.assert_allclose(bound.prior_mean, dense.mean, rtol=1e-15)
     np.testing.assert_allclose(bound.prior_sd, dense.sd, rtol=1e-12)
@@ -44,37 +44,25 @@ def test_conditional_and_evidence_are_the_oracles(degree: int) -> None:
         assert bound.log_likelihood(phi[None], beta[None])[0] == pytest.approx(dense.log_likelihood(phi, beta), rel=1e-8)
 
 
-def test_log_prior_is_that_of_normals_about_their_means(rng: np.random.Generator) -> None:
-    plain = with_priors(lb.HybridModel.first(1).without("truncation"), PRIORS).bind(plan())
-    beta = plain.prior_mean + rng.normal(size=(6, len(plain.names))) * plain.prior_sd
-    expected = stats.norm.logpdf(beta, plain.prior_mean, plain.prior_sd).sum(axis=1)
-    np.testing.assert_allclose(plain.log_prior(beta), expected, rtol=1e-12)
-    held = with_priors(lb.HybridModel.first(1), PRIORS).bind(plan())
-    inside = held.truncation.holds(beta)
-    np.testing.assert_allclose(held.log_prior(beta)[inside], expected[inside] - held.log_prob_truncation_prior, rtol=1e-12)
-    assert np.all(np.isneginf(held.log_prior(beta)[~inside]))
-    assert np.all(lb.HybridModel.paper(1).bind(plan()).log_prior(beta) == 0.0)
-
-
 def test_probability_of_the_truncation_in_closed_form() -> None:
     """Degree 0: one normal each. Degree 1: C at both ends of force, two correlated normals each."""
-    constant = with_priors(lb.HybridModel.first(0), CLOSE).bind(plan())
+    constant = lb.HybridModel.first(0).with_prior(CLOSE).bind(plan())
     expected = sum(stats.norm.logcdf(mean / sd) for mean, sd in CLOSE.values())
     assert constant.log_prob_truncation_prior == pytest.approx(expected, abs=1e-9)
-    linear = with_priors(lb.HybridModel.first(1), CLOSE).bind(plan())
+    linear = lb.HybridModel.first(1).with_prior(CLOSE).bind(plan())
     usual, total = {"C_XXX": 1e-4, "C_YYY": 1e-4, "C_CCY": 1e-9}, 0.0
     for name, (mean, sd) in CLOSE.items():
         slope = 0.3 * usual[name] / 706.0 * 353.0
         covariance = sd**2 + slope**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         total += stats.multivariate_normal([-mean, -mean], covariance, allow_singular=True).logcdf([0.0, 0.0])
     assert linear.log_prob_truncation_prior == pytest.approx(total, abs=1e-5)
-    certain = with_priors(lb.HybridModel.first(0), {name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()}).bind(plan())
+    certain = lb.HybridModel.first(0).with_prior({name: (20.0 * sd, sd) for name, (_, sd) in CLOSE.items()}).bind(plan())
     assert certain.log_prob_truncation_prior == pytest.approx(3.0 * stats.norm.logcdf(20.0), rel=1e-6, abs=0.0)
 
 
 @pytest.mark.parametrize("truncated", [True, False])
 def test_draws_follow_the_prior(truncated: bool, rng: np.random.Generator) -> None:
-    model = with_priors(lb.HybridModel.first(0), CLOSE)
+    model = lb.HybridModel.first(0).with_prior(CLOSE)
     bound = (model if truncated else model.without("truncation")).bind(plan())
     draws = bound.draw_parameters(4000, rng)
     for name, values in zip(bound.names, draws.T, strict=True):
@@ -87,14 +75,14 @@ def test_slopes_keep_their_scale_beside_a_mean() -> None:
     """An override alone says how large a compliance may be, and its slope with it; beside a mean, how well it is known."""
     model = lb.HybridModel.first(1)
     narrow = replace(model, prior=replace(model.prior, overrides={"C_XXX": 4e-6})).bind(plan())
-    known = with_priors(model, {"C_XXX": (0.0, 4e-6)}).bind(plan())
+    known = model.with_prior({"C_XXX": (0.0, 4e-6)}).bind(plan())
     places = [narrow.names.index(name) for name in ("C_XXX", "C_XXX_1")]
     np.testing.assert_allclose(narrow.prior_sd[places], [4e-6, 0.3 * 4e-6 / 706.0])
     np.testing.assert_allclose(known.prior_sd[places], [4e-6, 0.3 * 1e-4 / 706.0])
 
 
 def test_means_stay_with_the_model() -> None:
-    model = with_priors(lb.HybridModel.first(1), PRIORS)
+    model = lb.HybridModel.first(1).with_prior(PRIORS)
     for other in (model.with_degree(0), model.with_degree(2), model.with_slope_scale(0.5), model.without("truncation", "mount")):
         assert dict(other.prior.means) == MEANS
     assert dict(model.fixing("C_CXY").prior.means) == MEANS | {"C_CXY": 0.0}
@@ -104,7 +92,7 @@ def test_means_stay_with_the_model() -> None:
 
 
 def test_toml_both_ways_and_digests_as_they_were() -> None:
-    model = with_priors(lb.HybridModel.first(1), PRIORS)
+    model = lb.HybridModel.first(1).with_prior(PRIORS)
     text = model_to_toml(model)
     assert "[prior.means]\nC_XXX = 5.1e-05" in text
     assert model_from_toml(text) == model
@@ -123,7 +111,7 @@ def test_toml_both_ways_and_digests_as_they_were() -> None:
 def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
     """A plan's is the prior mean; at one force the readings leave compliance and geometry open between them."""
     priors = {"C_XXX": (5.1e-5, 4e-6), "C_CXY": (-2e-8, 3e-8)}
-    model = with_priors(lb.HybridModel.first(0), priors)
+    model = lb.HybridModel.first(0).with_prior(priors)
     planned = model.bind(plan())
     expected = {"C_XXX": 5.1e-5, "C_XYX": 0.0, "C_YYY": 5e-5, "C_CXY": -2e-8, "C_CYY": 0.0, "C_CCY": 0.0}
     labels = [name.label for name in planned.compliances]
@@ -145,7 +133,7 @@ def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
 
 
 def test_models_that_cannot_be() -> None:
-    model = with_priors(lb.HybridModel.first(1), PRIORS)
+    model = lb.HybridModel.first(1).with_prior(PRIORS)
     with pytest.raises(InputError, match=r"E_YY1 must be fixed at zero or have a prior mean, got both \(-5e-05\)\. Remove one"):
         replace(model, fixed=("E_YY1",))
     with pytest.raises(InputError, match=r"C_XXX must be fixed at zero or have a prior mean, got both"):
@@ -163,7 +151,7 @@ SMALL = plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0))
 
 
 def test_identifiability_compares_with_the_prior_about_its_mean() -> None:
-    model = with_priors(lb.HybridModel.first(1), OTHERS)
+    model = lb.HybridModel.first(1).with_prior(OTHERS)
     planned, measured = lb.identify(model, SMALL), lb.identify(model, simulated(SMALL))
     for found in (planned, measured):
         for name, entry in found.parameters.items():
@@ -178,7 +166,7 @@ def test_identifiability_compares_with_the_prior_about_its_mean() -> None:
 
 
 def test_plans_start_from_the_means() -> None:
-    model = with_priors(lb.HybridModel.first(1), OTHERS)
+    model = lb.HybridModel.first(1).with_prior(OTHERS)
     known = states_before(model, SMALL, 64, 1, augment=False)
     bound = model.bind(SMALL)
     np.testing.assert_array_equal(known.before.mean, np.tile(bound.prior_mean, (len(known.phi), 1)))
@@ -191,7 +179,7 @@ def test_plans_start_from_the_means() -> None:
 
 def test_texts_and_figures_show_mean_and_sd() -> None:
     model, rule = lb.HybridModel.first(0), lb.StoppingRule(ess=100.0)
-    for own in (with_priors(model, OTHERS), model):
+    for own in (model.with_prior(OTHERS), model):
         tree = lb.sample(own, simulated(SMALL), sampler="independent", seed=1, rule=rule)
         meant = own is not model
         table = parameter_table(full_result(tree, 0.95)).frame().to_dict("list")
@@ -206,7 +194,7 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
 @pytest.mark.slow
 def test_calibrated_and_a_missed_mean_is_seen() -> None:
     """Ranks of truths drawn from priors with means: uniform where the same means are believed, at an end where none are."""
-    model = with_priors(lb.HybridModel.first(0).without("mount", "force-error", "bar-length"), OTHERS)
+    model = lb.HybridModel.first(0).without("mount", "force-error", "bar-length").with_prior(OTHERS)
     blind = replace(model, prior=replace(model.prior, means=dict.fromkeys(OTHERS, 0.0)))
     planned = plan((30, 30), forces_N=(100.0, 600.0))
     right = lb.validate(model, planned, replicates=20, draws=19, seed=1)

@@ -69,23 +69,12 @@ def test_units_in_a_model_file() -> None:
     straightness_per_mm = "0.5 mm/m²"
     squareness_rad = "10 arcsec"
     slope_scale = "20 %"
-    [prior.means]
-    C_XXX = "60 nm/N"
-    "E_C(0Y)X" = "-3 µrad"
-    [prior.overrides]
-    C_XXX = "5 µm/kN"
-    C_CCY = "0.5 µrad/(N m)"
-    C_YYY_1 = "20 nm/N per kN"
-    E_XX1 = "50 µm/m"
-    E_YX2 = "300 µm/m²"
-    E_Xt0_2 = "10 µm"
-    [terms.Angle]
-    sd_deg = "0.2 °"
-    [terms.ForceError]
-    gain_sd = "2 %"
-    random_sd_N = "0.003 kN"
-    [terms.Hysteresis]
-    proportional_um_per_kN = "2 nm/N"
+    means = {C_XXX = "60 nm/N", "E_C(0Y)X" = "-3 µrad"}
+    overrides = {C_XXX = "5 µm/kN", C_CCY = "0.5 µrad/(N m)", C_YYY_1 = "20 nm/N per kN", E_YX2 = "300 µm/m²", E_Xt0_2 = "10 µm"}
+    [terms]
+    Angle = {sd_deg = "0.2 °"}
+    ForceError = {gain_sd = "2 %", random_sd_N = "0.003 kN"}
+    Hysteresis = {proportional_um_per_kN = "2 nm/N"}
     """
     prior = lb.Prior(
         tau_um=2.0,
@@ -95,7 +84,7 @@ def test_units_in_a_model_file() -> None:
         squareness_rad=np.deg2rad(10.0 / 3600.0),
         slope_scale=0.2,
         means={"C_XXX": 6e-5, "E_C0YX": -3e-6},
-        overrides={"C_XXX": 5e-6, "C_CCY": 5e-10, "C_YYY_1": 2e-8, "E_XX1": 5e-5, "E_YX2": 3e-7, "E_Xt0_2": 0.01},
+        overrides={"C_XXX": 5e-6, "C_CCY": 5e-10, "C_YYY_1": 2e-8, "E_YX2": 3e-7, "E_Xt0_2": 0.01},
     )
     model = model_from_toml(text)
     assert vars(model.prior) == vars(replace(prior, squareness_rad=model.prior.squareness_rad))

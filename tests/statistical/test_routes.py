@@ -13,9 +13,7 @@ import pytest
 from campaigns import HYPER_UM, TRUTH, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.density import JointDensity, LinearRedraw
-from ldbb_bayes.inference.mcmc import StoppingRule, diagnose, run_ensembles
-from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.mcmc import StoppingRule
 
 PLANS = {
     "circles": plan(),
@@ -68,25 +66,6 @@ def test_simulated_campaigns() -> None:
     assert np.abs(z).max() < 4.5
     assert np.mean(np.abs(z) > 3.0) < 0.01
     assert np.abs(np.concatenate(every_ratio)).max() < 0.04
-
-
-@pytest.mark.slow
-def test_emcee_without_proposals(recovered: lb.Campaign) -> None:
-    """Differential evolution alone: it starts from draws twice as wide as the nodes' and shares only the likelihood with them."""
-    model = lb.HybridModel.first(1)
-    bound, exact = model.bind(recovered), lb.marginals(model, recovered)
-    density = JointDensity(bound)
-    redraw = LinearRedraw(density, HyperPosterior(bound, truncated=True))
-    points, _, log_target = redraw.draw(1024, np.random.RandomState(2), temperature=4.0)
-    starts = points[np.isfinite(log_target)][:384].reshape(4, 96, -1)
-    run = run_ensembles(density, starts, rule=StoppingRule(ess=2500.0), seed=np.random.SeedSequence(2))
-    beta, free = density.split(run.chain)
-    chain = np.concatenate([beta, bound.hyper_prior.phi(free)], axis=2)
-    draws = chain.reshape(-1, chain.shape[2])
-    z = (draws.mean(axis=0) - exact["mean"]) / exact["sd"] * np.sqrt(diagnose(chain)[0])
-    assert run.converged
-    assert np.abs(z).max() < 4.0
-    assert np.abs(draws.std(axis=0) / exact["sd"] - 1.0).max() < 0.06
 
 
 @pytest.fixture(scope="module")
