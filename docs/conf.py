@@ -189,7 +189,7 @@ def api(names: str) -> str:
         module, _, last = f"ldbb_bayes.{name}".rpartition(".")
         what: Any = getattr(import_module(module), last)
         kind = "module" if inspect.ismodule(what) else "class" if inspect.isclass(what) else "function"
-        first = re.split(r"(?<=[.:;])\s|\n\n", f"{inspect.getdoc(what)} ")[0].rstrip(":;").replace("\n", " ").replace("|", "\\|")
+        first = re.split(r"(?<=[.;])\s|\n\n", f"{inspect.getdoc(what)} ")[0].rstrip(":;").replace("\n", " ").replace("|", "\\|")
         same = kind == "class" and what.__name__ != last
         hidden = ["model_config", *getattr(what, "__dataclass_fields__", ())]
         role = "mod" if kind == "module" else "obj"
