@@ -310,27 +310,30 @@ def demo(
     import shutil
 
     from ldbb_bayes.files import check_target, staged_folder
+    from ldbb_bayes.report import wording
     from ldbb_bayes.report.findings import full_result
     from ldbb_bayes.report.text import results_table
 
     check_target(out, force=force, ours=DEMO_FILES)
     source = lb.embedded_campaign()
     campaign = lb.read_campaign(source)
-    fits = {}
-    for name, degree in (("constant", 0), ("linear", 1)):
+    models, fits = {"constant": lb.HybridModel.default(0), "linear": lb.HybridModel.default(1)}, {}
+    for name, model in models.items():
         with options.sampling_progress(quiet, name) as progress:
-            fits[name] = lb.sample(lb.HybridModel.default(degree), campaign, seed=seed, progress=progress)
+            fits[name] = lb.sample(model, campaign, seed=seed, progress=progress)
+    with options.counting_progress(quiet, "models compared") as told:
+        comparison = lb.compare(models, campaign, evidence_only=True, seed=seed, progress=told)
     results = {name: full_result(posterior, 0.95) for name, posterior in fits.items()}
     with staged_folder(out, force=force, ours=DEMO_FILES) as staging:
         shutil.copytree(source, staging / "campaign")
         for name, posterior in fits.items():
             write_result(posterior, results[name], staging / name)
         lb.save_figures(fits["linear"], staging / "figures")
-        document = lb.write_report(fits["linear"], staging / "linear")
+        document = lb.write_report(fits["linear"], staging / "linear", comparison=comparison)
     parts: list[Any] = []
     for name, posterior in fits.items():
         parts += [f"{name.capitalize()} compliance", results_table(results[name], lb.verdicts(posterior))]
-    parts += [document.state, "", f"Report: {out}/linear/report.html"]
+    parts += [wording.comparison_sentences(comparison)[0], document.state, "", f"Report: {out}/linear/report.html"]
     parts.append(f"Files: {out}/campaign, {out}/constant, {out}/linear, {out}/figures (PNG and SVG)")
     Output(as_json=as_json).deliver({"schema": 1, "out": str(out), **results}, tuple(parts))
     if not all(result["sampler"]["converged"] for result in results.values()):

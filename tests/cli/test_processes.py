@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -96,6 +97,7 @@ def test_demo(tmp_path: Path) -> None:
     words = " ".join(done.stdout.split())
     for expected in ("Constant compliance", "Linear compliance", "(k = 2)", "N/µm", "confounded with ball form", "prior-limited"):
         assert expected in words
+    assert re.search(r"ln B\(linear/constant\) = −?\d+\.\d+ \(error 0\.\d+\) averaged over joint load", words)
     assert "CAN BE USED WITH THIS RESERVATION. Not determined by the readings: Squareness of X to Y." in words
     out = tmp_path / "ldbb_demo"
     assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]
