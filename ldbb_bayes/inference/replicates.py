@@ -134,7 +134,7 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     ``arviz.loo`` estimates what `compare` computes. Only the hyper-parameters that circles share must bear a circle's absence,
     which keeps Pareto's k low; where it is above 0.4 all the same, p is raised to a power below one and scaled so that its
     harmonic mean is the exact density. The sum over circles is not ln p of all of them: for the sensitivity to that see
-    `Fit.sensitivity`. InputError for an average over models, flat priors, a single test, or too few draws.
+    ``Fit.sensitivity``. InputError for an average over models, flat priors, a single test, or too few draws.
 
     Parameters
     ----------
