@@ -1,4 +1,4 @@
-"""Results: findings as frozen dataclasses that go to JSON and back, and one table for the terminal, for HTML and for CSV."""
+"""How objects show themselves: findings that go to JSON and back, short reprs, and one table for terminal and HTML."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import html
 import json
 import os
 import re
+import shutil
 import textwrap
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +23,14 @@ from pydantic_core import to_json
 
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import bytes_of
-from ldbb_bayes.units import typeset
+from ldbb_bayes.units import display_unit, typeset
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "Array", "ByClass", "ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Table", "json_text", "read_result",
-    "wrapped",
+    "Array", "ByClass", "ByName", "ByRow", "Finite", "Number", "Numbers", "Records", "Result", "Shown", "Table", "brief",
+    "entries_of", "json_text", "read_result", "readable", "table_of", "wrapped",
 ]  # fmt: skip
 
 T = TypeVar("T")
@@ -73,7 +76,59 @@ else:
     """A table, in JSON a list of its rows, null where a cell is missing."""
 
 
-class Result:
+# Longest repr, longest value and most entries of a collection in one; rows of a table printed whole; narrowest and widest print.
+_LONGEST, _LONGEST_VALUE, _MOST_ENTRIES, _MOST_ROWS, _NARROW, _WIDE = 600, 60, 12, 60, 80, 120
+
+
+def entries_of(thing: Any) -> dict[str, Any]:
+    """Return what an object shows of itself: what its class names in ``shown``, else the fields of a dataclass or pydantic model;
+    nothing of anything else."""
+    own = [one.name for one in fields(thing)] if is_dataclass(thing) else getattr(type(thing), "model_fields", ())
+    return {name: getattr(thing, name) for name in getattr(type(thing), "shown", ()) or own}
+
+
+def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
+    """Return a value on one line: arrays, tables and long collections by their size; of an object what is not empty."""
+    kind = type(value).__name__
+    if getattr(value, "shape", ()):
+        return f"<{kind}, {' × '.join(map(str, value.shape))}>"
+    if isinstance(value, Mapping | Set | tuple | list):
+        whole = repr(value) if len(value) <= _MOST_ENTRIES else ""
+        return whole if 0 < len(whole) <= longest and "array(" not in whole else f"<{len(value)} entries>"
+    if (entries := entries_of(value)) or isinstance(value, Shown):
+        filled = {name: own for name, own in entries.items() if own is not None and (not hasattr(own, "__len__") or len(own))}
+        whole = f"{kind}({', '.join(f'{name}={brief(own)}' for name, own in filled.items())})"
+        return whole if len(whole) <= longest else f"{kind}(…)" if longest < _LONGEST else f"{whole[:longest]}…)"
+    text = f"{value:.6g}" if isinstance(value, float) else repr(value).replace("\n", " ")
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+class Shown:
+    """Base of what users have in hand: a repr of one line; tables and sentences in print and in a notebook."""
+
+    shown: ClassVar[tuple[str, ...]] = ()
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "__repr__" not in vars(cls):  # else a dataclass would write its own
+            cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        return brief(self, _LONGEST)
+
+    def __str__(self) -> str:
+        return str(import_module("ldbb_bayes.report.text").text_of(self, _width()))
+
+    def _repr_html_(self) -> str:
+        return str(import_module("ldbb_bayes.report.text").html_of(self))
+
+
+def _width() -> int:
+    """Of the terminal, 80 where there is none."""
+    return min(max(shutil.get_terminal_size((_NARROW, 24)).columns, _NARROW), _WIDE)
+
+
+class Result(Shown):
     """Base of the frozen dataclasses that analyses return. Numbers, names and enums only: `ldbb_bayes.report.wording` writes the
     sentences, and nothing decides by reading them."""
 
@@ -90,11 +145,12 @@ class Result:
         result: Self = _adapter(cls).validate_python(values)
         return result
 
-    def __str__(self) -> str:
-        return str(import_module("ldbb_bayes.report.text").text_of(self))
 
-    def _repr_html_(self) -> str:
-        return str(import_module("ldbb_bayes.report.text").html_of(self))
+class ByName(Shown, dict[str, T]):
+    """Results by name, shown as one table."""
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} {type(next(iter(self.values()), None)).__name__}>"
 
 
 class ByClass(Generic[T]):
@@ -107,7 +163,7 @@ class ByClass(Generic[T]):
 
     def register(self, function: Callable[[Any], T]) -> Callable[[Any], T]:
         """Take a function for the class that its first argument is annotated with."""
-        self._registered[next(iter(function.__annotations__.values()))] = function
+        self._registered[next(iter(function.__annotations__.values())).partition("[")[0]] = function
         return function
 
     def __call__(self, result: Any) -> T:
@@ -155,12 +211,6 @@ class Table:
         """Return a table whose columns are numbers but for the first and those named in ``text``."""
         numeric = tuple(k > 0 and head not in text for k, head in enumerate(heads))
         return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
-
-    def frame(self) -> pd.DataFrame:
-        """Return the cells as they are, for CSV."""
-        import pandas as pd
-
-        return pd.DataFrame(list(self.rows), columns=list(self.heads))
 
     def shown(self) -> tuple[tuple[str, ...], ...]:
         """Return the rows as they are read."""
@@ -224,6 +274,73 @@ class Table:
         body = "".join(f"<tr>{row_of(tags, row)}</tr>\n" for row in self.shown())
         caption = f"<caption>{html.escape(typeset(self.caption))}</caption>" if self.caption else ""
         return f"<table>{caption}<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table>"
+
+
+# Columns in the unit that their row names.
+_OF_ROW = (
+    "mean", "sd", "median", "ci_low", "ci_high", "prior_mean", "prior_sd", "estimate", "u", "first", "second", "difference",
+    "least_squares", "least_squares_u", "sd_error", "floor_sd", "baseline_sd",
+)  # fmt: skip
+_NAMING = ("parameter", "quantity", "source")  # columns that name a numbered row
+
+
+def readable(frame: pd.DataFrame, caption: str = "", units: Mapping[str, str] | None = None) -> pd.DataFrame:
+    """Return a frame whose print has every column within 80 characters, and that a notebook shows under its caption; ``units`` of
+    columns stand in their heads. What rows have in an inside unit is printed in the one for reading, and kept as it is."""
+    made: pd.DataFrame = _frame_class()(frame)
+    made.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}
+    return made
+
+
+@cache
+def _frame_class() -> type[pd.DataFrame]:
+    import pandas as pd  # commands that show no frame start without it
+
+    class ReadableFrame(pd.DataFrame):
+        """A frame that is shown as a `Table`."""
+
+        __module__, __qualname__ = __name__, "ReadableFrame"
+
+        @property
+        def _constructor(self) -> type[pd.DataFrame]:
+            return ReadableFrame
+
+        def __repr__(self) -> str:
+            return table_of(self).text(_width())
+
+        def _repr_html_(self) -> str:
+            return table_of(self).html()
+
+    return ReadableFrame
+
+
+def __getattr__(name: str) -> Any:
+    """The class of readable frames, for pickle."""
+    if name == "ReadableFrame":
+        return _frame_class()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def table_of(frame: pd.DataFrame) -> Table:
+    """Return a frame as it is read: numbers with the unit of their row, converted; of a long one the first and last rows."""
+    caption, units = frame.attrs.get("caption", ""), frame.attrs.get("units", {})
+    if naming := [name for name in _NAMING if name in frame and frame.index.name is None and frame.index.dtype == int]:
+        frame = frame.set_index(naming[0])
+    heads = [f"{name} ({units[name]})" if units.get(name) else str(name) for name in frame.columns]
+    numeric = [kind.kind in "iufb" for kind in frame.dtypes]
+    cut, rows = len(frame) > _MOST_ROWS, list[tuple[Any, ...]]()
+    for label, *row in (frame.take(np.r_[: _MOST_ROWS // 2, -_MOST_ROWS // 2 : 0]) if cut else frame).itertuples(name=None):
+        factor, unit = 1.0, dict(zip(frame, row, strict=True)).get("unit")
+        with suppress(InputError):
+            factor, unit = display_unit(str(unit))
+        rows.append((" / ".join(map(str, label)) if isinstance(label, tuple) else label,))
+        for name, own in zip(frame, row, strict=True):
+            size = own * factor if isinstance(own, float) and name in _OF_ROW else own
+            rows[-1] += (unit if name == "unit" else None if own != own else size,)
+    if cut:
+        rows.insert(_MOST_ROWS // 2, ("…",) * (len(heads) + 1))
+        caption += f"{', ' * bool(caption)}{len(frame)} rows"
+    return Table(caption, (str(frame.index.name or ""), *heads), (False, *numeric), tuple(rows))
 
 
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:

@@ -12,11 +12,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from reports import fitted
 
 from ldbb_bayes.analysis import candidates
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.page import Document, compose, html_page
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -54,3 +58,10 @@ def compared(recovered: Campaign) -> Comparison:
     record = json.loads((ROOT / "tests" / "goldens" / "compare_recovered.json").read_text(encoding="utf-8"))
     record["campaign"]["sha256"] = recovered.sha256
     return Comparison.from_dict(record)
+
+
+@pytest.fixture(scope="session")
+def published(recovered: Campaign, compared: Comparison) -> tuple[Document, str]:
+    """The page of the recovered experiment."""
+    document = compose(find(fitted(HybridModel.first(1), recovered), comparison=compared))
+    return document, html_page(document)

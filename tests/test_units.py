@@ -51,10 +51,7 @@ def test_what_is_read_is_written_back(unit: str, value: float) -> None:
         assert to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "unit", "expected"),
-    CASES["typed"],
-)
+@pytest.mark.parametrize(("text", "unit", "expected"), CASES["typed"])
 def test_units_as_they_are_typed(text: str, unit: str, expected: float) -> None:
     assert to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
 
@@ -123,10 +120,7 @@ def test_a_result_as_it_is_written(mean: float, sd: float, interval: tuple[float
     assert state(mean, sd, interval, unit) == expected
 
 
-@pytest.mark.parametrize(
-    ("mean", "sd", "interval", "unit", "expected"),
-    CASES["in_a_sentence"],
-)
+@pytest.mark.parametrize(("mean", "sd", "interval", "unit", "expected"), CASES["in_a_sentence"])
 def test_in_a_sentence(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: str) -> None:
     """GUM 7.2.6: the value to the place of the uncertainty given with it."""
     assert plus_minus(mean, sd, interval, unit) == expected
@@ -142,9 +136,6 @@ def test_stiffness() -> None:
     assert stiffness(4.337e-5, (8.7e-6, 1.445e-4)) == "23 [7, 115]"
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    CASES["typeset"],
-)
+@pytest.mark.parametrize(("text", "expected"), CASES["typeset"])
 def test_typeset(text: str, expected: str) -> None:
     assert typeset(text) == expected

@@ -24,7 +24,7 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import draw, sampler_named
 from ldbb_bayes.jobs import Lost, done
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.result import Array, Numbers, Result
+from ldbb_bayes.result import Array, Numbers, Result, readable
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "ecdf", "simultaneous_band", "validate"]
 
@@ -129,7 +129,7 @@ class Validation(Result):
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
             table[f"{100 * prob:g}"] = inside.mean(axis=0)
             table[f"u{100 * prob:g}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)
-        return table
+        return readable(table, "Share of true values inside their intervals")
 
     @model_serializer
     def _all_but_ranks(self) -> dict[str, Any]:

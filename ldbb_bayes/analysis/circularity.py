@@ -16,14 +16,14 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ldbb_bayes.campaign.campaign import CircularTest, distinct_forces
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, parts_of
 from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_terms
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import SIZE, basis, geometric_errors_of, harmonic_index
-from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.result import Array
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.result import Array, readable
 
 __all__ = [
     "BIDIRECTIONAL", "COMPLIANCE", "DRAWS", "GEOMETRY", "MINIMUM_ZONES", "QUANTITIES", "TOGETHER", "Zone", "circularity",
@@ -89,8 +89,12 @@ BIDIRECTIONAL = dict.fromkeys(("G_b", "D"), "µm")
 MINIMUM_ZONES = dict.fromkeys(("G_minimum_zone", "G_b_minimum_zone"), "µm")
 
 
-def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataFrame]:
+def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The same of the readings as they are, balls, bar and mount included.
+
+    Parameters
+    ----------
+    posterior : or the campaign: nothing of a fit enters.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataF
     pairs : DataFrame
         One row per clockwise and counterclockwise test of the same circle: G_b, G_b_minimum_zone, D [µm].
     """
-    bound = bound_of(posterior)
+    bound = HybridModel.first(0).bind(posterior) if isinstance(posterior, Campaign) else bound_of(posterior)
     tests = {test.name: _measured(bound, test) for test in bound.campaign.tests}
     pairs = {}
     for one, other in _pairs(bound.campaign.tests):
@@ -114,7 +118,9 @@ def measured_circularity(posterior: xr.DataTree) -> tuple[pd.DataFrame, pd.DataF
             "D": float(np.mean([least_squares_zone(*trace).mean for trace in traces])),
         }
     columns = ["force_N", "plane", *BIDIRECTIONAL, "G_b_minimum_zone"]
-    return pd.DataFrame.from_dict(tests, orient="index"), pd.DataFrame.from_dict(pairs, orient="index", columns=columns)
+    units = QUANTITIES | BIDIRECTIONAL | MINIMUM_ZONES
+    by_test = readable(pd.DataFrame.from_dict(tests, orient="index"), "The readings as they are", units)
+    return by_test, readable(pd.DataFrame.from_dict(pairs, orient="index", columns=columns), "Both directions", units)
 
 
 def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
@@ -181,7 +187,7 @@ def circularity(
             {**where, "quantity": quantity, "unit": units[quantity], "mean": float(values.mean()), **_spread(values, ci_prob)}
             for quantity, values in found.items()
         ]
-    return pd.DataFrame(rows)
+    return readable(pd.DataFrame(rows), f"The machine's own path, {100 * ci_prob:g} % intervals")
 
 
 def path_draws(
@@ -308,7 +314,9 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
             rows.append({**where, "source": source, **ends, **_spread(np.ptp(path, axis=1), ci_prob)})
     columns = ["maximum", "minimum", "median", "sd", "ci_low", "ci_high"]
     found = pd.DataFrame(rows, columns=["plane", "radius_mm", "force_N", "source", *columns])
-    return found.rename(columns={"median": "peak_to_peak"})
+    units = dict.fromkeys(("maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"), "µm")
+    caption = f"Contributions to the reading, {100 * ci_prob:g} % intervals of the peak-to-peak"
+    return readable(found.rename(columns={"median": "peak_to_peak"}), caption, units)
 
 
 def contribution_paths(bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()) -> Mapping[str, Array]:

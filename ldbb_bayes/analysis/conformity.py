@@ -22,7 +22,7 @@ from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.inference.posterior import ConcernKind, Fit, State, bound_of, curves_of, draws_of
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.result import Array, Result
+from ldbb_bayes.result import Array, ByName, Result, Shown
 from ldbb_bayes.units import inside_name, is_direct, to_inside
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Decision(StrEnum):
 
 
 @dataclass(frozen=True)
-class Tolerance:
+class Tolerance(Shown):
     """What a quantity may be, limits included, in inside units (mm, N, rad); None: no limit on that side."""
 
     lower: float | None = None  #: limit
@@ -185,9 +185,9 @@ def conformity(
     force = bound.setting.reference_force_N if force_N is None else float(force_N)
     check_force(bound.campaign, force_N)
     if not read:
-        return {}
+        return ByName()
     draws = dict(_draws(posterior, bound, read, force))
-    return {name: _decided(known[name].unit, own, read[name], confidence, at) for name, (own, at) in draws.items()}
+    return ByName({name: _decided(known[name].unit, own, read[name], confidence, at) for name, (own, at) in draws.items()})
 
 
 def _draws(

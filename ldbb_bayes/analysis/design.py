@@ -20,7 +20,7 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Drift, Hysteresis
-from ldbb_bayes.result import Records, Result, read_result
+from ldbb_bayes.result import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
@@ -140,7 +140,7 @@ class Design(Forecast):
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
         frame.insert(0, "parameter", list(self.expected))
-        return frame.assign(baseline_sd=[self.baseline[name].sd for name in self.expected])
+        return readable(frame.assign(baseline_sd=[self.baseline[name].sd for name in self.expected]), "Expected sd")
 
     def __repr__(self) -> str:
         return f"Design of {self.table['count'].sum()} tests, efficiency {self.efficiency:.3f} by criterion {self.criterion}"

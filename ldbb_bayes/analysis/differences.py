@@ -23,7 +23,7 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, information_of
 from ldbb_bayes.model.likelihood import Information
 from ldbb_bayes.model.terms import Columns, Term
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, readable
 from ldbb_bayes.units import ranked
 
 __all__ = ["differences"]
@@ -163,7 +163,7 @@ def differences(
         index=names,
     )
     table.attrs["conflict"] = conflict
-    return table
+    return readable(table, f"Second less first, {100 * ci_prob:g} % intervals")
 
 
 def _check(one: BoundModel, two: BoundModel, name: str) -> None:

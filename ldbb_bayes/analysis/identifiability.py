@@ -43,7 +43,7 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.likelihood import NOISE, Information
 from ldbb_bayes.model.prior import compliance_unit, geometric_unit
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
-from ldbb_bayes.result import Array, ByRow, Finite, Number, Result
+from ldbb_bayes.result import Array, ByName, ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked
 
 if TYPE_CHECKING:
@@ -462,7 +462,7 @@ def budgets(posterior: xr.DataTree) -> dict[str, Budget]:
     shares = information.shares(covariance)
     known = {term: information.variances([term]) for term in information.terms}
     value = dict(zip(bound.hyper_prior.names, phi.mean(axis=0).tolist(), strict=True))
-    found = {}
+    found = ByName[Budget]()
     for i, parameter in enumerate(bound.parameters):
         u = float(np.sqrt(covariance[i, i]) * scale[i])
         lines, rest = [], dict[str, float]()

@@ -24,7 +24,7 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
 from ldbb_bayes.model.gaussian import holm
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, readable
 
 __all__ = ["FALSE_ALARMS", "Outlier", "belonging", "outliers"]
 
@@ -89,7 +89,7 @@ def belonging(
         own = judged[test.name]
         seen = {"force_N": test.force_N, "p_value": own.p_value, "family_wise_p_value": own.family_wise_p_value, "flag": own.flag}
         rows[test.name] = seen | {f"order_{n}": p for n, p in enumerate(own.order_p_values)}
-    return pd.DataFrame.from_dict(rows, orient="index")
+    return readable(pd.DataFrame.from_dict(rows, orient="index"), "Which tests do not belong")
 
 
 def outliers(

@@ -32,7 +32,7 @@ from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.model.terms import CircleScale, Discrepancy, SetupShift, Term
-from ldbb_bayes.result import Array, Finite, Numbers
+from ldbb_bayes.result import Array, Finite, Numbers, readable
 from ldbb_bayes.units import ranked
 
 __all__ = [
@@ -313,7 +313,7 @@ def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95,
             "ci_high": high,
         }
         tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True)
+    return readable(pd.concat(tables, ignore_index=True), f"Fits of neighbouring forces, {100 * ci_prob:g} % intervals")
 
 
 def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:

@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import refusing
 from ldbb_bayes.machine.chain import Circle, Machine
-from ldbb_bayes.result import Array, Table
+from ldbb_bayes.result import Array, Shown
 
 __all__ = [
     "LABELS", "PER_TEST", "Ball", "Campaign", "CampaignFields", "CircularTest", "Direction", "ForceLaw", "Instrument",
@@ -75,7 +75,7 @@ Date = Annotated[str, BeforeValidator(_iso)]
 
 @refusing("force law ([force])")
 @dataclass(frozen=True, config=_STRICT)
-class ForceLaw:
+class ForceLaw(Shown):
     """F = slope · P + offset: what the regulator pressure does to the force (default: the paper's bar)."""
 
     slope_N_per_bar: Positive = 126.04  #: force per pressure
@@ -92,7 +92,7 @@ class ForceLaw:
 
 @refusing("mount ([mount])")
 @dataclass(frozen=True, config=_STRICT)
-class MountCompensation:
+class MountCompensation(Shown):
     """Deflection of the work ball's mount per bar (Eq. 32) and whether the readings are already free of it."""
 
     deflection_um_per_bar: Annotated[Number, Field(ge=0.0)] = 2.33  #: nominal
@@ -101,7 +101,7 @@ class MountCompensation:
 
 @refusing("ball")
 @dataclass(frozen=True, config=_STRICT)
-class Ball:
+class Ball(Shown):
     """What a certificate, or a grade (ISO 3290), says of a ball's form: deviation from sphericity, peak to valley; harmonics
     a cos n(θ − phase) in the ball's own angle, as (n, a [µm], phase [deg]), with the expanded uncertainty (k = 2) of each
     coefficient.
@@ -130,7 +130,7 @@ class Ball:
 
 @refusing("instrument")
 @dataclass(frozen=True, config=_STRICT)
-class Instrument:
+class Instrument(Shown):
     """What certificates say of balls, bar, mount, force and angle; U: expanded uncertainties (k = 2). None: the model's."""
 
     work: Ball = field(default_factory=Ball)  #: ball
@@ -158,7 +158,7 @@ class Instrument:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TestFields:
+class TestFields(Shown):
     """What a program, campaign.toml or a layout says of a test beside its readings; None: not stated."""
 
     __test__ = False
@@ -305,7 +305,7 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class CampaignFields:
+class CampaignFields(Shown):
     """What a program or campaign.toml says of a campaign beside its tests."""
 
     topology: str = "wCAFYXZSt"  #: joints from workpiece to tool
@@ -418,15 +418,10 @@ class Campaign(CampaignFields):
         """The same campaign without readings."""
         return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
 
-    def _repr_html_(self) -> str:
-        shown = {"test": "name", "force (N)": "force_N", "pressure (bar)": "pressure_bar", "arc (°)": "arc_deg"}
-        shown |= {"direction": "direction", "plane": "plane", "radius (mm)": "radius_mm"}
-        shown |= {"work ball (°)": "work_ball_deg", "tool ball (°)": "tool_ball_deg"}
-        rows = [[*(getattr(own, key) for key in shown.values()), len(own.angle_deg)] for own in self.tests]
-        text = ["plane", *(["direction"] if any(own.direction for own in self.tests) else [])]
-        kind = "Plan" if self.is_plan else "Campaign"
-        caption = f"{kind} {self.name}: {self.topology}, plane {self.machine().plane}, R = {self.radius_mm:g} mm"
-        return Table.of(caption, [*shown, "readings"], rows, text=text).html()
+    def __repr__(self) -> str:
+        kind, planes = "Plan" if self.is_plan else "Campaign", self.machine().plane
+        size = f"{len(self.tests)} tests, {self.forces_N.min():.4g} to {self.forces_N.max():.4g} N, {self.readings} readings"
+        return f"<{kind} {self.name[:200]}: {self.topology}, plane {planes}, R = {self.radius_mm:g} mm; {size}>"
 
     @cached_property
     def sha256(self) -> str:

@@ -18,6 +18,7 @@ from xml.parsers import expat
 from ldbb_bayes.campaign.layout import WORDS
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.files import bytes_of
+from ldbb_bayes.result import Shown
 
 __all__ = ["CalibrationCertificate", "CertifiedQuantity", "read_dcc"]
 
@@ -70,7 +71,7 @@ class CertifiedQuantity:
 
 
 @dataclass(frozen=True)
-class CalibrationCertificate:
+class CalibrationCertificate(Shown):
     """The numbers of a digital calibration certificate and its identifier. What it says of an instrument comes with the keys that
     campaign.toml has for it; `InputError` where it says nothing of the kind."""
 

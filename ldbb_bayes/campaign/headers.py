@@ -141,8 +141,7 @@ def _pattern(words: str) -> re.Pattern[str]:
     unit = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
     rest = r"\s*(?P<cell>[;|,\t]?)\s*(?P<after>[^\s;,|()\[\]]*)"
     return re.compile(
-        rf"\b{words}\b{_BETWEEN}{{0,4}}(?:{unit}{_BETWEEN}{{0,4}})?(?P<number>{_NUMBER}){_WHOLE}(?!'){rest}",
-        re.IGNORECASE,
+        rf"\b{words}\b{_BETWEEN}{{0,4}}(?:{unit}{_BETWEEN}{{0,4}})?(?P<number>{_NUMBER}){_WHOLE}(?!'){rest}", re.IGNORECASE
     )
 
 

@@ -17,6 +17,7 @@ from pydantic.dataclasses import dataclass
 from ldbb_bayes.campaign.campaign import Number, TestFields
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.files import read_toml, validated
+from ldbb_bayes.result import Shown
 
 __all__ = [
     "ROLES", "UNITS", "WORDS", "Assumption", "Layout", "Notes", "TestLayout", "layout_to_toml", "plain", "read_layout",
@@ -76,7 +77,7 @@ def _sign(separator: str) -> str:
 _Column = str | int | list[str | int]
 
 
-class Layout(BaseModel, extra="forbid", allow_inf_nan=False):
+class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     """How tables are read. None: found out from each file, and said."""
 
     schema_: Literal[1] = Field(default=1, alias="schema")

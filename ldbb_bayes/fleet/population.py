@@ -51,7 +51,7 @@ from ldbb_bayes.model.gaussian import Gaussian, eliminate, holm, mixture_moments
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, nuisance_words, population_doubts, population_sentences, with_words
-from ldbb_bayes.result import Array, Result, Table, json_text, read_result
+from ldbb_bayes.result import Array, Result, Shown, Table, json_text, read_result, readable
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "PopulationPrior", "digest_of", "pool", "population", "prior_from"]
@@ -222,7 +222,7 @@ class Population(Result):
                 numbers = (one.mean, one.sd, *one.interval, by_itself.mean, by_itself.sd, own.z.get(parameter))
                 heads = ("mean", "sd", "ci_low", "ci_high", "alone_mean", "alone_sd", "z")
                 rows[name] |= {f"{parameter}.{head}": value for head, value in zip(heads, numbers, strict=True)}
-        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("machine")
+        return readable(pd.DataFrame.from_dict(rows, orient="index").rename_axis("machine"))
 
 
 @with_words.register
@@ -425,7 +425,7 @@ _SAME_FORCE = 1e-9
 
 
 @dataclass(frozen=True)
-class PopulationPrior:
+class PopulationPrior(Shown):
     """What a population of machines says of the next one: C ~ N(mean, sd²) at the population's reference force.
 
     Compliances alone, in inside units (mm, N, rad): their slopes and the geometric errors keep the model's own priors.

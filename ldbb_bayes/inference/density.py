@@ -17,7 +17,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
@@ -40,7 +40,7 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LogDensity:
+class LogDensity(Shown):
     """ln p(x, y) of a model and a campaign at x = (β, φ): parameters, then hyper-parameters; all nuisances integrated out.
 
     A point has shape (d,), a stack of points (n, d); densities are then a number, or of shape (n,). Logarithms are natural and
@@ -48,6 +48,7 @@ class LogDensity:
     """
 
     bound: BoundModel  #: the model of the campaign
+    shown = ("names", "units", "bounds", "bound")
 
     @property
     def names(self) -> tuple[str, ...]:

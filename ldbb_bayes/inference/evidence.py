@@ -24,7 +24,7 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms import Hyper
 from ldbb_bayes.model.truncation import Orthant
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, Shown, readable
 
 __all__ = [
     "Evidences", "check_comparable", "leave_one_out", "log_bayes_factor", "log_evidence", "log_prob_truncation", "marginals",
@@ -120,16 +120,18 @@ def marginals(
     names = [*bound.names, *bound.hyper_prior.names]
     table = pd.DataFrame(np.hstack([of_beta, of_phi]).T, names, ["mean", "sd", "median", "ci_low", "ci_high"])
     table.insert(0, "unit", [*(parameter.unit for parameter in bound.parameters), *bound.hyper_prior.units])
-    return table
+    return readable(table, f"Marginals by quadrature, {100 * ci_prob:g} % intervals")
 
 
 def _silent() -> None:
     """Nobody is told; unlike a lambda it goes to other processes."""
 
 
-class Evidences:
+class Evidences(Shown):
     """Nodes and evidences of the models of one campaign, or of the tests to ``keep`` of it, each with this error [nat];
     ``progress`` is called after each."""
+
+    shown = ("campaign", "tolerance", "every")
 
     def __init__(
         self,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, Shown
 
 __all__ = ["Assessment", "EnsembleRun", "Progress", "Redraw", "StoppingRule", "assess", "diagnose", "run_ensembles"]
 
@@ -25,7 +25,7 @@ _TAILS, _ROUNDING = (0.05, 0.95), 1e-15
 
 
 @dataclass(frozen=True)
-class StoppingRule:
+class StoppingRule(Shown):
     """When to stop: every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or ``max_steps`` are spent."""
 
     ess: float = 1000.0

@@ -36,7 +36,7 @@ from ldbb_bayes.inference.predictive import (
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
-from ldbb_bayes.result import Array, Finite, Result
+from ldbb_bayes.result import Array, Finite, Result, readable
 from ldbb_bayes.units import display_unit, ranked
 
 if TYPE_CHECKING:
@@ -432,7 +432,7 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
         rows[str(key)] = {"unit": variable.attrs.get("unit", "")} | numbers_of(own, ci_prob) | prior | diagnostics
     table = pd.DataFrame.from_dict(rows, orient="index")
     table.attrs["fit"] = fit_of(posterior)
-    return table
+    return readable(table, f"Posterior, {100 * ci_prob:g} % intervals")
 
 
 def result_json(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> dict[str, Any]:
@@ -506,4 +506,4 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
         means[at], variances[at] = given.mean, given.sd**2
     table.insert(2, "mean", means.mean(axis=0))
     table.insert(3, "sd", np.sqrt(variances.mean(axis=0) + means.var(axis=0)))
-    return table
+    return readable(table, "Other effects of the instrument and the set-up")

@@ -26,7 +26,7 @@ from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.terms import BasisNoise, Columns, JointLoad
-from ldbb_bayes.result import Array, ByRow, Numbers, Result
+from ldbb_bayes.result import Array, ByRow, Numbers, Result, readable
 from ldbb_bayes.units import ranked
 
 __all__ = [
@@ -431,7 +431,7 @@ def least_squares(
     table = pd.DataFrame({"unit": units, "estimate": bound.centre, "u": _uncertainty(bound, quality)}, index=list(bound.names))
     if table["u"].isna().any():
         table["estimate"] = np.nan
-    return LeastSquares(table, quality, readings)
+    return LeastSquares(readable(table, "Least squares"), quality, readings)
 
 
 def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, Shown, readable
 from ldbb_bayes.units import inside_name
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ PLANES: Mapping[str, Axes] = {"XY": Axes("X", "Y", "C"), "YZ": Axes("Y", "Z", "A
 
 
 @dataclass(frozen=True)
-class Circle:
+class Circle(Shown):
     """The nominal circle of a test: the tool ball runs at distance ``radius_mm`` around the work ball."""
 
     radius_mm: float = 150.0
@@ -93,7 +93,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Machine:
+class Machine(Shown):
     """A serial machine tool and the planes it is tested in."""
 
     topology: str = "wCAFYXZSt"  #: joints from workpiece to tool
@@ -580,7 +580,7 @@ def hybrid_jacobian(
     }
     geometric = geometric_jacobian(machine, circle, angle).T
     columns |= {name.label: own for name, own in zip(geometric_names(machine), geometric, strict=True)}
-    return pd.DataFrame(columns)
+    return readable(pd.DataFrame(columns))
 
 
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
@@ -591,4 +591,4 @@ def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame
     angle = np.asarray(angle_rad, dtype=float)
     names = [*(name.label for name in wrench_names(machine)), *(name.label for name in geometric_names(machine))]
     values = np.hstack([wrench_jacobian(machine, circle, angle), geometric_jacobian(machine, circle, angle)])
-    return pd.DataFrame(values, columns=names)
+    return readable(pd.DataFrame(values, columns=names))

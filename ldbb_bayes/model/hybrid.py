@@ -22,7 +22,7 @@ from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterCondit
 from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit, parameter_to_inside
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, ForceError, JointLoad, Mount, Scale, Term, first_edition
 from ldbb_bayes.model.truncation import Orthant, Truncation
-from ldbb_bayes.result import Array, Result
+from ldbb_bayes.result import Array, Result, Shown
 from ldbb_bayes.units import inside_name
 
 __all__ = ["BoundModel", "HybridModel", "Parameter", "Preset", "Simulation", "information_of", "informations_of"]
@@ -296,7 +296,7 @@ def _rivals_slopes(part: Columns | BasisNoise) -> bool:
     return isinstance(part, Columns) and part.names[0].startswith(tuple(stem for *_, stem in _RIVALS.values()))
 
 
-class BoundModel:
+class BoundModel(Shown):
     """The model of one campaign.
 
     Parameters
@@ -314,6 +314,8 @@ class BoundModel:
     physical, truncation : Truncation
         The region of physical compliances, C(F) ≥ 0; the same where the prior imposes it, else the whole space.
     """
+
+    shown = ("model", "campaign", "test_names", "names", "setting")
 
     def __init__(
         self, model: HybridModel, campaign: Campaign, *, keep: Sequence[str] | None = None, pilot: Campaign | None = None

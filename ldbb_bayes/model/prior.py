@@ -16,7 +16,7 @@ from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit
 from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import ComplianceKind, ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import Hyper, Law, Scale
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, Shown
 from ldbb_bayes.units import inside_name, setting_to_inside, to_inside
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
@@ -75,7 +75,7 @@ def degree_of(parameter: str) -> int:
 
 
 @dataclass(frozen=True)
-class Prior:
+class Prior(Shown):
     """Gaussian priors of the parameters of interest, zero-mean unless ``means`` says otherwise; half-normal priors of the
     hyper-parameters.
 

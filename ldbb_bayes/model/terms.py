@@ -20,7 +20,7 @@ from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, WAYS, Setting, derivative
-from ldbb_bayes.result import Array, Result
+from ldbb_bayes.result import Array, Result, Shown
 
 __all__ = [
     "FORM_ORDER", "NOISE", "OWN", "Angle", "BallForm", "BarLength", "BasisNoise", "CircleScale", "Columns", "Covariate",
@@ -77,7 +77,7 @@ class Unit(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class Columns(Shown):
     """Columns of one term with their Gaussian prior, p coefficients."""
 
     names: tuple[str, ...]  #: they begin with the term's ``stem``
@@ -126,7 +126,7 @@ class Columns:
 
 
 @dataclass(frozen=True, eq=False)
-class BasisNoise:
+class BasisNoise(Shown):
     """Independent coefficients on the basis itself, separate for every test: sd = hyper · λ · ``sd`` (25,); ``circle`` (tests,):
     the name of each test's λ, empty for none."""
 
@@ -184,7 +184,7 @@ def _assumed(campaign: Campaign, name: str, certificate: str, sd: float, value: 
     return Uncertainty(name, value, sd, Term.owner(name).unit_of(name).inside, certificate, stated)
 
 
-class Term:
+class Term(Shown):
     """A nuisance of the readings. Derive a frozen dataclass to have one of your own in fits, results, designs and model files.
 
     Its fields are its settings, positive numbers or strings, and its keys under ``[terms]`` of a model file; its class name is
@@ -212,6 +212,7 @@ class Term:
     on_demand: ClassVar[bool]  #: models have it only when asked to; so they have terms of your own
 
     def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
         other = Term.kinds.get(cls.__name__)
         if other is not None and other.__module__ != cls.__module__:
             raise InputError(f"a term must have a name of its own, got {cls.__name__}, which {other.__module__} has. Rename it.")

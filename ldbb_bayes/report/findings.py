@@ -160,10 +160,7 @@ def find(
 ) -> Findings:
     """Return what a report shows of a fit, after a look whether what is brought is of the same readings; as `write_report`."""
     digest = campaign_of(posterior).sha256
-    for what, own in (
-        ("comparison", getattr(comparison, "campaign", None)),
-        ("design", getattr(recommended, "pilot", None)),
-    ):
+    for what, own in (("comparison", getattr(comparison, "campaign", None)), ("design", getattr(recommended, "pilot", None))):
         if own is not None and own.sha256 != digest:
             got = f"got one of {own.name!r} (SHA-256 {own.sha256[:12]}… instead of {digest[:12]}…)"
             raise InputError(f"{what} must be of the readings of the fit, {got}. Make the {what} again.")

@@ -20,7 +20,7 @@ import xarray as xr
 from markupsafe import Markup
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, MINIMUM_ZONES, QUANTITIES, contributions, measured_circularity
+from ldbb_bayes.analysis.circularity import contributions, measured_circularity
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.conformity import check_force
 from ldbb_bayes.analysis.design import Design
@@ -169,10 +169,8 @@ def _budget_lines(found: Findings) -> pd.DataFrame:
 
 def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
     """Columns that stand for a quantity carry its unit in their names."""
-    units = {"µm": "_um", "µm/m": "_um_per_m"}
-    named = {name: f"{name}{units[unit]}" for name, unit in (QUANTITIES | BIDIRECTIONAL | MINIMUM_ZONES).items()}
-    sizes = ("maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high")
-    return frame.rename(columns=named | {name: f"{name}_um" for name in sizes})
+    ends = {"µm": "_um", "µm/m": "_um_per_m"}
+    return frame.rename(columns={name: f"{name}{ends[unit]}" for name, unit in frame.attrs["units"].items()})
 
 
 _NAMES = (

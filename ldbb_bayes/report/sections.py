@@ -21,12 +21,11 @@ from ldbb_bayes.analysis.aliases import cures, degeneracies, standing_degeneraci
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squareness_name
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.identifiability import Budget, Contribution, describe
+from ldbb_bayes.analysis.identifiability import describe
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.report import figures, wording
 from ldbb_bayes.report.findings import Findings, further_remarks
 from ldbb_bayes.report.text import Passage, comparison_parts, nuisance_table, parameter_table, parts_of, results_table, two_digits
-from ldbb_bayes.report.wording import nuisance_words, source_words, unit_words
 from ldbb_bayes.result import Table
 from ldbb_bayes.units import display_name, display_unit, ranked, round_like, round_uncertainty, state
 
@@ -150,57 +149,14 @@ def degree(found: Findings) -> Iterator[Part]:
         yield picture("compliance_with_local_fits", compared)
 
 
-_SMALL, _RUNNERS = 0.005, 0.05
-
-
 def uncertainty(found: Findings) -> Iterator[Part]:
     """What each uncertainty is made of, and what would improve it most."""
-    rows, details = [], []
+    yield wording.PAGE["budget"]
+    yield from parts_of(found.budgets)
+    yield picture("budget", found.budgets)
     for name, budget in found.budgets.items():
         factor, unit = display_unit(budget.unit)
-        shares = {line.term: budget.share(line.term) for line in budget.contributions}
-        heavy = ranked([item for item in shares.items() if item[1] >= _RUNNERS], lambda item: item[1])[:3]
-        largest = ", ".join(f"{source_words(term)} {100 * share:.0f} %" for term, share in heavy)
-        u, remedy = two_digits(budget.u, factor), wording.remedy_words(budget)
-        rows.append((display_name(name), u, unit, largest, remedy, two_digits(budget.u_if_known, factor)))
-        details.append(Details(f"{display_name(name)}: u = {u} {unit}", (_budget(budget, factor, unit),)))
-    heads = ("parameter", "u", "unit", "largest sources", "what would improve it most", "u then")
-    yield wording.PAGE["budget"]
-    yield Table.of("What limits every parameter", heads, rows, text=heads[2:5])
-    yield picture("budget", found.budgets)
-    yield from details
-
-
-def _budget(budget: Budget, factor: float, unit: str) -> Table:
-    small = sum(line.share for line in budget.contributions if line.share < _SMALL)
-    rows: list[tuple[str, ...]] = []
-    for line in budget.contributions:
-        if line.share >= _SMALL:
-            one, one_unit = _size_of_one(line)
-            own = ("", "") if line.u is None else (two_digits(line.u * one), one_unit)
-            sensitivity = "" if line.sensitivity is None else two_digits(line.sensitivity * factor / one)
-            share = f"{100 * line.share:.1f} %"
-            rows.append((_source(line), line.kind, *own, sensitivity, two_digits(line.contribution * factor), share))
-    if abs(small) >= 5e-4:
-        contribution = two_digits(max(small, 0.0) ** 0.5 * budget.u * factor)
-        rows.append(("all smaller ones", "", "", "", "", contribution, f"{100 * small:.1f} %"))
-    rows.append(("together", "", "", "", "", two_digits(budget.u * factor), "100.0 %"))
-    heads = ("source", "type", "its u", "its unit", f"sensitivity ({unit} per its unit)", f"contribution ({unit})", "share")
-    return Table.of(f"Budget of {display_name(budget.parameter)}", heads, rows, text=("type", "its unit"))
-
-
-def _source(line: Contribution) -> str:
-    if line.source.startswith("other "):
-        return f"other {source_words(line.term)}"
-    return source_words(line.term) if line.source == line.term else nuisance_words(line.source)
-
-
-def _size_of_one(line: Contribution) -> tuple[float, str]:
-    """Factor and label that the source's own uncertainty is read in."""
-    if line.source == line.term:
-        return (1.0, "N") if line.unit == "N" else (1e3, "µm")
-    one, label = unit_words(line.source)
-    return 1.0 / one, label
+        yield Details(f"{display_name(name)}: u = {two_digits(budget.u, factor)} {unit}", parts_of(budget))
 
 
 _MOST_FORCES = 12

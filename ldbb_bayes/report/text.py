@@ -11,11 +11,12 @@ import numpy as np
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import IN_FORCE
-from ldbb_bayes.result import ByClass, Result, Table, wrapped
+from ldbb_bayes.result import ByClass, ByName, Table, brief, entries_of, wrapped
 from ldbb_bayes.units import (
     display_name,
     display_unit,
     is_direct,
+    ranked,
     round_like,
     round_uncertainty,
     state,
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.design import Design
-    from ldbb_bayes.analysis.identifiability import DescribedMachine, Identifiability, ParameterIdentifiability, Seen
+    from ldbb_bayes.analysis.identifiability import Budget, DescribedMachine, Identifiability, ParameterIdentifiability, Seen
+    from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.campaign.importing import Imported
     from ldbb_bayes.campaign.preview import CampaignPreview
     from ldbb_bayes.inference.posterior import Fit
@@ -47,8 +49,10 @@ Passage: TypeAlias = Table | str | tuple[str, ...]
 
 def _as_it_is(result: Any) -> tuple[Passage, ...]:
     """Return a result as tables, sentences and lists, in the order they are read. Every room registers a function for each of its
-    kinds of result (``@parts_of.register``), which takes its sentences from `ldbb_bayes.report.wording`."""
-    return (repr(result),)
+    kinds of result (``@parts_of.register``), which takes its sentences from `ldbb_bayes.report.wording`; else it is what
+    `ldbb_bayes.result.entries_of` says."""
+    rows = [(name, brief(value, 200)) for name, value in entries_of(result).items()]
+    return (Table.of(type(result).__name__, ("field", "value"), rows or [("none", "")], text=("value",)),)
 
 
 parts_of = ByClass(_as_it_is)
@@ -66,12 +70,12 @@ def lines_of(parts: Iterable[Passage], width: int = 120) -> str:
     return "\n".join(lines)
 
 
-def text_of(result: Result, width: int = 120) -> str:
+def text_of(result: Any, width: int = 120) -> str:
     """Return a result for a terminal or a log."""
     return lines_of(parts_of(result), width)
 
 
-def html_of(result: Result) -> str:
+def html_of(result: Any) -> str:
     """Return a result for a notebook; everything is escaped."""
     parts = [(part,) if isinstance(part, str) else part for part in parts_of(result)]
     return "".join(
@@ -99,6 +103,17 @@ _PLACES = {
     "radius_mm": ("R (mm)", "{:g}"),
     "centre_mm": ("centre (mm)", "({0[0]:g}, {0[1]:g}, {0[2]:g})"),
 }
+
+
+@parts_of.register
+def _(campaign: Campaign) -> tuple[Passage, ...]:
+    """With a row per test, and what is not known of any left out."""
+    shown = {"test": "name", "force (N)": "force_N", "pressure (bar)": "pressure_bar", "arc (°)": "arc_deg"}
+    shown |= {"direction": "direction", "plane": "plane", "radius (mm)": "radius_mm"}
+    shown |= {"work ball (°)": "work_ball_deg", "tool ball (°)": "tool_ball_deg"}
+    rows = [[*(getattr(own, key) for key in shown.values()), len(own.angle_deg)] for own in campaign.tests]
+    text = ["plane", *(["direction"] if any(own.direction for own in campaign.tests) else [])]
+    return (Table.of(repr(campaign)[1:-1], [*shown, "readings"], rows, text=text),)
 
 
 @parts_of.register
@@ -334,6 +349,60 @@ def _(validation: Validation) -> tuple[Passage, ...]:
     errors = wording.joined([f"{100 * coverage['u' + p].iloc[0]:.1f} %" for p in claimed])
     uncertain = f"Standard uncertainty of these shares, from the number of replicates: {errors}."
     return (Table.of("", heads, rows, text=("ranks",)), uncertain, wording.validation_verdict(validation))
+
+
+_SMALL, _RUNNERS = 0.005, 0.05
+
+
+@parts_of.register
+def _(found: ByName[Any]) -> tuple[Passage, ...]:
+    """Conformities; or of budgets what limits every parameter, what would improve it most, and u then."""
+    if not all(type(own).__name__ == "Budget" for own in found.values()):
+        return (conformity_table({name: own.as_dict() for name, own in found.items()}),)
+    rows = []
+    for name, budget in found.items():
+        factor, unit = display_unit(budget.unit)
+        shares = {line.term: budget.share(line.term) for line in budget.contributions}
+        heavy = ranked([item for item in shares.items() if item[1] >= _RUNNERS], lambda item: item[1])[:3]
+        largest = ", ".join(f"{wording.source_words(term)} {100 * share:.0f} %" for term, share in heavy)
+        u, then = (two_digits(size, factor) for size in (budget.u, budget.u_if_known))
+        rows.append((display_name(name), u, unit, largest, wording.remedy_words(budget), then))
+    heads = ("parameter", "u", "unit", "largest sources", "what would improve it most", "u then")
+    return (Table.of("What limits every parameter", heads, rows, text=heads[2:5]),)
+
+
+@parts_of.register
+def _(budget: Budget) -> tuple[Passage, ...]:
+    factor, unit = display_unit(budget.unit)
+    small = sum(line.share for line in budget.contributions if line.share < _SMALL)
+    rows: list[tuple[str, ...]] = []
+    for line in budget.contributions:
+        if line.share >= _SMALL:
+            one, one_unit = _size_of_one(line)
+            own = ("", "") if line.u is None else (two_digits(line.u * one), one_unit)
+            sensitivity = "" if line.sensitivity is None else two_digits(line.sensitivity * factor / one)
+            share = f"{100 * line.share:.1f} %"
+            rows.append((_source(line), line.kind, *own, sensitivity, two_digits(line.contribution * factor), share))
+    if abs(small) >= 5e-4:
+        contribution = two_digits(max(small, 0.0) ** 0.5 * budget.u * factor)
+        rows.append(("all smaller ones", "", "", "", "", contribution, f"{100 * small:.1f} %"))
+    rows.append(("together", "", "", "", "", two_digits(budget.u * factor), "100.0 %"))
+    heads = ("source", "type", "its u", "its unit", f"sensitivity ({unit} per its unit)", f"contribution ({unit})", "share")
+    return (Table.of(f"Budget of {display_name(budget.parameter)}", heads, rows, text=("type", "its unit")),)
+
+
+def _source(line: Any) -> str:
+    if line.source.startswith("other "):
+        return f"other {wording.source_words(line.term)}"
+    return wording.source_words(line.term) if line.source == line.term else wording.nuisance_words(line.source)
+
+
+def _size_of_one(line: Any) -> tuple[float, str]:
+    """Factor and label that the source's own uncertainty is read in."""
+    if line.source == line.term:
+        return (1.0, "N") if line.unit == "N" else (1e3, "µm")
+    one, label = wording.unit_words(line.source)
+    return 1.0 / one, label
 
 
 # ---- comparison

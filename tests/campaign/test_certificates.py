@@ -95,10 +95,7 @@ def test_what_is_no_certificate_is_refused(content: bytes, message: str, tmp_pat
         lb.read_dcc(tmp_path / "a.xml")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "kind", "message"),
-    CASES["not_said"],
-)
+@pytest.mark.parametrize(("old", "new", "kind", "message"), CASES["not_said"])
 def test_what_a_certificate_does_not_say(old: str, new: str, kind: str, message: str, tmp_path: Path) -> None:
     path = changed(tmp_path, (old, new))
     with pytest.raises(lb.InputError, match=f"schein.xml: .*{message}"):

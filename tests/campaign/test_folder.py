@@ -104,10 +104,7 @@ def test_radians_millimetres_bom_crlf_semicolons_and_decimal_commas(tmp_path: Pa
     np.testing.assert_array_equal(first.reading_um, second.reading_um)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    CASES["toml_refused"],
-)
+@pytest.mark.parametrize(("old", "new", "message"), CASES["toml_refused"])
 def test_toml_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert old in TOML
     with pytest.raises(InputError, match=message):

@@ -17,18 +17,12 @@ def said(line: str) -> dict[str, float]:
     return {key: own[0].value for key, own in said_above([(1, line)]).items()}
 
 
-@pytest.mark.parametrize(
-    ("header", "name", "unit"),
-    CASES["units"],
-)
+@pytest.mark.parametrize(("header", "name", "unit"), CASES["units"])
 def test_unit_of_a_header(header: str, name: str, unit: str) -> None:
     assert unit_of(header) == (name, "" if unit == "none" else unit)
 
 
-@pytest.mark.parametrize(
-    ("line", "key", "value"),
-    CASES["said"],
-)
+@pytest.mark.parametrize(("line", "key", "value"), CASES["said"])
 def test_said(line: str, key: str, value: str) -> None:
     assert said(line) == {key: pytest.approx(float(value), rel=1e-5)}
 
@@ -38,10 +32,7 @@ def test_two_values_in_one_line() -> None:
     assert said("Feed 2000 mm/min, force 36 N") == {"feed_mm_per_min": 2000.0, "force_N": 36.0}
 
 
-@pytest.mark.parametrize(
-    ("one", "other"),
-    CASES["left_alone"],
-)
+@pytest.mark.parametrize(("one", "other"), CASES["left_alone"])
 def test_left_alone(one: str, other: str) -> None:
     assert said(one) == said(other) == {}
 
@@ -52,10 +43,7 @@ def test_a_mark_that_may_be_of_thousands_is_no_number(line: str) -> None:
     assert math.isnan(value)
 
 
-@pytest.mark.parametrize(
-    ("name", "bar", "newton"),
-    CASES["loads"],
-)
+@pytest.mark.parametrize(("name", "bar", "newton"), CASES["loads"])
 def test_a_load_in_a_name(name: str, bar: str, newton: str) -> None:
     expected = {"pressure_bar": bar, "force_N": newton}
     found = load_in_name([name])
@@ -66,9 +54,6 @@ def test_a_load_in_a_name(name: str, bar: str, newton: str) -> None:
     assert load_in_name(["3.5bar 238N"], "pressure_bar") == ("pressure_bar", 3.5, "3.5bar 238N")
 
 
-@pytest.mark.parametrize(
-    ("line", "names", "found"),
-    CASES["directions"],
-)
+@pytest.mark.parametrize(("line", "names", "found"), CASES["directions"])
 def test_direction(line: str, names: str, found: str) -> None:
     assert sorted(directions_said([(1, line)], names.split(", "))) == found.replace("none", "").split()

@@ -95,10 +95,7 @@ def test_a_number_written_any_way_comes_back(value: float, decimal: str, digits:
     assert numbers_of("here", "x", [1], [written], decimal)[0] == pytest.approx(round(value, digits), rel=1e-12, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("cells", "since"),
-    CASES["times_of_day"],
-)
+@pytest.mark.parametrize(("cells", "since"), CASES["times_of_day"])
 def test_times_of_day(cells: list[str], since: list[float]) -> None:
     """They go on over midnight, or over the hour; by clocks of twelve hours, and with zones."""
     np.testing.assert_allclose(seconds_of("here", range(len(cells)), cells), since)
@@ -236,10 +233,7 @@ def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
 # ---- what is told
 
 
-@pytest.mark.parametrize(
-    ("header", "form", "above", "layout", "expected"),
-    CASES["told"],
-)
+@pytest.mark.parametrize(("header", "form", "above", "layout", "expected"), CASES["told"])
 def test_told(header: str, form: str, above: str, layout: dict[str, Any], expected: tuple[str, str], tmp_path: Path) -> None:
     path = table(tmp_path / NAME, header, lines(form), above)
     assert tuple(expected) in told(imported(path, layout, plane="XY"))

@@ -182,7 +182,8 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
     for own in (model.with_prior(OTHERS), model):
         tree = lb.sample(own, simulated(SMALL), sampler="independent", seed=1, rule=rule)
         meant = own is not model
-        table = parameter_table(full_result(tree, 0.95)).frame().to_dict("list")
+        shown = parameter_table(full_result(tree, 0.95))
+        table = {head: list(column) for head, *column in zip(shown.heads, *shown.rows, strict=True)}
         assert table.get("prior mean", ["0", "0"])[:2] == (["51.0", "0"] if meant else ["0", "0"])
         assert table["prior sd"][:2] == (["4", "10"] if meant else ["100", "10"])
         axes = forest(tree).axes[0]

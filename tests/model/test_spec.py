@@ -47,10 +47,7 @@ def test_what_is_left_out_is_the_presets() -> None:
     assert model.prior.tau_um == 15.0
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    CASES["refused"],
-)
+@pytest.mark.parametrize(("text", "message"), CASES["refused"])
 def test_refused(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "model.toml"
     file.write_text(text)
