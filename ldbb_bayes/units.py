@@ -20,29 +20,19 @@ T = TypeVar("T")
 # By inside unit: factor and label for reading; of what changes with force per kN, per kN².
 _OF_A_COMPLIANCE = {"mm/N": (1e6, "nm/N"), "rad/N": (1e9, "nrad/N"), "rad/(N mm)": (1e9, "µrad/(N m)")}
 _UNITS: Mapping[str, tuple[float, str]] = {
-    **_OF_A_COMPLIANCE,
-    **{f"{unit}/N": (factor * 1e3, f"{label} per kN") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
+    **_OF_A_COMPLIANCE, **{f"{unit}/N": (factor * 1e3, f"{label} per kN") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
     **{f"{unit}/N^2": (factor * 1e6, f"{label} per kN²") for unit, (factor, label) in _OF_A_COMPLIANCE.items()},
-    "1": (1e6, "µm/m"),
-    "1/mm": (1e9, "µm/m²"),
-    "rad": (1e6, "µrad"),
-    "mm": (1e3, "µm"),
-    "N/mm": (1e-3, "N/µm"),
-    "um": (1.0, "µm"),
-    "": (1.0, ""),
-}
+    "1": (1e6, "µm/m"), "1/mm": (1e9, "µm/m²"), "rad": (1e6, "µrad"), "mm": (1e3, "µm"), "N/mm": (1e-3, "N/µm"),
+    "um": (1.0, "µm"), "": (1.0, ""),
+}  # fmt: skip
 # Units one may write: in mm and N, and their powers of length and force; angles and ratios have neither.
 _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 _ATOMS: Mapping[str, tuple[float, int, int]] = {
     **{prefix + "m": (size * 1e3, 1, 0) for prefix, size in _PREFIXES.items()},
     **{prefix + "rad": (size, 0, 0) for prefix, size in _PREFIXES.items()},
-    **{prefix + "N": (size, 0, 1) for prefix, size in _PREFIXES.items()},
-    "1": (1.0, 0, 0),
-    "%": (1e-2, 0, 0),
-    "ppm": (1e-6, 0, 0),
-    "°": (math.pi / 180.0, 0, 0),
-    "arcsec": (math.pi / 648e3, 0, 0),
-}
+    **{prefix + "N": (size, 0, 1) for prefix, size in _PREFIXES.items()}, "1": (1.0, 0, 0), "%": (1e-2, 0, 0),
+    "ppm": (1e-6, 0, 0), "°": (math.pi / 180.0, 0, 0), "arcsec": (math.pi / 648e3, 0, 0),
+}  # fmt: skip
 _ENDINGS = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 _HARDLY, _ZERO = 0.2, 1e-12
 

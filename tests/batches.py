@@ -37,18 +37,12 @@ def made_row(settings: Settings, job: Job, *, parameters: int = 3) -> dict[str, 
         for name in names
     }
     return row | {
-        "status": "done",
-        "converged": True,
-        "state": "doubtful" if job.number % 7 == 0 else "usable",
-        "verdict": "fine",
-        "misfits": ["form"] if job.number % 7 == 0 else [],
-        "warnings": [],
-        "terms": ["Compliance"],
+        "status": "done", "converged": True, "state": "doubtful" if job.number % 7 == 0 else "usable", "verdict": "fine",
+        "misfits": ["form"] if job.number % 7 == 0 else [], "warnings": [], "terms": ["Compliance"],
         "log_prob_truncation": float("nan") if job.number % 3 == 0 else -0.5,
-        "parameters": {name: {"unit": "mm/N", **own} for name, own in numbers.items()},
-        "gaussian_names": names,
+        "parameters": {name: {"unit": "mm/N", **own} for name, own in numbers.items()}, "gaussian_names": names,
         "gaussian_mean": rng.standard_normal(len(names)).tolist(),
-    }
+    }  # fmt: skip
 
 
 def dataset_bytes(out: Path) -> bytes:

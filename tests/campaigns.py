@@ -15,20 +15,9 @@ from ldbb_bayes.model.hybrid import HybridModel
 # A command in this process: exit code, stdout, stderr.
 Invoke = Callable[..., tuple[int, str, str]]
 TRUTH = {
-    "C_XXX": 5.5e-5,
-    "C_XYX": 5e-7,
-    "C_YYY": 4.2e-5,
-    "C_CXY": 1e-8,
-    "C_CYY": -1e-8,
-    "C_CCY": 4e-10,
-    "E_XX1": -1e-4,
-    "E_YX2": 4e-7,
-    "E_XY2": -6e-7,
-    "E_YY1": -8e-5,
-    "E_C0YX": 5e-6,
-    "E_Xt0": 4e-3,
-    "E_Yt0": -1e-3,
-}
+    "C_XXX": 5.5e-5, "C_XYX": 5e-7, "C_YYY": 4.2e-5, "C_CXY": 1e-8, "C_CYY": -1e-8, "C_CCY": 4e-10, "E_XX1": -1e-4, "E_YX2": 4e-7,
+    "E_XY2": -6e-7, "E_YY1": -8e-5, "E_C0YX": 5e-6, "E_Xt0": 4e-3, "E_Yt0": -1e-3,
+}  # fmt: skip
 HYPER_UM = {"sigma": 0.3, "delta": 0.5, "kappa": 0.3, "tau": 2.0}
 FORCES_N = (36.0, 300.0, 520.0, 742.0)
 

@@ -130,22 +130,10 @@ def one_campaign() -> SufficientStatistics:
 def row(found: SufficientStatistics, **fields: object) -> dict[str, object]:
     """As the batch keeps it."""
     usual = {
-        "campaign": "a",
-        "name": "a",
-        "sha256": None,
-        "compliances": None,
-        "tolerances": None,
-        "status": "done",
-        "machine_id": "M1",
-        "date": None,
-        "topology": "wCAFYXZSt",
-        "reference_force_N": 389.0,
-        "force_min_N": 36.0,
-        "force_max_N": 742.0,
-        "converged": True,
-        "kinds": [],
-        **found.columns(),
-    }
+        "campaign": "a", "name": "a", "sha256": None, "compliances": None, "tolerances": None, "status": "done",
+        "machine_id": "M1", "date": None, "topology": "wCAFYXZSt", "reference_force_N": 389.0, "force_min_N": 36.0,
+        "force_max_N": 742.0, "converged": True, "kinds": [], **found.columns(),
+    }  # fmt: skip
     return usual | fields
 
 

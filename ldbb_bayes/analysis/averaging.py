@@ -93,18 +93,11 @@ def average(
     fit = fit_of_parts(bound, parts, groups, truncation, missed, checking, level)
     drawn = np.concatenate([beta, phi], axis=2)
     sampler = {
-        "kind": "independent",
-        "by_emcee": any(nodes.evidence.by_emcee for nodes in weighed),
-        **asdict(assess(drawn[:, :, np.ptp(drawn, axis=(0, 1)) > 0.0])),
-        "converged": not missed,
-        "draws": _CHAINS * each,
-        "seconds": time.perf_counter() - clock,
-        "steps": each,
-        "walkers": 1,
-        "acceptance": 1.0,
-        "target_ess": float(draws),
+        "kind": "independent", "by_emcee": any(nodes.evidence.by_emcee for nodes in weighed),
+        **asdict(assess(drawn[:, :, np.ptp(drawn, axis=(0, 1)) > 0.0])), "converged": not missed, "draws": _CHAINS * each,
+        "seconds": time.perf_counter() - clock, "steps": each, "walkers": 1, "acceptance": 1.0, "target_ess": float(draws),
         "target_rhat": StoppingRule().rhat,
-    }
+    }  # fmt: skip
     record = record_from(bound, sampler, fit, seed, started)
     record["model"] |= _prior(bound, [nodes.bound for nodes in weighed], record["model"]["prior_sd"])
     return build_tree(groups, bound, record | {"averaged": _averaged(kinds, weighed, share) | {"log_evidence_error": error}})

@@ -135,15 +135,10 @@ class Validation(Result):
     def _all_but_ranks(self) -> dict[str, Any]:
         coverage = self.coverage()[[f"{100 * prob:g}" for prob in _INTERVALS]].to_dict(orient="index")
         return {
-            "sampler": self.sampler,
-            "replicates": self.replicates,
-            "draws": self.draws,
-            "band_probability": self.prob,
+            "sampler": self.sampler, "replicates": self.replicates, "draws": self.draws, "band_probability": self.prob,
             "quantities": {n: {"inside_band": n not in self.outside, "coverage": coverage[n]} for n in self.names},
-            "failures": list(self.failures),
-            "by_emcee": list(self.by_emcee),
-            "calibrated": self.calibrated,
-        }
+            "failures": list(self.failures), "by_emcee": list(self.by_emcee), "calibrated": self.calibrated,
+        }  # fmt: skip
 
 
 def validate(

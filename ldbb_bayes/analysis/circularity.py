@@ -131,18 +131,10 @@ def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
         second = np.linalg.lstsq(basis(angle), reading, rcond=None)[0][[_COS2, _SIN2]]
     mismatch, square = second * _per_second_order(bound, bound.test_names.index(test.name))
     return {
-        "force_N": test.force_N,
-        "direction": test.direction,
-        "plane": test.plane,
-        "radius_mm": float(test.circle.radius_mm),
-        "arc_deg": test.arc_deg,
-        "G": zone.width,
-        "F_max": zone.upper - zone.mean,
-        "F_min": zone.lower - zone.mean,
-        "G_minimum_zone": minimum_zone_width(angle, reading),
-        "squareness": square,
-        "scale_mismatch": mismatch,
-    }
+        "force_N": test.force_N, "direction": test.direction, "plane": test.plane, "radius_mm": float(test.circle.radius_mm),
+        "arc_deg": test.arc_deg, "G": zone.width, "F_max": zone.upper - zone.mean, "F_min": zone.lower - zone.mean,
+        "G_minimum_zone": minimum_zone_width(angle, reading), "squareness": square, "scale_mismatch": mismatch,
+    }  # fmt: skip
 
 
 def _trace(test: CircularTest) -> Array:
@@ -223,12 +215,9 @@ def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
     trace = np.where(_CENTRED, path, 0.0) @ basis(_ANGLE).T
     upper, lower = trace.max(axis=1), trace.min(axis=1)
     return {
-        "G": upper - lower,
-        "F_max": upper,
-        "F_min": lower,
-        "squareness": path[:, _SIN2] * per_second_order[1],
+        "G": upper - lower, "F_max": upper, "F_min": lower, "squareness": path[:, _SIN2] * per_second_order[1],
         "scale_mismatch": path[:, _COS2] * per_second_order[0],
-    }
+    }  # fmt: skip
 
 
 def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple[Array, Array]]:

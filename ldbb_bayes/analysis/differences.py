@@ -151,17 +151,11 @@ def differences(
         interval, increase = np.quantile(apart, levels, axis=0), (apart > 0.0).mean(axis=0)
     table = pd.DataFrame(
         {
-            "unit": [one.parameters[one.names.index(name)].unit for name in names],
-            "first": means[0],
-            "second": means[1],
-            "difference": mean,
-            "sd": sd,
-            "ci_low": interval[0],
-            "ci_high": interval[1],
-            "probability_of_increase": increase,
+            "unit": [one.parameters[one.names.index(name)].unit for name in names], "first": means[0], "second": means[1],
+            "difference": mean, "sd": sd, "ci_low": interval[0], "ci_high": interval[1], "probability_of_increase": increase,
         },
         index=names,
-    )
+    )  # fmt: skip
     table.attrs["conflict"] = conflict
     return readable(table, f"Second less first, {100 * ci_prob:g} % intervals")
 

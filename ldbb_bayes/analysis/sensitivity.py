@@ -299,19 +299,11 @@ def local_fits(model: HybridModel, campaign: Campaign, *, ci_prob: float = 0.95,
         squares = least_squares(window, fixed=constant.fixed).table
         forces = bound.setting.force_N
         columns = {
-            "force_low_N": float(forces.min()),
-            "force_high_N": float(forces.max()),
-            "force_N": float(forces.mean()),
-            "tests": len(names),
-            "parameter": bound.names,
-            "unit": [parameter.unit for parameter in bound.parameters],
-            "least_squares": squares["estimate"].to_numpy(),
-            "least_squares_u": squares["u"].to_numpy(),
-            "mean": mean,
-            "sd": sd,
-            "ci_low": low,
-            "ci_high": high,
-        }
+            "force_low_N": float(forces.min()), "force_high_N": float(forces.max()), "force_N": float(forces.mean()),
+            "tests": len(names), "parameter": bound.names, "unit": [parameter.unit for parameter in bound.parameters],
+            "least_squares": squares["estimate"].to_numpy(), "least_squares_u": squares["u"].to_numpy(), "mean": mean, "sd": sd,
+            "ci_low": low, "ci_high": high,
+        }  # fmt: skip
         tables.append(pd.DataFrame(columns))
     return readable(pd.concat(tables, ignore_index=True), f"Fits of neighbouring forces, {100 * ci_prob:g} % intervals")
 

@@ -232,12 +232,9 @@ def _batch_parts(done: lb.Batch) -> tuple[Table | str, ...]:
     from ldbb_bayes.result import Table
 
     numbers = (
-        ("fitted", done.done),
-        ("… not converged: do not use their numbers", done.not_converged),
-        ("… with doubts: see their verdict", done.doubtful),
-        ("failed", done.failed),
-        ("in all", done.campaigns),
-    )
+        ("fitted", done.done), ("… not converged: do not use their numbers", done.not_converged),
+        ("… with doubts: see their verdict", done.doubtful), ("failed", done.failed), ("in all", done.campaigns),
+    )  # fmt: skip
     parts = []
     for head, entries in (("Failed", done.failures), ("To look at", done.doubts)):
         said = [tuple(one.values()) for one in entries[:_SHOWN]]

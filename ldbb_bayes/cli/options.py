@@ -220,20 +220,12 @@ def ball_in(text: str, option: str) -> Ball:
 
 
 KINDS: Mapping[str, Any] = {
-    "text": str,
-    "integer": int,
-    "number": float,
-    "flag": bool,
-    "path": Path,
-    "texts": list[str],
-    "list": Kind(str, names_in, "LIST"),
-    "names": Kind(str, names_in),
-    "numbers": Kind(str, numbers_in),
-    "ball": Kind(str, ball_in, "G20|0.5um"),
-    "negated": Kind(bool, lambda value, _: not value),
+    "text": str, "integer": int, "number": float, "flag": bool, "path": Path, "texts": list[str],
+    "list": Kind(str, names_in, "LIST"), "names": Kind(str, names_in), "numbers": Kind(str, numbers_in),
+    "ball": Kind(str, ball_in, "G20|0.5um"), "negated": Kind(bool, lambda value, _: not value),
     "points": Kind(list[str], points_in, "X,Y,Z"),
     "tolerances": Kind(list[str], lambda own, flag: pairs_in(own, flag, 'NAME="VALUE UNIT"')),
-}
+}  # fmt: skip
 
 
 # ---- campaign and model

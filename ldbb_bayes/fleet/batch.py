@@ -160,25 +160,18 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
 
 def _given(settings: Settings, job: Job) -> dict[str, Any]:
     return {
-        "campaign": job.path,
-        "degree": settings.model.degree,
-        "model_sha256": model_sha256(settings.model),
-        "sampler": settings.sampler,
-        "seed": settings.seed,
-        "versions": json.dumps(versions()),
-    }
+        "campaign": job.path, "degree": settings.model.degree, "model_sha256": model_sha256(settings.model),
+        "sampler": settings.sampler, "seed": settings.seed, "versions": json.dumps(versions()),
+    }  # fmt: skip
 
 
 def _origin(campaign: Campaign) -> dict[str, Any]:
     return {
         **{name: getattr(campaign, name) for name in ("name", "sha256", "machine_id", "date", "topology", "readings")},
-        "planes": ",".join(campaign.machine().planes),
-        "compliances": json.dumps(stands_for(campaign)),
-        "tolerances": json.dumps(dict(campaign.tolerances), ensure_ascii=False),
-        "tests": len(campaign.tests),
-        "force_min_N": float(campaign.forces_N.min()),
-        "force_max_N": float(campaign.forces_N.max()),
-    }
+        "planes": ",".join(campaign.machine().planes), "compliances": json.dumps(stands_for(campaign)),
+        "tolerances": json.dumps(dict(campaign.tolerances), ensure_ascii=False), "tests": len(campaign.tests),
+        "force_min_N": float(campaign.forces_N.min()), "force_max_N": float(campaign.forces_N.max()),
+    }  # fmt: skip
 
 
 def _fitted(settings: Settings, campaign: Campaign) -> dict[str, Any]:

@@ -302,15 +302,11 @@ def campaign_record(campaign: Campaign) -> dict[str, Any]:
     """What the record keeps of a campaign; readings and angles stand in the group constant_data, as read."""
     nested = {name: asdict(getattr(campaign, name)) for name in ("mount", "force_law", "instrument")}
     return {
-        "name": campaign.name,
-        "sha256": campaign.sha256,
-        "tests": len(campaign.tests),
-        "readings": campaign.readings,
-        "forces_N": campaign.forces_N.tolist(),
-        "fields": _fields(campaign, "name", "tests", "foreseen") | nested,
+        "name": campaign.name, "sha256": campaign.sha256, "tests": len(campaign.tests), "readings": campaign.readings,
+        "forces_N": campaign.forces_N.tolist(), "fields": _fields(campaign, "name", "tests", "foreseen") | nested,
         "test_fields": [_fields(test, *_ARRAYS) for test in campaign.tests],
         "foreseen": [_fields(test, *_ARRAYS) for test in campaign.foreseen],
-    }
+    }  # fmt: skip
 
 
 def _fields(thing: Campaign | CircularTest, *without: str) -> dict[str, Any]:

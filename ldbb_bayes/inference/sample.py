@@ -197,18 +197,11 @@ def sample_from(
     groups = groups_of(bound, beta, phi, prior, arrays)
     missed = [] if run.converged else [Concern(ConcernKind.NOT_CONVERGED, run.steps, rule.ess)]
     route = {
-        "kind": "joint" if run.walkers > 1 else sampler,
-        "by_emcee": sampler == "independent" and run.walkers > 1,
-        **asdict(run.assessment),
-        "converged": run.converged,
-        "draws": int(beta.shape[0] * beta.shape[1]),
-        "seconds": time.perf_counter() - clock,
-        "steps": run.steps,
-        "walkers": run.walkers,
-        "acceptance": run.acceptance,
-        "target_ess": rule.ess,
-        "target_rhat": rule.rhat,
-    }
+        "kind": "joint" if run.walkers > 1 else sampler, "by_emcee": sampler == "independent" and run.walkers > 1,
+        **asdict(run.assessment), "converged": run.converged, "draws": int(beta.shape[0] * beta.shape[1]),
+        "seconds": time.perf_counter() - clock, "steps": run.steps, "walkers": run.walkers, "acceptance": run.acceptance,
+        "target_ess": rule.ess, "target_rhat": rule.rhat,
+    }  # fmt: skip
     fit = fit_of_parts(bound, [flat], groups, log_prob_truncation(inside), missed, np.random.default_rng(checking[1]))
     return build_tree(groups, bound, record_from(bound, route, fit, seed, started))
 
@@ -334,20 +327,13 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
     quantiles = bound.hyper_prior.quantile((np.arange(2000)[:, None] + 0.5) / 2000)
     prior_sd |= {str(name): float(sd) for name, sd in zip(bound.hyper_prior.names, quantiles.std(axis=0), strict=True)}
     return {
-        "preset": bound.model.preset,
-        "degree": bound.model.degree,
-        "reference_force_N": bound.setting.reference_force_N,
-        "terms": list(bound.terms),
-        "idle_terms": [name for name in bound.model.terms if name not in bound.terms],
-        "truncated": bound.model.prior.truncated,
-        "priors": "preset" if _has_preset_priors(bound.model) else "edited",
-        "sha256": model_sha256(bound.model),
-        "toml": model_to_toml(bound.model),
-        "prior_sd": prior_sd,
+        "preset": bound.model.preset, "degree": bound.model.degree, "reference_force_N": bound.setting.reference_force_N,
+        "terms": list(bound.terms), "idle_terms": [name for name in bound.model.terms if name not in bound.terms],
+        "truncated": bound.model.prior.truncated, "priors": "preset" if _has_preset_priors(bound.model) else "edited",
+        "sha256": model_sha256(bound.model), "toml": model_to_toml(bound.model), "prior_sd": prior_sd,
         "prior_mean": {p.name: p.prior_mean for p in bound.parameters if np.isfinite(p.prior_sd)},
-        "fixed": list(bound.model.fixed),
-        "groups": {p.name: p.group for p in bound.parameters},
-    }
+        "fixed": list(bound.model.fixed), "groups": {p.name: p.group for p in bound.parameters},
+    }  # fmt: skip
 
 
 def _has_preset_priors(model: HybridModel) -> bool:

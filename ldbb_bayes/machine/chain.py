@@ -279,12 +279,9 @@ def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
         primary, secondary = machine.squared(plane)
         a, b, rotation = PLANES[plane]
         names += [
-            GeometricName(a, a, "gain"),
-            GeometricName(b, a, "straightness"),
-            GeometricName(a, b, "straightness"),
-            GeometricName(b, b, "gain"),
-            GeometricName(rotation, secondary.axis, "squareness", primary.axis),
-        ]
+            GeometricName(a, a, "gain"), GeometricName(b, a, "straightness"), GeometricName(a, b, "straightness"),
+            GeometricName(b, b, "gain"), GeometricName(rotation, secondary.axis, "squareness", primary.axis),
+        ]  # fmt: skip
     offsets = [GeometricName(joint.axis, "t", "offset") for joint in machine.joints]
     return tuple(dict.fromkeys([*names, *offsets]))
 

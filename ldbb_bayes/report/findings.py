@@ -50,14 +50,10 @@ def fit_in_words(posterior: xr.DataTree) -> dict[str, Any]:
         "verdict": wording.fit_verdict(fit),
         "misfits": [wording.check_words(check) for check in fit.misfits],
         "warnings": [
-            *concerns,
-            *wording.check_notes(fit),
-            *wording.alias_sentences(alike),
-            *standing,
-            *wording.look_sentences(seen),
+            *concerns, *wording.check_notes(fit), *wording.alias_sentences(alike), *standing, *wording.look_sentences(seen),
             *further_remarks(seen),
         ],
-    }
+    }  # fmt: skip
 
 
 def further_remarks(seen: CampaignPreview) -> list[str]:

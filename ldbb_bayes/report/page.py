@@ -277,15 +277,11 @@ def write_report(
 def _record(found: Findings, document: Document, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
     """One JSON of all tables, with what they are of."""
     return {
-        "schema": 1,
-        "campaign": found.result["campaign"],
-        "model": found.result["model"],
-        "alerts": list(document.alerts),
+        "schema": 1, "campaign": found.result["campaign"], "model": found.result["model"], "alerts": list(document.alerts),
         "provenance": record_of(found.posterior)["provenance"],
         "tables": {name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()},
-        "comparison": _in_words(found.comparison),
-        "design": _in_words(found.design),
-    }
+        "comparison": _in_words(found.comparison), "design": _in_words(found.design),
+    }  # fmt: skip
 
 
 def _in_words(result: Comparison | Design | str) -> dict[str, Any]:

@@ -131,21 +131,15 @@ def _(seen: CampaignPreview) -> tuple[Passage, ...]:
     different = [field for field in _PLACES if len({getattr(test, field) for test in seen.tests}) > 1]
     rows = [
         (
-            test.name,
-            f"{test.force_N:.4g}",
-            f"{test.pressure_bar:.3g}",
-            str(test.readings),
-            f"{test.arc_deg:.0f}",
-            f"{test.largest_gap_deg:.2g}",
-            test.direction or (f"({test.travel})" if test.travel else "–"),
+            test.name, f"{test.force_N:.4g}", f"{test.pressure_bar:.3g}", str(test.readings), f"{test.arc_deg:.0f}",
+            f"{test.largest_gap_deg:.2g}", test.direction or (f"({test.travel})" if test.travel else "–"),
             *(_PLACES[field][1].format(getattr(test, field)) for field in different),
             f"{test.work_ball_deg:g} / {test.tool_ball_deg:g}",
-            "–" if test.resolution_um is None else f"{test.resolution_um:.2g}",
-            str(test.spikes),
+            "–" if test.resolution_um is None else f"{test.resolution_um:.2g}", str(test.spikes),
             *("–" if own is None else f"{own:.3g}" for own in (test.noise_um, test.start_end_um, test.peak_to_peak_um)),
         )
         for test in seen.tests
-    ]
+    ]  # fmt: skip
     first = ("test", "force (N)", "pressure (bar)", "readings", "arc (°)", "gap (°)", "direction")
     heads = (*first, *(_PLACES[field][0] for field in different), "balls (°)", "step (µm)", "spikes", "noise (µm)")
     last = ("end − start (µm)", "peak to peak (µm)")
@@ -286,14 +280,8 @@ def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIde
         own = state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
         stiff = stiffness(entry["median"], wording.interval_of(entry)) if is_direct(name) else ""
         cells = (
-            own.value,
-            own.u,
-            own.expanded,
-            own.interval,
-            own.unit,
-            stiff,
-            wording.verdict_words(verdicts[name], shares=shares),
-        )
+            own.value, own.u, own.expanded, own.interval, own.unit, stiff, wording.verdict_words(verdicts[name], shares=shares),
+        )  # fmt: skip
         rows.append((display_name(name), *cells))
     interval = f"{wording.percent_of(result)} interval"
     heads = ("parameter", "value", "u", "U (k = 2)", interval, "unit", "stiffness (N/µm)", "verdict")
@@ -470,12 +458,9 @@ def _left_out_table(comparison: Comparison) -> Table:
 # ---- design
 
 _HEADS = {
-    "force_N": "force (N)",
-    "work_ball_deg": "work ball (°)",
-    "tool_ball_deg": "tool ball (°)",
-    "radius_mm": "radius (mm)",
+    "force_N": "force (N)", "work_ball_deg": "work ball (°)", "tool_ball_deg": "tool ball (°)", "radius_mm": "radius (mm)",
     "setup": "set-up",
-}
+}  # fmt: skip
 
 
 @parts_of.register

@@ -31,14 +31,10 @@ def clocked(turns: tuple[tuple[float, float], ...], forces_N: tuple[float, ...] 
 
 def test_recovered_experiment(recovered: lb.Campaign) -> None:
     expected = {
-        "form_cos2": {"E_XX1", "E_YY1"},
-        "form_sin2": {"E_C0YX"},
-        "form_cos3": {"E_XY2", "E_Xt0"},
-        "form_sin3": {"E_YX2", "E_Yt0"},
-        "bar_length": {"E_XX1", "E_YY1"},
-        "mount": {"C_XXX", "C_YYY"},
+        "form_cos2": {"E_XX1", "E_YY1"}, "form_sin2": {"E_C0YX"}, "form_cos3": {"E_XY2", "E_Xt0"},
+        "form_sin3": {"E_YX2", "E_Yt0"}, "bar_length": {"E_XX1", "E_YY1"}, "mount": {"C_XXX", "C_YYY"},
         "force_gain": {"C_XXX", "C_YYY", "C_CXY", "C_CCY"},
-    }
+    }  # fmt: skip
     assert found(recovered) == expected
     assert found(recovered, 0).keys() == expected.keys()
 
@@ -101,13 +97,10 @@ def test_every_statement_holds_in_the_exact_model(recovered: lb.Campaign, which:
     two = plan(work_deg=40.0, tool_deg=-65.0)
     radii = replace(two, tests=tuple(replace(t, radius_mm=r) for t, r in zip(two.tests, (150, 100, 150, 100), strict=True)))
     campaign = {
-        "recovered": recovered,
-        "two balls": clocked(((0.0, 0.0), (180.0, 180.0))),
-        "one ball": clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))),
-        "two radii": radii,
-        "arcs": plan((30, 40, 50, 30), arc_deg=230.0),
-        "one force": plan((40,), forces_N=(300.0,)),
-    }[which]
+        "recovered": recovered, "two balls": clocked(((0.0, 0.0), (180.0, 180.0))),
+        "one ball": clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))), "two radii": radii,
+        "arcs": plan((30, 40, 50, 30), arc_deg=230.0), "one force": plan((40,), forces_N=(300.0,)),
+    }[which]  # fmt: skip
     if which == "one force" and degree:
         return
     every = degeneracies(lb.HybridModel.first(degree).bind(campaign))

@@ -154,13 +154,10 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
         return 1e3 * exact_reading_mm(machine, circle, ANGLE, force_N=force, compliances=compliances, geometric_errors=errors)
 
     truths = {
-        TOGETHER: exact_um(at, errors),
-        COMPLIANCE: exact_um(at, {}),
-        GEOMETRY: exact_um({}, errors),
-        "C_XXX": exact_um({"C_XXX": at["C_XXX"]}, {}),
-        "C_CCY": exact_um({"C_CCY": at["C_CCY"]}, {}),
+        TOGETHER: exact_um(at, errors), COMPLIANCE: exact_um(at, {}), GEOMETRY: exact_um({}, errors),
+        "C_XXX": exact_um({"C_XXX": at["C_XXX"]}, {}), "C_CCY": exact_um({"C_CCY": at["C_CCY"]}, {}),
         "E_XY2": exact_um({}, {"E_XY2": mean["E_XY2"]}),
-    }
+    }  # fmt: skip
     for source, trace in truths.items():
         assert found.loc[source, "maximum"] == pytest.approx(trace.max(), abs=0.01), source
         assert found.loc[source, "minimum"] == pytest.approx(trace.min(), abs=0.01), source

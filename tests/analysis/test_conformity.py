@@ -73,29 +73,14 @@ def test_decisions_by_the_guard_band() -> None:
 
 def test_texts_are_limits_with_their_units() -> None:
     given = {
-        "C_XXX": "60 nm/N",
-        "C_XYX": "2nm/N",
-        "C_CCY": "1 µrad/(N m)",
-        "E_C(0Y)X": "20 µrad",
-        "E_XX1": "−20..40 µm/m",
-        "E_YY1": "≤ 100 ppm",
-        "stiffness_X": "18 N/µm",
-        "stiffness_Y": "18 N/um..30 N/um",
-        "G": "20 µm",
-        "F_min": "-9 µm",
-    }
+        "C_XXX": "60 nm/N", "C_XYX": "2nm/N", "C_CCY": "1 µrad/(N m)", "E_C(0Y)X": "20 µrad", "E_XX1": "−20..40 µm/m",
+        "E_YY1": "≤ 100 ppm", "stiffness_X": "18 N/µm", "stiffness_Y": "18 N/um..30 N/um", "G": "20 µm", "F_min": "-9 µm",
+    }  # fmt: skip
     expected: dict[str, tuple[float | None, float | None]] = {
-        "C_XXX": (None, 6e-5),
-        "C_XYX": (-2e-6, 2e-6),
-        "C_CCY": (None, 1e-9),
-        "E_C0YX": (-2e-5, 2e-5),
-        "E_XX1": (-2e-5, 4e-5),
-        "E_YY1": (None, 1e-4),
-        "stiffness_X": (18e3, None),
-        "stiffness_Y": (18e3, 30e3),
-        "G": (None, 0.02),
+        "C_XXX": (None, 6e-5), "C_XYX": (-2e-6, 2e-6), "C_CCY": (None, 1e-9), "E_C0YX": (-2e-5, 2e-5), "E_XX1": (-2e-5, 4e-5),
+        "E_YY1": (None, 1e-4), "stiffness_X": (18e3, None), "stiffness_Y": (18e3, 30e3), "G": (None, 0.02),
         "F_min": (-0.009, None),
-    }
+    }  # fmt: skip
     found = tolerances_in(quantities_of(MODEL.bind(CAMPAIGN)), given)
     assert found.keys() == expected.keys()
     for name, (lower, upper) in expected.items():

@@ -131,19 +131,12 @@ def test_preview_is_silent_on_a_good_campaign() -> None:
 
 # Standard uncertainties of the model, and of certificates [mm, N, rad].
 TAKEN = {
-    "work_form_2": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5),
-    "work_form_3": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5),
-    "tool_form_2": (2.5e-3 / 24**0.5, 0.025e-3),
-    "tool_form_3": (2.5e-3 / 24**0.5, 2.5e-3 / 24**0.5),
-    "bar_length": (9.4e-3, 1e-3),
-    "mount": (0.233e-3, 0.0233e-3),
-    "mount_curvature": (0.5e-3, 0.5e-3),
-    "force_gain": (0.01, 0.005),
-    "force_curvature": (0.01, 0.006 / 3**0.5),
-    "force_random": (4.0, 1.5),
-    "angle_reference": (np.deg2rad(0.1), np.deg2rad(0.025)),
-    "angle_lag": (np.deg2rad(0.1), np.deg2rad(0.025)),
-}
+    "work_form_2": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5), "work_form_3": (2.5e-3 / 24**0.5, 0.5e-3 / 24**0.5),
+    "tool_form_2": (2.5e-3 / 24**0.5, 0.025e-3), "tool_form_3": (2.5e-3 / 24**0.5, 2.5e-3 / 24**0.5),
+    "bar_length": (9.4e-3, 1e-3), "mount": (0.233e-3, 0.0233e-3), "mount_curvature": (0.5e-3, 0.5e-3),
+    "force_gain": (0.01, 0.005), "force_curvature": (0.01, 0.006 / 3**0.5), "force_random": (4.0, 1.5),
+    "angle_reference": (np.deg2rad(0.1), np.deg2rad(0.025)), "angle_lag": (np.deg2rad(0.1), np.deg2rad(0.025)),
+}  # fmt: skip
 
 
 def test_what_is_taken_for_granted_is_what_a_fit_has() -> None:

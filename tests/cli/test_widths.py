@@ -19,19 +19,15 @@ from ldbb_bayes.result import Table
 
 FEW = ("--preset", "first", "--without", "discrepancy,hysteresis,setup-shift")
 COMMANDS: tuple[tuple[object, ...], ...] = (
-    ("check", "c"),
-    ("machine", "wCAFYXZSt", "--plane", "XY,YZ,ZX", "--frame", "Y=0,-200,350"),
-    ("simulate", "p", "--out", "s"),
+    ("check", "c"), ("machine", "wCAFYXZSt", "--plane", "XY,YZ,ZX", "--frame", "Y=0,-200,350"), ("simulate", "p", "--out", "s"),
     ("import", "s/f036.csv", "s/f400.csv", "--forces-N", "36,400", "--out", "i"),
-    ("fit", "c", *FEW, "--sampler", "independent", "--ess", 400, "--out", "f"),
-    ("summarize", "f"),
-    ("identify", "c"),
+    ("fit", "c", *FEW, "--sampler", "independent", "--ess", 400, "--out", "f"), ("summarize", "f"), ("identify", "c"),
     ("compare", "c", *FEW, "--degree", 1, "--out", "cmp"),
     ("design", "c", *FEW, "--tests", 3, "--forces", "36,742", "--clockings", "0,45", "--criterion", "d", "--out", "d"),
     ("validate", "p", *FEW, "--degree", 0, "--replicates", 10, "--draws", 19, "--workers", 1),
     ("batch", "c", "nothing", *FEW, "--degree", 0, "--ess", 400, "--workers", 1, "--no-compare", "--out", "b"),
     ("report", "f", "--comparison", "cmp", "--design", "d"),
-)
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -76,18 +76,10 @@ FORCES_N = [0.0, 36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0]
 FRAMES = {"X": (3.0, -5.0, 40.0), "Y": (4.0, -9.0, 22.0), "Z": (-8.0, 6.0, -15.0)}
 CENTRE = (20.0, -30.0, 55.0)
 MACHINES = [
-    ("wCAFYXZSt", "XY", {}),
-    ("wCAFYXZSt", "YZ", {"Y": (0.0, 0.0, 12.0)}),
-    ("wCAFYXZSt", "ZX", FRAMES),
-    ("wYXFZt", "XY", FRAMES),
-    ("wYXFZt", "YZ", FRAMES),
-    ("wFXYZt", "ZX", FRAMES),
-    ("wCBXFZYSt", "XY", FRAMES),
-    ("wFYXt", "XY", {"X": (1.0, 2.0, 3.0)}),
-    ("wXFYZt", ("XY", "YZ", "ZX"), FRAMES),
-    ("wXYFZt", ("XY", "YZ", "ZX"), FRAMES),
-    ("wCAFYXZSt", ("XY", "YZ", "ZX"), FRAMES),
-]
+    ("wCAFYXZSt", "XY", {}), ("wCAFYXZSt", "YZ", {"Y": (0.0, 0.0, 12.0)}), ("wCAFYXZSt", "ZX", FRAMES), ("wYXFZt", "XY", FRAMES),
+    ("wYXFZt", "YZ", FRAMES), ("wFXYZt", "ZX", FRAMES), ("wCBXFZYSt", "XY", FRAMES), ("wFYXt", "XY", {"X": (1.0, 2.0, 3.0)}),
+    ("wXFYZt", ("XY", "YZ", "ZX"), FRAMES), ("wXYFZt", ("XY", "YZ", "ZX"), FRAMES), ("wCAFYXZSt", ("XY", "YZ", "ZX"), FRAMES),
+]  # fmt: skip
 
 
 def _planes(planes: str | tuple[str, ...]) -> tuple[str, ...]:

@@ -20,19 +20,10 @@ from ldbb_bayes.inference.predictive import compliance_curves
 from ldbb_bayes.model.hybrid import BoundModel
 
 TERMS = {
-    "ball-form": "form",
-    "machine-pattern": "pattern",
-    "bar-length": "length",
-    "mount": "mount",
-    "force-error": "force",
-    "joint-load": "joint",
-    "position": "position",
-    "angle": "angle",
-    "setup-shift": "setup",
-    "discrepancy": "discrepancy",
-    "hysteresis": "hysteresis",
-    "circle-scale": "circle",
-}
+    "ball-form": "form", "machine-pattern": "pattern", "bar-length": "length", "mount": "mount", "force-error": "force",
+    "joint-load": "joint", "position": "position", "angle": "angle", "setup-shift": "setup", "discrepancy": "discrepancy",
+    "hysteresis": "hysteresis", "circle-scale": "circle",
+}  # fmt: skip
 CERTIFIED = Instrument(
     work=Ball(grade="G20", harmonics_um=((2, 0.3, 35.0), (7, 0.1, -50.0)), U_um=0.08),
     tool=Ball(sphericity_um=0.7, harmonics_um=((3, 0.2, 110.0),), U_um=0.05),
@@ -83,14 +74,11 @@ def made(
 
 
 CAMPAIGNS = {
-    "circles": made(),
-    "three arcs": made(3, arc=True),
-    "one ball clocked": made(5, turns=(40.0, 0.0)),
-    "both balls clocked": made(arc=True, turns=(40.0, -25.0)),
-    "both directions": made(6, ways="+-", radii=(150.0, 150.0, 100.0)),
+    "circles": made(), "three arcs": made(3, arc=True), "one ball clocked": made(5, turns=(40.0, 0.0)),
+    "both balls clocked": made(arc=True, turns=(40.0, -25.0)), "both directions": made(6, ways="+-", radii=(150.0, 150.0, 100.0)),
     "all at once": replace(made(8, arc=True, turns=(0.0, 70.0), ways="++-", radii=(150.0, 100.0)), instrument=CERTIFIED),
     "certified": replace(made(ways="-"), instrument=CERTIFIED),
-}
+}  # fmt: skip
 
 
 def both(campaign: Campaign, degree: int, terms: Sequence[str]) -> tuple[BoundModel, Oracle, dict[str, float], np.ndarray]:

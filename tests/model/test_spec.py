@@ -18,15 +18,12 @@ from ldbb_bayes.model.terms import Angle, BarLength, Discrepancy, Drift, Mount, 
 CASES = tomllib.loads(Path(__file__).with_name("spec.toml").read_text(encoding="utf-8"))
 
 MODELS = [
-    lb.HybridModel.first(1),
-    lb.HybridModel.default(2),
-    lb.HybridModel.paper(0),
-    lb.HybridModel.first(2).without("mount", "truncation"),
-    lb.HybridModel.first(1).fixing("C_XYX_1", "E_C0YX"),
+    lb.HybridModel.first(1), lb.HybridModel.default(2), lb.HybridModel.paper(0),
+    lb.HybridModel.first(2).without("mount", "truncation"), lb.HybridModel.first(1).fixing("C_XYX_1", "E_C0YX"),
     lb.HybridModel(1, (SetupShift("apart"), Discrepancy(2.0))),
     lb.HybridModel.first(1).with_term(Drift("temperature", centre_um=3.0), lb.Hysteresis(1.0, 4.0)),
     lb.HybridModel(0, (BarLength(3.0), Mount(0.2)), replace(lb.Prior.first(), tau_um=9.0, overrides={"C_XXX": 1e-5}), 0.0),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -93,13 +93,10 @@ def test_left_out_hysteresis_is_noticed(plans: ModuleType) -> None:
 # ---- against the dense oracle
 
 CASES = {
-    "full circles": plan((40, 40, 40, 40)),
-    "arcs": plan((30, 40, 35, 30), arc_deg=220.0),
-    "few, unequal": plan((9, 40, 12, 30)),
-    "few, unequal arcs": plan((9, 40, 12, 30), arc_deg=220.0),
-    "one ball clocked": plan((40, 40, 40, 40), work_deg=40.0),
+    "full circles": plan((40, 40, 40, 40)), "arcs": plan((30, 40, 35, 30), arc_deg=220.0), "few, unequal": plan((9, 40, 12, 30)),
+    "few, unequal arcs": plan((9, 40, 12, 30), arc_deg=220.0), "one ball clocked": plan((40, 40, 40, 40), work_deg=40.0),
     "both balls clocked": plan((40, 30, 9, 26), work_deg=40.0, tool_deg=-65.0),
-}
+}  # fmt: skip
 
 
 def reference(campaign: lb.Campaign, degree: int, **options: object) -> tuple[np.ndarray, np.ndarray]:
