@@ -297,8 +297,7 @@ class StructuredGaussian:
             own, starts = np.unique(self._kind[index], return_index=True)
             both = columns if border is None else np.concatenate([columns, border])
             rows = np.column_stack([self._rows.columns[np.ix_(index, both)], self._fixed[index]])
-            products = rows[:, : len(columns), None] * rows[:, None, :]
-            sums.append(np.add.reduceat(products, starts, axis=0) if len(index) else products)
+            sums.append(np.stack([part[:, : len(columns)].T @ part for part in np.split(rows, starts[1:])]))
             kinds.append(own)
         gram = np.zeros((len(groups), *sums[0].shape[1:], max(map(len, kinds))))
         padded = np.zeros((len(groups), gram.shape[3]), dtype=np.intp)
