@@ -4,6 +4,7 @@ from .analysis.averaging import average as average
 from .analysis.calibration import Validation as Validation
 from .analysis.calibration import validate as validate
 from .analysis.circularity import circularity as circularity
+from .analysis.circularity import compare_record as compare_record
 from .analysis.circularity import contributions as contributions
 from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
@@ -42,6 +43,9 @@ from .campaign.importing import mask_reversals as mask_reversals
 from .campaign.layout import Layout as Layout
 from .campaign.layout import read_layout as read_layout
 from .campaign.preview import preview as preview
+from .campaign.renishaw import BallbarFeature as BallbarFeature
+from .campaign.renishaw import BallbarRecord as BallbarRecord
+from .campaign.renishaw import read_b5r as read_b5r
 from .errors import InputError as InputError
 from .fleet.batch import Batch as Batch
 from .fleet.batch import batch as batch

@@ -1,4 +1,4 @@
-"""Files read and written: whole or not at all, whatever happens meanwhile; TOML, and what does not fit refused by name."""
+"""Files read and written: whole or not at all, whatever happens meanwhile; TOML, XML, and what does not fit refused by name."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, get_args
+from xml.etree import ElementTree
+from xml.parsers import expat
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -21,10 +23,10 @@ from ldbb_bayes.errors import InputError, nearest, require
 
 __all__ = [
     "LARGEST_TABLE_BYTES", "LARGEST_TOML_BYTES", "bytes_of", "check_target", "parse_toml", "read_toml", "refusing",
-    "staged_folder", "validated", "write_whole",
+    "staged_folder", "validated", "write_whole", "xml_of",
 ]  # fmt: skip
 
-LARGEST_TABLE_BYTES, LARGEST_TOML_BYTES, LONGEST_LINE = 64 * 2**20, 512 * 2**10, 20_000
+LARGEST_TABLE_BYTES, LARGEST_TOML_BYTES, LONGEST_LINE, _DEEPEST = 64 * 2**20, 512 * 2**10, 20_000, 100
 _UNKNOWN, _SHOULD = ("extra_forbidden", "unexpected_keyword_argument"), "Input should be "
 T = TypeVar("T")
 
@@ -224,3 +226,27 @@ def refusing(what: str) -> Callable[[type[T]], type[T]]:
         return cls
 
     return decorated
+
+
+def xml_of(raw: bytes, wanted: str) -> ElementTree.Element:
+    """Return the root element; document types, and so entities, and great depth are refused. ``wanted``: what to give instead."""
+    depth = 0
+
+    def refuse(*_: object) -> None:
+        raise InputError("the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its entities.")
+
+    def move(step: int) -> None:
+        nonlocal depth
+        depth += step
+        require(depth <= _DEEPEST, f"its elements must be nested at most {_DEEPEST} deep, got more. Ask for another file.")
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = (lambda *_: move(1)), (lambda *_: move(-1))
+    try:
+        parser.Parse(raw, True)
+        return ElementTree.fromstring(raw)
+    except InputError:
+        raise
+    except (expat.ExpatError, ElementTree.ParseError, LookupError, ValueError) as error:
+        raise InputError(f"the file must be XML, got: {error}. Give {wanted}.") from None

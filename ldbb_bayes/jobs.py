@@ -268,12 +268,10 @@ _DASK: dict[str, Any] = {
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": {
-        "MALLOC_TRIM_THRESHOLD_": 1 << 26,
-        "MALLOC_MMAP_THRESHOLD_": 1 << 25,
-        "DASK_LOGGING__DISTRIBUTED": "critical",
+        "MALLOC_TRIM_THRESHOLD_": 1 << 26, "MALLOC_MMAP_THRESHOLD_": 1 << 25, "DASK_LOGGING__DISTRIBUTED": "critical",
         **ONE_THREAD,
     },
-}
+}  # fmt: skip
 
 
 def dask_setup(_: Any) -> None:

@@ -64,14 +64,9 @@ def oracle_tests(campaign: Campaign) -> list[OracleTest]:
     """The tests as the oracle has them."""
     return [
         OracleTest(
-            float(test.force_N or 0.0),
-            float(test.pressure_bar or 0.0),
-            np.deg2rad(test.angle_deg),
-            np.asarray(test.reading_um) * 1e-3,
-            np.deg2rad(test.work_ball_deg),
-            np.deg2rad(test.tool_ball_deg),
-            float(test.radius_mm or 0.0),
-            -1.0 if test.direction == "CCW" else 1.0,
+            float(test.force_N or 0.0), float(test.pressure_bar or 0.0), np.deg2rad(test.angle_deg),
+            np.asarray(test.reading_um) * 1e-3, np.deg2rad(test.work_ball_deg), np.deg2rad(test.tool_ball_deg),
+            float(test.radius_mm or 0.0), -1.0 if test.direction == "CCW" else 1.0,
         )
         for test in campaign.tests
-    ]
+    ]  # fmt: skip

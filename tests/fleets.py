@@ -60,18 +60,11 @@ def fleet(
             weighted.append(seen.T @ reading)
             names.append(f"M{m + 1:02d}")
     return FleetStatistics(
-        campaigns=tuple(f"{name}/{k}" for k, name in enumerate(names)),
-        machines=tuple(names),
-        dates=(None,) * len(names),
-        parameters=NAMES[:c],
-        units=UNITS[:c],
-        instrument=("mount", "force_gain"),
-        prior_sd=np.concatenate([PRIOR_SD[:c], INSTRUMENT_SD]),
-        likelihood=Gaussian(np.array(information), np.array(weighted)),
-        reference_force_N=389.0,
-        forces_N=(36.0, 742.0),
-        topology="wCAFYXZSt",
-    )
+        campaigns=tuple(f"{name}/{k}" for k, name in enumerate(names)), machines=tuple(names), dates=(None,) * len(names),
+        parameters=NAMES[:c], units=UNITS[:c], instrument=("mount", "force_gain"),
+        prior_sd=np.concatenate([PRIOR_SD[:c], INSTRUMENT_SD]), likelihood=Gaussian(np.array(information), np.array(weighted)),
+        reference_force_N=389.0, forces_N=(36.0, 742.0), topology="wCAFYXZSt",
+    )  # fmt: skip
 
 
 def telling(
@@ -188,12 +181,10 @@ def with_prior(rows: pd.DataFrame, prior: dict[str, tuple[float, float]]) -> pd.
         changed.append(
             own
             | {
-                "gaussian_mean": found.tolist(),
-                "gaussian_covariance": (after * scale)[np.tril_indices(q)].tolist(),
-                "gaussian_prior_mean": mean.tolist(),
-                "gaussian_prior_sd": sd.tolist(),
+                "gaussian_mean": found.tolist(), "gaussian_covariance": (after * scale)[np.tril_indices(q)].tolist(),
+                "gaussian_prior_mean": mean.tolist(), "gaussian_prior_sd": sd.tolist(),
             }
-        )
+        )  # fmt: skip
     return pd.DataFrame(changed)
 
 

@@ -38,6 +38,7 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
     batch = lb.Batch(Path("b"), Path("b"), 2, 1, 1, 0, 0, ({"campaign": "<b>", "reason": "none"},), (), 1, 2.0, resumed=False)
     terms = [getattr(lb, name)() for name in lb.__all__ if isclass(own := getattr(lb, name)) and issubclass(own, lb.Term)]
     judged, budgets = lb.conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"}), lb.budgets(posterior)
+    record = lb.BallbarRecord("<b>", *[""] * 8, "XY", 150.0, None, (lb.BallbarFeature("AF_CIRCULARITY", 9.0, "µm"),))
     angle, verdict = np.arange(8.0), next(iter(lb.verdicts(posterior).values()))
     return [
         campaign, campaign.plan(), campaign.tests[0], campaign.mount, campaign.force_law, campaign.instrument, machine, circle,
@@ -45,13 +46,13 @@ def shown() -> tuple[list[Any], list[pd.DataFrame]]:
         lb.describe(machine), lb.Layout(forces_N=[36.0]), lb.preview(campaign), lb.identify(MODEL, campaign), verdict, squares,
         lb.uncertainties(campaign), lb.StoppingRule(), lb.Evidences(campaign), design, validation, population, prior, budgets,
         lb.trend(rows), batch, lb.Tolerance(upper=1.0), judged, judged["G"], budgets["C_XXX"], MODEL.simulate(campaign, seed=1),
-        lb.Imported(campaign, lb.Layout(), (), ()), lb.log_density(MODEL, campaign),
+        record, record.features[0], lb.Imported(campaign, lb.Layout(), (), (), (record,)), lb.log_density(MODEL, campaign),
     ], [
         lb.summarize(posterior), lb.nuisances(posterior), lb.circularity(posterior), lb.contributions(posterior), squares.table,
         *lb.measured_circularity(posterior), lb.marginals(MODEL, campaign), lb.differences(posterior, other),
         lb.local_fits(MODEL, campaign), lb.belonging({"constant": MODEL}, campaign, replicates=400), validation.coverage(),
         design.expected_table(), population.machines_table(), lb.patterns(machine, circle, angle),
-        lb.hybrid_jacobian(machine, circle, angle, 300.0, degree=1),
+        lb.hybrid_jacobian(machine, circle, angle, 300.0, degree=1), lb.compare_record(record, campaign),
     ]  # fmt: skip
 
 

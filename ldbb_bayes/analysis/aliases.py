@@ -332,12 +332,10 @@ def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
 
     levels = round(0.5 * float(forces.min()), 3), round(1.5 * float(forces.max()), 3)
     further = {
-        Cure.FORCES: [replace(first, force_N=level, pressure_bar=None) for level in levels],
-        Cure.WORK_BALL: again(1.0, 0.0),
-        Cure.TOOL_BALL: again(0.0, 1.0),
-        Cure.BOTH_BALLS: again(1.0, 1.0),
+        Cure.FORCES: [replace(first, force_N=level, pressure_bar=None) for level in levels], Cure.WORK_BALL: again(1.0, 0.0),
+        Cure.TOOL_BALL: again(0.0, 1.0), Cure.BOTH_BALLS: again(1.0, 1.0),
         Cure.RADIUS: [replace(test, radius_mm=round(radius * 2.0 / 3.0, 1)) for test in plan.tests],
-    }
+    }  # fmt: skip
     if all(test.direction for test in plan.tests):
         turned: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
         further[Cure.DIRECTIONS] = [replace(test, direction=turned.get(test.direction or "")) for test in plan.tests]

@@ -370,17 +370,10 @@ def discrimination_of(
     expected = [0.5 * (log_volume + (own[:, 0] ** 2 + variance).sum(axis=1)).mean() for own, variance in (there, nothing)]
     moved = size * np.array([1.0, -1.0])[:, None] * (learnt[:, None] * np.swapaxes(turn, 1, 2))[:, :, None]
     return Discrimination(
-        size,
-        before is not None,
-        threshold,
-        float(expected[0]),
-        float(expected[1]),
-        probability(*there, threshold),
-        1.0 - probability(*nothing, -threshold),
-        1.0 - probability(*there, -threshold),
-        probability(*nothing, threshold),
+        size, before is not None, threshold, float(expected[0]), float(expected[1]), probability(*there, threshold),
+        1.0 - probability(*nothing, -threshold), 1.0 - probability(*there, -threshold), probability(*nothing, threshold),
         {name: probability(nothing[0] + moved[:, j], learnt, threshold) for j, name in enumerate(names)},
-    )
+    )  # fmt: skip
 
 
 def _points(count: int, dimensions: int, seed: int) -> Array:
@@ -556,10 +549,7 @@ class Space:
             return Forecast(expected, gain, None)
         before = states.before.marginal(own) if self.augment and not self.pilot.is_plan else None
         decision = discrimination_of(
-            covariance[:, own][:, :, own],
-            tuple(slopes),
-            size=self.slope_size,
-            before=before and Gaussian.factored(before.mean / scale[own], before.root, before.scale / scale[own]),
-            seed=self.seed,
-        )
+            covariance[:, own][:, :, own], tuple(slopes), size=self.slope_size,
+            before=before and Gaussian.factored(before.mean / scale[own], before.root, before.scale / scale[own]), seed=self.seed,
+        )  # fmt: skip
         return Forecast(expected, gain, decision)

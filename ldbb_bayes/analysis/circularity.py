@@ -17,6 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
+from ldbb_bayes.campaign.renishaw import BallbarRecord
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, parts_of
 from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_terms
@@ -27,7 +28,7 @@ from ldbb_bayes.result import Array, readable
 
 __all__ = [
     "BIDIRECTIONAL", "COMPLIANCE", "DRAWS", "GEOMETRY", "MINIMUM_ZONES", "QUANTITIES", "TOGETHER", "Zone", "circularity",
-    "contribution_paths", "contributions", "first_circle", "least_squares_zone", "measured_circularity",
+    "compare_record", "contribution_paths", "contributions", "first_circle", "least_squares_zone", "measured_circularity",
     "minimum_zone_width", "offsets", "path_draws", "squareness_name",
 ]  # fmt: skip
 
@@ -111,16 +112,50 @@ def measured_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFram
         traces = _trace(one), _trace(other)
         both = np.concatenate(traces, axis=1)
         pairs[f"{one.name} + {other.name}"] = {
-            "force_N": one.force_N,
-            "plane": one.plane,
-            "G_b": least_squares_zone(*both).width,
+            "force_N": one.force_N, "plane": one.plane, "G_b": least_squares_zone(*both).width,
             "G_b_minimum_zone": minimum_zone_width(*both),
             "D": float(np.mean([least_squares_zone(*trace).mean for trace in traces])),
-        }
+        }  # fmt: skip
     columns = ["force_N", "plane", *BIDIRECTIONAL, "G_b_minimum_zone"]
     units = QUANTITIES | BIDIRECTIONAL | MINIMUM_ZONES
     by_test = readable(pd.DataFrame.from_dict(tests, orient="index"), "The readings as they are", units)
     return by_test, readable(pd.DataFrame.from_dict(pairs, orient="index", columns=columns), "Both directions", units)
+
+
+_COUNTERPART = {"AF_CIRCULARITY": "G", "AF_SQUARENESS": "squareness"}
+
+
+def compare_record(record: BallbarRecord, campaign: Campaign) -> pd.DataFrame:
+    """What Renishaw's software found, beside the readings of a campaign as `measured_circularity` has them.
+
+    InputError for a plan, or a record of another plane.
+
+    Returns
+    -------
+    One row per test in the record's plane, or pair of tests, and feature: feature, quantity, force_N, radius_mm, unit, record,
+    measured, difference (measured less record). Circularity is beside G, of a pair beside G_b; squareness beside squareness, in
+    the sign that each has. A record is of an unloaded bar: they agree where force does little.
+    """
+    require(not campaign.is_plan, "a record must be compared with readings, got a plan. Run the tests.")
+    tests, pairs = measured_circularity(campaign)
+    planes = sorted(set(tests["plane"]))
+    cure = "Compare it with tests of its plane."
+    require(record.plane in planes, f"the record must be of plane {' or '.join(planes)}, got {record.plane or 'none'}. {cure}")
+    rows, index, own_plane = [], list[str](), [table[table["plane"] == record.plane] for table in (tests, pairs)]
+    for test, row in [each for table in own_plane for each in table.iterrows()]:
+        for own in record.features:
+            quantity = _COUNTERPART.get(own.name, "")
+            quantity = quantity if quantity in row else "G_b" if quantity == "G" and not own.run else ""
+            if quantity and own.run in ("", row.get("direction") or own.run):
+                places = (row["force_N"], row.get("radius_mm", np.nan), own.unit)
+                rows.append(
+                    (f"{own.name} {own.run}".strip(), quantity, *places, own.value, row[quantity], row[quantity] - own.value)
+                )
+                index.append(str(test))
+    columns = ["feature", "quantity", "force_N", "radius_mm", "unit", "record", "measured", "difference"]
+    at = f", R = {record.radius_mm:g} mm" if record.radius_mm else ""
+    caption = f"{record.file}, plane {record.plane}{at}, beside the readings"
+    return readable(pd.DataFrame(rows, index=index, columns=columns), caption)
 
 
 def _measured(bound: BoundModel, test: CircularTest) -> dict[str, Any]:

@@ -350,17 +350,12 @@ def _models(weighed: Mapping[str, Nodes], densities: Mapping[str, Array], seed: 
         elpd, elpd_se = _sum_over_tests(densities[name])
         moments = zip(bound.parameters, *nodes.moments(spare=_SPARE, points=_POINTS), strict=True)
         compared[name] = ComparedModel(
-            log_evidence=nodes.evidence.log_value,
-            log_evidence_error=nodes.evidence.error,
-            posterior_probability=float(probability),
-            elpd_lofo=elpd,
-            elpd_lofo_se=elpd_se,
-            rmse_um=fit_quality(bound, phi, beta).rmse_um,
-            least_squares_rmse_um=_least_squares_rmse(bound.model, bound.campaign),
-            degree=bound.model.degree,
-            parameters={p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments},
+            log_evidence=nodes.evidence.log_value, log_evidence_error=nodes.evidence.error,
+            posterior_probability=float(probability), elpd_lofo=elpd, elpd_lofo_se=elpd_se,
+            rmse_um=fit_quality(bound, phi, beta).rmse_um, least_squares_rmse_um=_least_squares_rmse(bound.model, bound.campaign),
+            degree=bound.model.degree, parameters={p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments},
             compliance_against_force=averaged_curves([nodes], np.ones(1), seed, ci_prob),
-        )
+        )  # fmt: skip
     return compared
 
 
@@ -382,13 +377,9 @@ def _tests(
     forces = next(iter(weighed.values())).bound.setting.force_N
     return {
         name: ComparedTest(
-            force_N=float(forces[r]),
-            lofo_log_density={model: float(densities[model][r]) for model in weighed},
-            lofo_p_value=own.p_value,
-            lofo_family_wise_p_value=own.family_wise_p_value,
-            lofo_worst_order=own.worst_order,
-            lofo_p_value_by_order=dict(enumerate(own.order_p_values)),
-            flag=own.flag,
+            force_N=float(forces[r]), lofo_log_density={model: float(densities[model][r]) for model in weighed},
+            lofo_p_value=own.p_value, lofo_family_wise_p_value=own.family_wise_p_value, lofo_worst_order=own.worst_order,
+            lofo_p_value_by_order=dict(enumerate(own.order_p_values)), flag=own.flag,
         )
         for r, (name, own) in enumerate(odd.items())
-    }
+    }  # fmt: skip

@@ -215,19 +215,10 @@ def design(
         low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
         forces_N = np.unique([*np.arange(low, high, 1.0), high]).tolist()
     space = Space(
-        model,
-        pilot,
-        tuple(map(float, forces_N)),
-        clockings_deg,
-        radii_mm,
-        directions,
-        criterion=criterion or ("d" if model.prior.flat else "eig"),
-        parameters=tuple(parameters),
-        augment=augment,
-        slope_size=slope_size,
-        judged=tuple(test for campaign in against.values() for test in campaign.tests),
-        seed=seed,
-    )
+        model, pilot, tuple(map(float, forces_N)), clockings_deg, radii_mm, directions,
+        criterion=criterion or ("d" if model.prior.flat else "eig"), parameters=tuple(parameters), augment=augment,
+        slope_size=slope_size, judged=tuple(test for campaign in against.values() for test in campaign.tests), seed=seed,
+    )  # fmt: skip
     compared = {_STEPS: space.equal_steps(number)}
     for name, campaign in against.items():
         compared[name] = tuple(replace(test.with_reading_um(None), name="") for test in campaign.tests)
@@ -250,25 +241,15 @@ def _designed(space: Space, found: Found, pilot: Pilot, compared: Mapping[str, t
     expected = space.forecast(tests)
     sizes = np.sqrt((space.states.phi**2).mean(axis=0))
     return Design(
-        **vars(expected),
-        criterion=space.criterion,
-        parameters=space.chosen,
-        table=space.frame(tests).value_counts(sort=False).rename("count").reset_index(),
-        augment=space.augment,
-        degree=space.model.degree,
-        reference_force_N=space.bound.setting.reference_force_N,
-        efficiency=min(found.efficiency, 1.0),
+        **vars(expected), criterion=space.criterion, parameters=space.chosen,
+        table=space.frame(tests).value_counts(sort=False).rename("count").reset_index(), augment=space.augment,
+        degree=space.model.degree, reference_force_N=space.bound.setting.reference_force_N, efficiency=min(found.efficiency, 1.0),
         certificate=Certificate(highest, optimum.bound, concave, highest <= optimum.bound * (1.0 + _HOLDS)),
-        shares=candidates[shown].assign(share=optimum.share[shown]).reset_index(drop=True),
-        baseline=others[0].expected,
-        compared=others,
-        limits=_limits(space, tests, expected),
-        hyper_um=space.bound.hyper_prior.named(sizes),
-        measured=not space.pilot.is_plan,
-        pilot=pilot,
-        sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
+        shares=candidates[shown].assign(share=optimum.share[shown]).reset_index(drop=True), baseline=others[0].expected,
+        compared=others, limits=_limits(space, tests, expected), hyper_um=space.bound.hyper_prior.named(sizes),
+        measured=not space.pilot.is_plan, pilot=pilot, sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
         planned=Planned(tests, space.pilot, _model_of(space, tests)),
-    )
+    )  # fmt: skip
 
 
 def _model_of(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
@@ -299,9 +280,6 @@ def _limits(space: Space, tests: Sequence[CircularTest], expected: Forecast) -> 
     found = tuple(d for d in degeneracies(bound) if set(d.parameters) & set(shared)) if shared else ()
     return Limits(
         levels if levels <= space.model.degree + 2 and not space.augment else None,
-        {plane: str(next(iter(own))) for plane, own in ways.items() if len(own) == 1 and Hysteresis in terms},
-        Drift in terms,
-        shared,
-        found,
-        cures(bound, found) if found else (),
-    )
+        {plane: str(next(iter(own))) for plane, own in ways.items() if len(own) == 1 and Hysteresis in terms}, Drift in terms,
+        shared, found, cures(bound, found) if found else (),
+    )  # fmt: skip

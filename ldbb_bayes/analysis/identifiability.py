@@ -178,17 +178,13 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     information = information_of(bound, phi)
     found = degeneracies(bound)
     return Identifiability(
-        parameters=parameters_of(bound, information, found, mean),
-        degeneracies=found,
-        cures=cures(bound, found),
+        parameters=parameters_of(bound, information, found, mean), degeneracies=found, cures=cures(bound, found),
         standing=standing_degeneracies(bound, found),
         effective_parameters=len(bound.names) - (0.0 if information.flat else float(information.variances().sum())),
-        alias=_alias_matrix(bound, information),
-        correlation=_correlation(information),
+        alias=_alias_matrix(bound, information), correlation=_correlation(information),
         certificates={} if information.flat else _worth_of_certificates(bound, weight, nodes),
-        hyper_um=bound.hyper_prior.named(phi),
-        measured=not campaign.is_plan,
-    )
+        hyper_um=bound.hyper_prior.named(phi), measured=not campaign.is_plan,
+    )  # fmt: skip
 
 
 @one_blas_thread
@@ -246,20 +242,12 @@ def parameters_of(
         if p.name in turning:
             verdict, partners = Verdict.CONFOUNDED, tuple(dict.fromkeys(["Position", *partners]))
         entries[p.name] = ParameterIdentifiability(
-            name=p.name,
-            verdict=verdict,
-            partners=partners,
-            partner_shares={partner: every[partner] for partner in partners if partner in every},
-            unit=p.unit,
-            prior_mean=p.prior_mean if proper else np.nan,
-            prior_sd=float(prior_sd),
-            mean=float(mean[i]),
-            sd=float(sd),
-            contraction=1.0 - ratio if proper else np.nan,
-            information_gain=float(-0.5 * np.log(ratio)) if proper else np.nan,
-            confounding=confounding,
-            shares={source: float(values[i]) for source, values in shares.items()},
-        )
+            name=p.name, verdict=verdict, partners=partners,
+            partner_shares={partner: every[partner] for partner in partners if partner in every}, unit=p.unit,
+            prior_mean=p.prior_mean if proper else np.nan, prior_sd=float(prior_sd), mean=float(mean[i]), sd=float(sd),
+            contraction=1.0 - ratio if proper else np.nan, information_gain=float(-0.5 * np.log(ratio)) if proper else np.nan,
+            confounding=confounding, shares={source: float(values[i]) for source, values in shares.items()},
+        )  # fmt: skip
     return entries
 
 
@@ -368,17 +356,11 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
     ]
     joints = [(joint.axis, joint.branch, ", ".join(f"{x:g}" for x in joint.frame_mm)) for joint in machine.joints]
     return DescribedMachine(
-        machine.topology,
-        tuple(machine.planes),
+        machine.topology, tuple(machine.planes),
         tuple(f"{axis} in the {branch} branch, frame at ({at}) mm" for axis, branch, at in joints),
-        tuple(dict.fromkeys(circle.centre_mm for circle in circles)),
-        tuple(compliances),
-        tuple(errors),
-        kept.null,
-        kept.dependent,
-        kept.rank,
-        kept.condition_number,
-    )
+        tuple(dict.fromkeys(circle.centre_mm for circle in circles)), tuple(compliances), tuple(errors), kept.null,
+        kept.dependent, kept.rank, kept.condition_number,
+    )  # fmt: skip
 
 
 _RADII = np.array([1.0, 2.0, 3.0, 4.0])

@@ -43,16 +43,14 @@ __all__ = [
 Change = Callable[[HybridModel], HybridModel]
 WHITE_NOISE = "white noise only, no truncation"
 _DISCREPANCIES: tuple[tuple[str, type[Term], Term | None], ...] = (
-    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)),
-    ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
+    ("discrepancy κ/n", Discrepancy, Discrepancy(1.0)), ("discrepancy κ/n²", Discrepancy, Discrepancy(2.0)),
     ("without discrepancy", Discrepancy, None),
     ("set-up shift: one scale for orders 0 and 1", SetupShift, SetupShift("together")),
     ("set-up shift: own scales for orders 0 and 1", SetupShift, SetupShift("apart")),
     ("set-up shift of order 0 (zero) only", SetupShift, SetupShift("zero")),
-    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")),
-    ("without set-up shift", SetupShift, None),
+    ("set-up shift of order 1 (centre) only", SetupShift, SetupShift("centre")), ("without set-up shift", SetupShift, None),
     ("circles of one scatter", CircleScale, None),
-)
+)  # fmt: skip
 _DRAWS = 4000
 _POINTS = 41
 _EVERY, _SEARCHED = 729, 100

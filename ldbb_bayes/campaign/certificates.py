@@ -13,17 +13,16 @@ from itertools import repeat
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 from ldbb_bayes.campaign.layout import WORDS
 from ldbb_bayes.errors import InputError, placed, require
-from ldbb_bayes.files import bytes_of
+from ldbb_bayes.files import bytes_of, xml_of
 from ldbb_bayes.result import Shown
 
 __all__ = ["CalibrationCertificate", "CertifiedQuantity", "read_dcc"]
 
 _DCC, _SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
-_LARGEST_BYTES, _DEEPEST, _LISTED = 32 * 2**20, 100, 12
+_LARGEST_BYTES, _LISTED = 32 * 2**20, 12
 _ASIDE = "usedMethods", "usedSoftware", "measuringEquipments", "influenceConditions", "measurementMetaData"
 # Element of an uncertainty and of the number in it, of D-SI 2 and 1.
 _EXPANDED = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
@@ -151,7 +150,7 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     path = Path(path)
     raw = bytes_of(path, _LARGEST_BYTES, what="a digital calibration certificate (XML)")
     with placed(path):
-        root = _tree(raw)
+        root = xml_of(raw, "the DCC itself, an .xml file")
         got = f"got the root element {root.tag[:80]!r}. Give the DCC of the laboratory, not its PDF or another XML"
         is_one = root.tag == f"{_DCC}digitalCalibrationCertificate"
         require(is_one, f"the file must be a digital calibration certificate (namespace https://ptb.de/dcc), {got}.")
@@ -160,30 +159,6 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
         return CalibrationCertificate(
             path, " ".join(identifier.split()), () if results is None else tuple(_quantities(results, ()))
         )
-
-
-def _tree(raw: bytes) -> ElementTree.Element:
-    """The elements; no document type and no great depth: so no entity is ever expanded."""
-    depth = 0
-
-    def refuse(*_: object) -> None:
-        raise InputError("the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its entities.")
-
-    def move(step: int) -> None:
-        nonlocal depth
-        depth += step
-        require(depth <= _DEEPEST, f"its elements must be nested at most {_DEEPEST} deep, got more. Ask for another file.")
-
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler = (lambda *_: move(1)), (lambda *_: move(-1))
-    try:
-        parser.Parse(raw, True)
-        return ElementTree.fromstring(raw)
-    except InputError:
-        raise
-    except (expat.ExpatError, ElementTree.ParseError, LookupError, ValueError) as error:
-        raise InputError(f"the file must be XML, got: {error}. Give the DCC itself, an .xml file.") from None
 
 
 def _quantities(holder: ElementTree.Element, within: tuple[str, ...]) -> Iterator[CertifiedQuantity]:

@@ -474,12 +474,9 @@ def find_headings(
         left = []
     for sheet, _ in left:
         notes.add(
-            sheet.place,
-            "left out",
-            "the sheet" if sheet.name else "the file",
-            "it holds no table of angles and readings",
+            sheet.place, "left out", "the sheet" if sheet.name else "the file", "it holds no table of angles and readings",
             "--sheets",
-        )
+        )  # fmt: skip
     paths = [sheet.path for sheet, _ in found]
     found = [(replace(sheet, only=True) if paths.count(sheet.path) == 1 else sheet, heading) for sheet, heading in found]
     return found, [sheet for sheet, _ in left]

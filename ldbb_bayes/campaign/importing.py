@@ -31,6 +31,7 @@ from ldbb_bayes.campaign.headers import (
 )
 from ldbb_bayes.campaign.layout import UNITS, WORDS, Assumption, Layout, Notes
 from ldbb_bayes.campaign.preview import resolution_of
+from ldbb_bayes.campaign.renishaw import SUFFIX, BallbarRecord, read_b5r
 from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.machine.chain import PLANES
@@ -469,6 +470,7 @@ class Imported(Result):
     layout: _Given  #: with what was found out filled in: reading the same files with it guesses nothing of them
     assumptions: tuple[Assumption, ...]  #: with the option that changes each
     unsaid: tuple[str, ...]  #: fields of the campaign for which the usual value was taken, as nothing says another
+    records: tuple[BallbarRecord, ...] = ()  #: of Renishaw's files among them
 
 
 def import_campaign(
@@ -477,12 +479,16 @@ def import_campaign(
     """Read tables as they are found into one campaign.
 
     Each of ``files`` (CSV or text of any kind) or sheet of a workbook (XLSX, XLS, ODS) is one test, or holds a column
-    that names the test of each row. What the layout does not say is found out and told; other arguments are fields of
-    `Campaign`. An `InputError` names the file, the line and the cure.
+    that names the test of each row; a .b5r file is kept as a record. What the layout does not say is found out and told; other
+    arguments are fields of `Campaign`. An `InputError` names the file, the line and the cure.
     """
     layout, notes = layout or Layout(), Notes()
     given = [files] if isinstance(files, str | os.PathLike) else files
     paths, named = matching(given), {Path(file) for file in given}
+    records = tuple(read_b5r(path) for path in paths if path.suffix.lower() == SUFFIX)
+    paths = [path for path in paths if path.suffix.lower() != SUFFIX]
+    got = f"got {given[0]} alone: how a {SUFFIX} file writes its trace is described nowhere in public"
+    require(paths, f"files must hold readings, {got}. Export the trace as text, and name that file too.")
     tests: list[CircularTest] = []
     tables: list[_Table] = []
     read = partial(read_sheets, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets)
@@ -520,7 +526,7 @@ def import_campaign(
             notes.add("", key, "taken for no test", why, _option(_LOADS[key][1]))
     unsaid = _note_machine(campaign, tests, notes, not_understood(tables[0].of_all))
     campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
-    return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid)
+    return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid, records)
 
 
 def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:

@@ -111,15 +111,10 @@ class CampaignPreview(Result):
 def preview(campaign: Campaign) -> CampaignPreview:
     """Look at a campaign or plan without fitting anything."""
     return CampaignPreview(
-        name=campaign.name,
-        sha256=campaign.sha256,
-        topology=campaign.topology,
-        plane=campaign.machine().plane,
-        is_plan=campaign.is_plan,
-        tests=tuple(_preview(test, campaign) for test in campaign.tests),
-        assumptions=_assumptions(campaign),
-        remarks=_remarks(campaign),
-    )
+        name=campaign.name, sha256=campaign.sha256, topology=campaign.topology, plane=campaign.machine().plane,
+        is_plan=campaign.is_plan, tests=tuple(_preview(test, campaign) for test in campaign.tests),
+        assumptions=_assumptions(campaign), remarks=_remarks(campaign),
+    )  # fmt: skip
 
 
 _SHOWN = ("name", "force_N", "pressure_bar", "arc_deg", "direction", "plane", "setup", "work_ball_deg", "tool_ball_deg")
@@ -153,15 +148,9 @@ def _preview(test: CircularTest, campaign: Campaign) -> TestPreview:
         remarks.add(kinds.UNIT, not 3.0 * stated <= span <= 1000.0, what="peak to peak", value=span, unit="µm")
         remarks.add(kinds.STEP, digit and not 0.5 * stated < digit < 1.5 * stated, step_um=digit, stated_um=stated)
     return TestPreview(
-        **{key: getattr(test, key) for key in _SHOWN},
-        readings=len(angle),
-        largest_gap_deg=gap,
-        travel=travel,
-        radius_mm=test.circle.radius_mm,
-        centre_mm=test.circle.centre_mm,
-        **seen,
-        remarks=tuple(remarks),
-    )
+        **{key: getattr(test, key) for key in _SHOWN}, readings=len(angle), largest_gap_deg=gap, travel=travel,
+        radius_mm=test.circle.radius_mm, centre_mm=test.circle.centre_mm, **seen, remarks=tuple(remarks),
+    )  # fmt: skip
 
 
 def _path(test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks) -> tuple[float, int]:

@@ -51,12 +51,9 @@ class _Commands(TyperGroup):
 
 
 app = typer.Typer(
-    cls=_Commands,
-    name="ldbb-bayes",
-    help="Bayesian uncertainty quantification for the loaded double ball bar.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
+    cls=_Commands, name="ldbb-bayes", help="Bayesian uncertainty quantification for the loaded double ball bar.",
+    add_completion=False, pretty_exceptions_enable=False,
+)  # fmt: skip
 _COMMANDS = (
     *(report, demo, machine, check, fit, batch, trend, population),
     *(identify, compare, design, simulate, summarize, validate),

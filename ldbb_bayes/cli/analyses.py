@@ -47,12 +47,10 @@ def identify(campaign: options.GivenCampaign, model: options.ChosenModel, output
         "correlation.csv": result.correlation.rename_axis("coefficient").reset_index(),
     }
     output.deliver(
-        record,
-        (f"Compliance {_DEGREES[model.degree]} in force.", *_with_oddities(result, campaign)),
-        contents,
+        record, (f"Compliance {_DEGREES[model.degree]} in force.", *_with_oddities(result, campaign)), contents,
         {"prior_and_posterior": options.drawing("prior_and_posterior", result)},
         also=partial(write_atlases, campaign.machine(), [test.circle for test in campaign.tests]),
-    )
+    )  # fmt: skip
 
 
 def _with_oddities(result: object, campaign: lb.Campaign) -> tuple[Any, ...]:
@@ -158,23 +156,18 @@ def design(
     record = {"schema": 1, "seed": asked["seed"], **lb.with_words(result)}
     plan = result.plan(seed=asked["seed"])
     contents = {
-        "model.toml": model_to_toml(result.model),
-        "design.json": record,
-        "expected.csv": result.expected_table(),
+        "model.toml": model_to_toml(result.model), "design.json": record, "expected.csv": result.expected_table(),
         "sensitivity.csv": result.sensitivity,
-    }
+    }  # fmt: skip
     own = [(t.direction or "–", f"{t.radius_mm:g} mm", f"balls {t.work_ball_deg:g}/{t.tool_ball_deg:g}°") for t in plan.tests]
     varied = [k for k, values in enumerate(zip(*own, strict=True)) if len(set(values)) > 1]
     settings = [f" ({', '.join(values[k] for k in varied)})" if varied else "" for values in own]
     order = ", ".join(test.name + text for test, text in zip(plan.tests, settings, strict=True))
     output.deliver(
-        record,
-        (*_with_oddities(result, campaign), f"Run in this order: {order}"),
-        contents,
-        {"expected_widths": options.drawing("expected_widths", result)},
-        also=partial(write_campaign_into, plan),
+        record, (*_with_oddities(result, campaign), f"Run in this order: {order}"), contents,
+        {"expected_widths": options.drawing("expected_widths", result)}, also=partial(write_campaign_into, plan),
         more=", a plan; model.toml is for its analysis (fit --model)",
-    )
+    )  # fmt: skip
     if not result.certificate.holds:
         raise typer.Exit(options.EXIT_MISSED)
 

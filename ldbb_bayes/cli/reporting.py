@@ -312,17 +312,12 @@ def _of_fits(source: Given, output: Output, asked: dict[str, Any]) -> Reported:
     tolerances_in(quantities_of(bound_of(first)), tolerances)
     with options.counting_progress(output.quiet, "sections") as progress:
         document = lb.write_report(
-            first,
-            folder,
-            beside_it=_named(first, others, paths[1:]),
-            **{key: asked[key] for key in ("tests", "same_instrument") if key in asked},
-            **_of_page(asked),
-            tolerances=tolerances,
+            first, folder, beside_it=_named(first, others, paths[1:]),
+            **{key: asked[key] for key in ("tests", "same_instrument") if key in asked}, **_of_page(asked), tolerances=tolerances,
             comparison=None if comparison is None else lb.read_comparison(comparison),
             recommended=None if design is None else lb.read_design(design),
-            averaged=lb.load(own / AVERAGED_NAME) if (own / AVERAGED_NAME).exists() else None,
-            progress=progress,
-        )
+            averaged=lb.load(own / AVERAGED_NAME) if (own / AVERAGED_NAME).exists() else None, progress=progress,
+        )  # fmt: skip
     return document, (), record_of(first)["sampler"]["converged"]
 
 

@@ -269,12 +269,10 @@ def _record(settings: Settings) -> dict[str, Any]:
     table = {
         f"{kind} {name}": asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
         for kind, given in (
-            ("table option", settings.table),
-            ("certificate", settings.certificates),
-            ("tolerance", settings.tolerances),
+            ("table option", settings.table), ("certificate", settings.certificates), ("tolerance", settings.tolerances),
         )
         for name, value in given.items()
-    }
+    }  # fmt: skip
     return {
         "model": model_sha256(settings.model)[:12],
         **{name: getattr(settings, name) for name in ("sampler", "seed", "ess", "ci_prob", "compare")},
@@ -477,16 +475,7 @@ def _finished(journal: sqlite3.Connection, out: Path, campaigns: int, fitted: in
         return tuple({key: row[key] for key in ("campaign", why)} for row in rows)
 
     return Batch(
-        out=out,
-        dataset=out / DATASET,
-        campaigns=campaigns,
-        done=campaigns - failed,
-        failed=failed,
-        not_converged=unusable,
-        doubtful=doubtful,
-        failures=first("reason", "failed"),
-        doubts=first("verdict", State.UNUSABLE, State.DOUBTFUL),
-        fitted=fitted,
-        seconds=seconds,
-        resumed=resumed,
-    )
+        out=out, dataset=out / DATASET, campaigns=campaigns, done=campaigns - failed, failed=failed, not_converged=unusable,
+        doubtful=doubtful, failures=first("reason", "failed"), doubts=first("verdict", State.UNUSABLE, State.DOUBTFUL),
+        fitted=fitted, seconds=seconds, resumed=resumed,
+    )  # fmt: skip

@@ -514,11 +514,9 @@ def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
     return PopulationPrior(
         **{name: record[name] for name in ("reference_force_N", "machines", "campaigns", "topology", "sha256", "compliances")},
         means={name: entry["mean"] for name, entry in record["next"].items()},
-        sds={name: entry["sd"] for name, entry in record["next"].items()},
-        machine_ids=frozenset(record["machine"]),
-        readings=frozenset(record["readings_sha256"]),
-        own_doubts=tuple(record["doubts"]),
-    )
+        sds={name: entry["sd"] for name, entry in record["next"].items()}, machine_ids=frozenset(record["machine"]),
+        readings=frozenset(record["readings_sha256"]), own_doubts=tuple(record["doubts"]),
+    )  # fmt: skip
 
 
 def digest_of(record: Mapping[str, Any]) -> str:

@@ -221,17 +221,11 @@ def fleet_statistics(
     return FleetStatistics(
         campaigns=tuple(map(str, rows["campaign"])),
         machines=tuple(str(own if isinstance(own, str) else name) for own, name in ids),
-        dates=tuple(moment(own) if isinstance(own, str) else None for own in rows["date"]),
-        parameters=chosen,
-        units=own_units,
-        instrument=shared,
-        prior_sd=scale,
-        likelihood=Gaussian(information * (scale[:, None] * scale), weighted * scale),
-        reference_force_N=force,
-        forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
-        topology=topologies[0],
-        compliances=_meanings(rows, chosen),
-    )
+        dates=tuple(moment(own) if isinstance(own, str) else None for own in rows["date"]), parameters=chosen, units=own_units,
+        instrument=shared, prior_sd=scale, likelihood=Gaussian(information * (scale[:, None] * scale), weighted * scale),
+        reference_force_N=force, forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
+        topology=topologies[0], compliances=_meanings(rows, chosen),
+    )  # fmt: skip
 
 
 def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> tuple[Array, Array, Array, Array]:

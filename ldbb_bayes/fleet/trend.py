@@ -223,14 +223,12 @@ def _parts(trend: Trend) -> tuple[Table | str, ...]:
         likely, now, step = own.probability >= _UNLIKELY, own.level_now, own.change
         rows.append(
             (
-                display_name(name),
-                plus_minus(now.mean, now.sd, now.interval, own.unit),
+                display_name(name), plus_minus(now.mean, now.sd, now.interval, own.unit),
                 f"{round_uncertainty(2.0 * own.common_sd * factor)[0]} {label}" if own.common_sd > 0.0 else "–",
-                probability_words(own.probability),
-                plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
+                probability_words(own.probability), plus_minus(step.mean, step.sd, step.interval, own.unit) if likely else "–",
                 f"{own.percent:+.0f} %".replace("-", "−") if likely and own.percent is not None else "–",
             )
-        )
+        )  # fmt: skip
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
     meant = "± U = 2u. U, common: what the bar adds to all campaigns alike."
     whose = f"{trend.machine}, " if trend.machine else ""
@@ -268,15 +266,10 @@ def _parameter(
     now, now_sd, now_low, now_high, common = (scale * float(own) for own in numbers)
     when = share.sum(axis=0)
     return ParameterChange(
-        unit=statistics.units[j],
-        probability=total,
-        place=1 + ranked(range(len(when)), lambda k: float(when[k]))[0],
-        change=Summary(mean, sd, (low, high)),
-        percent=100.0 * mean / before if abs(before) > _KNOWN * doubt else None,
-        level_before=before,
-        level_now=Summary(now, now_sd, (now_low, now_high)),
-        common_sd=common,
-    )
+        unit=statistics.units[j], probability=total, place=1 + ranked(range(len(when)), lambda k: float(when[k]))[0],
+        change=Summary(mean, sd, (low, high)), percent=100.0 * mean / before if abs(before) > _KNOWN * doubt else None,
+        level_before=before, level_now=Summary(now, now_sd, (now_low, now_high)), common_sd=common,
+    )  # fmt: skip
 
 
 _SIZED = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
@@ -292,14 +285,12 @@ def _estimates(statistics: FleetStatistics, visits: Sequence[Visit], chart: Char
         {
             "campaign": np.repeat([own.campaign for own in visits], p),
             "date": np.repeat(np.array([own.date and own.date.isoformat() for own in visits], dtype=object), p),
-            "parameter": np.tile(statistics.parameters, n),
-            "unit": np.tile(statistics.units, n),
+            "parameter": np.tile(statistics.parameters, n), "unit": np.tile(statistics.units, n),
             **dict(zip(_SIZED, (sized * statistics.prior_sd[:p, None]).reshape(n * p, -1).T, strict=True)),
-            "outside": ((chart.own < chart.limits[0]) | (chart.own > chart.limits[1])).ravel(),
-            "change_here": here.ravel(),
+            "outside": ((chart.own < chart.limits[0]) | (chart.own > chart.limits[1])).ravel(), "change_here": here.ravel(),
             "change_by_here": np.cumsum(here, axis=0).ravel(),
         }
-    )
+    )  # fmt: skip
 
 
 def _conformities(
@@ -429,19 +420,15 @@ def trend(
     total = 1.0 - float(weights[:, -1].sum())
     believed = {"change_scale": change_scale, "repeatability": repeatability, "probability": probability}
     return Trend(
-        machine=machine,
-        reference_force_N=statistics.reference_force_N,
+        machine=machine, reference_force_N=statistics.reference_force_N,
         assumptions=believed | {"threshold": threshold, "ci": ci_prob, "one_instrument": bool(statistics.instrument)},
-        probability=total,
-        changed=total > threshold,
-        false_alarm=min(1.0, (1.0 - threshold) / threshold * probability / (1.0 - probability)),
-        campaigns=visits,
+        probability=total, changed=total > threshold,
+        false_alarm=min(1.0, (1.0 - threshold) / threshold * probability / (1.0 - probability)), campaigns=visits,
         parameters=dict(zip(statistics.parameters, steps, strict=True)),
         most_probable=statistics.parameters[ranked(range(p), lambda j: steps[j].probability)[0]],
-        caveats=(*caveats, *_caveats(statistics)),
-        estimates=_estimates(statistics, visits, chart, change, ci_prob),
+        caveats=(*caveats, *_caveats(statistics)), estimates=_estimates(statistics, visits, chart, change, ci_prob),
         conformity=_conformities(statistics, visits, chart, tolerances, relied["tolerances"].iloc[order[-1]]),
-    )
+    )  # fmt: skip
 
 
 # ---- its chart

@@ -215,12 +215,10 @@ def record_from(bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: i
         "sampler": dict(sampler),
         "fit": fit.as_dict(),
         "provenance": {
-            "versions": versions(),
-            "seed": seed,
-            "started": started.isoformat(timespec="seconds"),
+            "versions": versions(), "seed": seed, "started": started.isoformat(timespec="seconds"),
             "platform": f"Python {platform.python_version()}, {platform.system()} {platform.machine()}",
         },
-    }
+    }  # fmt: skip
 
 
 def fit_of_parts(
@@ -250,16 +248,11 @@ def fit_of_parts(
     checks = averaged_checks(share, [predictive_checks(*own, rng) for own in thinned])
     scaled = {"prior": prior - prior_level, "hyper_prior": hyper_prior, "likelihood": likelihood}
     return Fit(
-        quality.rmse_um,
-        quality.fitness_percent,
-        *truncation,
-        bound.log_prob_truncation_prior,
+        quality.rmse_um, quality.fitness_percent, *truncation, bound.log_prob_truncation_prior,
         bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
-        (*missed, *_concerns(bound, flat_phi, flat_beta.mean(axis=0), truncation[0])),
-        checks,
-        power_sensitivity(group, scaled),
+        (*missed, *_concerns(bound, flat_phi, flat_beta.mean(axis=0), truncation[0])), checks, power_sensitivity(group, scaled),
         *effects(bound, flat_phi.mean(axis=0), checks),
-    )
+    )  # fmt: skip
 
 
 def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float) -> Iterator[Concern]:
@@ -307,14 +300,12 @@ def groups_of(
             "angle_as_read_deg": np.concatenate([test.angle_deg for test in tests]),
             "reading_as_read_um": np.concatenate([test.reading_um for test in tests]),
             "test_index": np.repeat(np.arange(len(tests)), [len(test.angle_deg) for test in tests]),
-            "force_N": bound.setting.force_N,
-            "pressure_bar": bound.setting.pressure_bar,
+            "force_N": bound.setting.force_N, "pressure_bar": bound.setting.pressure_bar,
             "work_ball_deg": np.array([test.work_ball_deg for test in tests]),
-            "tool_ball_deg": np.array([test.tool_ball_deg for test in tests]),
-            "radius_mm": bound.setting.radius_mm,
+            "tool_ball_deg": np.array([test.tool_ball_deg for test in tests]), "radius_mm": bound.setting.radius_mm,
             "reference_force_N": np.array(bound.setting.reference_force_N),
         },
-    }
+    }  # fmt: skip
 
 
 def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:

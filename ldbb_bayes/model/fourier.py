@@ -196,10 +196,8 @@ class Setting:
     def each(self, what: Literal["plane", "radius", "setup"]) -> Iterator[tuple[Any, str, NDArray[np.bool_]]]:
         """Every plane, radius or set-up of the campaign, what names carry of it (nothing of an only one), and its tests."""
         own, every = {
-            "plane": (self.plane, self.planes),
-            "radius": (self.radius_mm, self.radii_mm),
-            "setup": (self.setup, self.setups),
-        }[what]
+            "plane": (self.plane, self.planes), "radius": (self.radius_mm, self.radii_mm), "setup": (self.setup, self.setups),
+        }[what]  # fmt: skip
         for value in every:
             text = value if isinstance(value, str) else f"{value:g}"
             yield value, f"_{text}" if len(every) > 1 else "", own == value
@@ -253,36 +251,20 @@ def setting_of(
     clocked = bool(np.abs(turned - turned[0]).max() > 1e-9)
     forces = (pilot or campaign).forces_N
     return Setting(
-        force_N=campaign.forces_N,
-        pressure_bar=campaign.pressures_bar,
-        radius_mm=np.array([test.radius_mm for test in tests], dtype=float),
-        work_ball_rad=clockings[:, 0],
-        tool_ball_rad=clockings[:, 1],
-        plane=np.array([str(test.plane) for test in tests]),
-        setup=np.array([test.setup or 1 for test in tests]),
-        travel=np.array([TRAVEL[test.direction or "CW"] for test in tests]),
-        time_h=_recorded("time_s", campaign, pilot) / _HOUR_S,
-        temperature_K=_recorded("temperature_C", campaign, pilot),
-        direction=direction,
-        wrench=wrench,
-        geometric=_by_setup(campaign, geometric),
+        force_N=campaign.forces_N, pressure_bar=campaign.pressures_bar,
+        radius_mm=np.array([test.radius_mm for test in tests], dtype=float), work_ball_rad=clockings[:, 0],
+        tool_ball_rad=clockings[:, 1], plane=np.array([str(test.plane) for test in tests]),
+        setup=np.array([test.setup or 1 for test in tests]), travel=np.array([TRAVEL[test.direction or "CW"] for test in tests]),
+        time_h=_recorded("time_s", campaign, pilot) / _HOUR_S, temperature_K=_recorded("temperature_C", campaign, pilot),
+        direction=direction, wrench=wrench, geometric=_by_setup(campaign, geometric),
         reference_force_N=float((forces.min() + forces.max()) / 2.0 if reference_force_N is None else reference_force_N),
-        force_range_N=float(forces.max() - forces.min()),
-        two_balls=clocked,
-        clocked=clocked,
+        force_range_N=float(forces.max() - forces.min()), two_balls=clocked, clocked=clocked,
         radii_mm=tuple(sorted({float(test.radius_mm or 0.0) for test in tests})),
-        setups=tuple(sorted({test.setup or 1 for test in tests})),
-        planes=tuple(machine.planes),
-        both_ways=_both_ways(campaign),
-        largest_force_N=float(forces.max()),
-        circle=np.array([""] * len(tests)),
-        compliance_estimate=np.zeros(len(compliances)),
-        axial_estimate=np.zeros(3),
-        fitted=np.zeros((len(tests), SIZE)),
-        compensated=campaign.mount.compensated,
-        deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
-        instrument=campaign.instrument,
-    )
+        setups=tuple(sorted({test.setup or 1 for test in tests})), planes=tuple(machine.planes), both_ways=_both_ways(campaign),
+        largest_force_N=float(forces.max()), circle=np.array([""] * len(tests)), compliance_estimate=np.zeros(len(compliances)),
+        axial_estimate=np.zeros(3), fitted=np.zeros((len(tests), SIZE)), compensated=campaign.mount.compensated,
+        deflection_um_per_bar=campaign.mount.deflection_um_per_bar, instrument=campaign.instrument,
+    )  # fmt: skip
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:

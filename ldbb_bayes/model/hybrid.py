@@ -425,12 +425,9 @@ class BoundModel(Shown):
 
     def _structured(self, columns: Sequence[Columns | BasisNoise], interest: Array | None = None) -> StructuredGaussian:
         return StructuredGaussian(
-            self.reduced,
-            columns,
-            offset=self.interest @ self.centre + self.known_offset,
-            hypers=self.hyper_prior.names,
+            self.reduced, columns, offset=self.interest @ self.centre + self.known_offset, hypers=self.hyper_prior.names,
             interest=interest,
-        )
+        )  # fmt: skip
 
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """ln p(y | β, φ), shape (w,). φ (w, h) [mm], β (w, p)."""

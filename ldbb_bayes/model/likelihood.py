@@ -409,13 +409,10 @@ def _with_prior(
             share = np.where(unit > 0.0, (part / unit) ** 2, part is sd)
             np.add.at(variance, (np.arange(len(sd)), place), np.where(flat, 0.0, share))
     prior = _Rows(
-        np.eye(len(sd))[proper],
-        np.zeros((len(proper), rows.interest.shape[1])),
-        np.divide(mean, unit, out=np.zeros(len(sd)), where=unit > 0.0)[proper],
-        np.ones(len(proper)),
-        np.where(proper < q, tests, (proper - q) // max((len(sd) - q) // tests, 1)),
-        variance[proper],
-    )
+        np.eye(len(sd))[proper], np.zeros((len(proper), rows.interest.shape[1])),
+        np.divide(mean, unit, out=np.zeros(len(sd)), where=unit > 0.0)[proper], np.ones(len(proper)),
+        np.where(proper < q, tests, (proper - q) // max((len(sd) - q) // tests, 1)), variance[proper],
+    )  # fmt: skip
     both = zip(rows._replace(columns=rows.columns * unit), prior, strict=True)
     return _Rows(*(np.concatenate(pair) for pair in both)), unit, float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum())
 

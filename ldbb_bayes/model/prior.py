@@ -31,11 +31,9 @@ _COMPLIANCES: dict[ComplianceKind, tuple[str, str]] = {
     "rotation_for_other_moment": ("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
 }
 _GEOMETRIC: dict[GeometricKind, tuple[str, str]] = {
-    "gain": ("1", "gain"),
-    "straightness": ("1/mm", "straightness_per_mm"),
-    "squareness": ("rad", "squareness_rad"),
+    "gain": ("1", "gain"), "straightness": ("1/mm", "straightness_per_mm"), "squareness": ("rad", "squareness_rad"),
     "offset": ("mm", "offset_mm"),
-}
+}  # fmt: skip
 _KINDS: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
 
 

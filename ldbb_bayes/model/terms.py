@@ -359,14 +359,12 @@ class BallForm(Term):
             balls = [("work_form", setting.work_ball_rad, [(work, 0.0)]), ("tool_form", far, [(tool, 0.0)])]
         return tuple(
             Columns(
-                _harmonic_names(stem + plane, _FORM_ORDERS),
-                setting.harmonics(_FORM_ORDERS, turned) * own[:, None, None],
-                hyper="tau",
-                **self._prior(of),
+                _harmonic_names(stem + plane, _FORM_ORDERS), setting.harmonics(_FORM_ORDERS, turned) * own[:, None, None],
+                hyper="tau", **self._prior(of),
             )
             for _, plane, own in setting.each("plane")
             for stem, turned, of in balls
-        )
+        )  # fmt: skip
 
     def _prior(self, balls: Sequence[tuple[Ball, float]]) -> dict[str, Any]:
         """Prior of the sum of forms of balls, each turned by so much [rad]: what `Columns` takes."""

@@ -162,13 +162,9 @@ def find(
             raise InputError(f"{what} must be of the readings of the fit, {got}. Make the {what} again.")
     planned = partial(_next_tests, posterior, tests) if recommended is None else recommended
     return Findings(
-        posterior,
-        ci_prob,
-        _compared(posterior) if comparison is None else comparison,
-        planned if callable(planned) else lambda: planned,
-        averaged,
-        tolerances,
-    )
+        posterior, ci_prob, _compared(posterior) if comparison is None else comparison,
+        planned if callable(planned) else lambda: planned, averaged, tolerances,
+    )  # fmt: skip
 
 
 def _next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:

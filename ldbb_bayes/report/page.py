@@ -247,14 +247,9 @@ def write_report(
     )
     words_of(language)
     found = find(
-        posterior,
-        ci_prob=ci_prob,
-        tests=tests,
-        comparison=comparison,
-        recommended=recommended,
-        averaged=averaged,
+        posterior, ci_prob=ci_prob, tests=tests, comparison=comparison, recommended=recommended, averaged=averaged,
         tolerances=tolerances,
-    )
+    )  # fmt: skip
     asked: dict[str, Any] = {"language": language, "annex": annex, "force_N": force_N}
     document = compose(found, apart, same_instrument=same_instrument, **asked, progress=progress)
     frames = tables(found, apart)
@@ -323,19 +318,14 @@ def dcc_xml(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> str:
     covariance = np.atleast_2d(np.cov(draws))
     columns = [[(covariance[i, j], dsi_unit(units[i], units[j])) for i in range(len(units))] for j in range(len(units))]
     return _template("dcc.xml.j2").render(
-        campaign=campaign,
-        model=result["model"],
-        plane=campaign.machine().plane,
-        version=result["provenance"]["versions"]["ldbb-bayes"],
-        fitted=result["provenance"]["started"][:10],
+        campaign=campaign, model=result["model"], plane=campaign.machine().plane,
+        version=result["provenance"]["versions"]["ldbb-bayes"], fitted=result["provenance"]["started"][:10],
         identifier=f"ldbb_bayes-{hashlib.sha256(json.dumps(result['parameters']).encode()).hexdigest()[:32]}",
         verdict=fit_in_words(posterior)["verdict"],
-        parameters=[*_parameters(posterior, result["parameters"], draws, f"ci{100 * ci_prob:g}")],
-        covariance=columns,
-        factor=_coverage_factor(draws, covariance, ci_prob),
-        models=len(result.get("averaged", {}).get("models", ())),
+        parameters=[*_parameters(posterior, result["parameters"], draws, f"ci{100 * ci_prob:g}")], covariance=columns,
+        factor=_coverage_factor(draws, covariance, ci_prob), models=len(result.get("averaged", {}).get("models", ())),
         ci_prob=ci_prob,
-    )
+    )  # fmt: skip
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:

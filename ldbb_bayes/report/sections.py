@@ -250,13 +250,11 @@ def method(found: Findings) -> Iterator[Part]:
     provenance, tests, model = (found.result[key] for key in ("provenance", "campaign", "model"))
     yield tuple(wording.PAGE["notes"])
     rows = (
-        ("campaign", tests["name"]),
-        ("readings, SHA-256", tests["sha256"]),
-        ("model, SHA-256", model["sha256"]),
+        ("campaign", tests["name"]), ("readings, SHA-256", tests["sha256"]), ("model, SHA-256", model["sha256"]),
         ("sampler and seed", f"{found.result['sampler']['kind']}, {provenance['seed']}"),
         ("fitted", f"{provenance['started']}, {provenance['platform']}"),
         ("versions", ", ".join(f"{name} {value}" for name, value in provenance["versions"].items())),
-    )
+    )  # fmt: skip
     yield Table.of("Provenance", ("what", "value"), rows, text=("value",))
 
 

@@ -351,11 +351,9 @@ def _second(own: Numbers) -> Iterator[Block]:
     yield picture("compliance_against_force", found.numbers, words("sheet.curve"), words=words.table["figures"])
     provenance = found.result["provenance"]
     yield words(
-        "notes.provenance",
-        sha=found.result["campaign"]["sha256"][:16],
-        version=provenance["versions"]["ldbb-bayes"],
+        "notes.provenance", sha=found.result["campaign"]["sha256"][:16], version=provenance["versions"]["ldbb-bayes"],
         started=provenance["started"][:10],
-    )
+    )  # fmt: skip
 
 
 def _partners(own: Numbers) -> Iterator[str]:

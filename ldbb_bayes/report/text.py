@@ -11,7 +11,7 @@ import numpy as np
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import IN_FORCE
-from ldbb_bayes.result import ByClass, ByName, Table, brief, entries_of, wrapped
+from ldbb_bayes.result import ByClass, ByName, Table, brief, entries_of, table_of, wrapped
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.campaign.importing import Imported
     from ldbb_bayes.campaign.preview import CampaignPreview
+    from ldbb_bayes.campaign.renishaw import BallbarRecord
     from ldbb_bayes.inference.posterior import Fit
     from ldbb_bayes.inference.predictive import LeastSquares
     from ldbb_bayes.model.hybrid import HybridModel, Simulation
@@ -98,11 +99,9 @@ def _three_digits(value: float) -> str:
 # ---- campaign and machine
 
 _PLACES = {
-    "plane": ("plane", "{}"),
-    "setup": ("set-up", "{}"),
-    "radius_mm": ("R (mm)", "{:g}"),
+    "plane": ("plane", "{}"), "setup": ("set-up", "{}"), "radius_mm": ("R (mm)", "{:g}"),
     "centre_mm": ("centre (mm)", "({0[0]:g}, {0[1]:g}, {0[2]:g})"),
-}
+}  # fmt: skip
 
 
 @parts_of.register
@@ -122,7 +121,22 @@ def _(result: Imported) -> tuple[Passage, ...]:
     head = (
         f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed (change it with the option named):"
     )
-    return (head, tuple(map(wording.assumption_words, result.assumptions)))
+    beside: list[Passage] = []
+    for own in result.records:
+        from ldbb_bayes.analysis.circularity import compare_record  # what shows no record starts without it
+
+        alike = own.plane in campaign.machine().planes
+        beside += [table_of(compare_record(own, campaign))] if alike else parts_of(own)
+    return (head, tuple(map(wording.assumption_words, result.assumptions)), *beside)
+
+
+@parts_of.register
+def _(record: BallbarRecord) -> tuple[Passage, ...]:
+    header = [(name.replace("_", " "), str(own)) for name, own in entries_of(record).items() if own and name != "features"]
+    rows = [(own.name, own.value, own.unit, own.run, own.analysis) for own in record.features]
+    heads = ("feature", "value", "unit", "run", "analysis")
+    head = Table.of("Ball-bar record", ("of the test", "as it says"), header, text=("as it says",))
+    return (head, Table.of("Features", heads, rows, text=heads[2:]))
 
 
 @parts_of.register

@@ -185,13 +185,9 @@ def test_the_sign_and_what_the_readings_prefer(compared: Comparison) -> None:
 def test_sentences_follow_the_numbers(compared: Comparison) -> None:
     """The order of the models, and tests at odds."""
     turned = replace(
-        compared,
-        models=dict(reversed(compared.models.items())),
-        sensitivity_of="constant/linear",
-        log_bayes_factor={"constant/linear": 5.85},
-        log_bayes_factor_error={"constant/linear": 1e-3},
-        elpd_difference={},
-    )
+        compared, models=dict(reversed(compared.models.items())), sensitivity_of="constant/linear",
+        log_bayes_factor={"constant/linear": 5.85}, log_bayes_factor_error={"constant/linear": 1e-3}, elpd_difference={},
+    )  # fmt: skip
     text = comparison_sentences(turned)
     assert "in favour of constant" in text[0]
     name, test = next(iter(compared.tests.items()))

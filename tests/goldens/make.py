@@ -222,12 +222,10 @@ def _import_malformed(work: Work) -> Any:
 @golden(relative=1e-10)
 def _machine(work: Work) -> Any:
     asked = {
-        "one plane": ("wCAFYXZSt",),
-        "three planes": ("wCAFYXZSt", "--plane", "XY,YZ,ZX"),
-        "frames": ("wCAFYXZSt", "--frame", "Y=0,-200,350", "--centre", "100,0,0"),
-        "other chain": ("wXYFZt", "--plane", "XY,ZX"),
+        "one plane": ("wCAFYXZSt",), "three planes": ("wCAFYXZSt", "--plane", "XY,YZ,ZX"),
+        "frames": ("wCAFYXZSt", "--frame", "Y=0,-200,350", "--centre", "100,0,0"), "other chain": ("wXYFZt", "--plane", "XY,ZX"),
         "table": ("wYXFZt", "--plane", "YZ"),
-    }
+    }  # fmt: skip
     found = {name: work.run("machine", *arguments, "--json") for name, arguments in asked.items()}
     return found | {"text": work.run("machine", *asked["frames"])}
 
@@ -237,11 +235,9 @@ def _simulate(work: Work) -> Any:
     truth = work.folder / "truth.toml"
     truth.write_text("schema = 1\n[parameters]\nC_XXX = 6e-5\nC_YYY = 4.5e-5\n[hyper_um]\nsigma = 0.12\n", encoding="utf-8")
     asked = {
-        "plan": ("plan", "--seed", 3),
-        "truth": ("plan", "--truth", truth, "--degree", 0),
-        "planes": ("three_planes", "--degree", 1),
-        "both ways": ("both_ways", "--degree", 2, "--without", "discrepancy"),
-    }
+        "plan": ("plan", "--seed", 3), "truth": ("plan", "--truth", truth, "--degree", 0),
+        "planes": ("three_planes", "--degree", 1), "both ways": ("both_ways", "--degree", 2, "--without", "discrepancy"),
+    }  # fmt: skip
     found = {}
     for name, (campaign, *options) in asked.items():
         out = work.folder / f"simulated_{name.replace(' ', '_')}"
@@ -324,11 +320,9 @@ def _meaning(work: Work) -> Any:
     """What the page of the recovered experiment does not hold: two directions, and how two results differ."""
     one, two, ways = (lb.load(work.fitted(name)) for name in ("arcs", "clocked", "both_ways"))
     found = {
-        "circularity": lb.circularity(ways, [0.0, 500.0]),
-        "measured_circularity": lb.measured_circularity(ways),
-        "differences": lb.differences(one, two),
-        "of one instrument": lb.differences(ways, one, same_instrument=True).iloc[::2],
-    }
+        "circularity": lb.circularity(ways, [0.0, 500.0]), "measured_circularity": lb.measured_circularity(ways),
+        "differences": lb.differences(one, two), "of one instrument": lb.differences(ways, one, same_instrument=True).iloc[::2],
+    }  # fmt: skip
     return work.cleaned(found)
 
 

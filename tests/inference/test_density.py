@@ -18,11 +18,9 @@ FEW = simulated(plan((30, 30, 30), forces_N=(36.0, 400.0, 742.0)))
 FOUR = simulated(plan())
 TIGHT = {"C_XXX": (3e-6, 4e-6), "C_YYY": (-2e-6, 8e-6), "C_CCY": (1e-9, 1e-9)}
 MODELS = {
-    "constant": lb.HybridModel.first(0),
-    "linear": lb.HybridModel.first(1),
-    "quadratic": lb.HybridModel.first(2),
+    "constant": lb.HybridModel.first(0), "linear": lb.HybridModel.first(1), "quadratic": lb.HybridModel.first(2),
     "tight": lb.HybridModel.first(1).with_prior(TIGHT),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("edition", ["first", "second"])

@@ -16,11 +16,9 @@ from ldbb_bayes.inference.mcmc import Assessment, StoppingRule, diagnose, run_en
 from ldbb_bayes.inference.nodes import HyperPosterior
 
 MODELS = {
-    "truncated": lb.HybridModel.first(1),
-    "untruncated": lb.HybridModel.first(1).without("truncation"),
-    "flat": lb.HybridModel.paper(0),
-    "quadratic": lb.HybridModel.first(2),
-}
+    "truncated": lb.HybridModel.first(1), "untruncated": lb.HybridModel.first(1).without("truncation"),
+    "flat": lb.HybridModel.paper(0), "quadratic": lb.HybridModel.first(2),
+}  # fmt: skip
 
 
 def redraw_of(model: lb.HybridModel, **planned: float) -> tuple[JointDensity, LinearRedraw]:
@@ -129,11 +127,9 @@ def test_walker_major_order() -> None:
     """Ensembles whose walkers stand still must not look like thousands of independent draws."""
     starts = np.random.default_rng(0).normal(size=(4, 64, 2))
     run = run_ensembles(
-        lambda x: np.where(np.isin(x[:, 0], starts[..., 0]), 0.0, -np.inf),
-        starts,
-        rule=StoppingRule(ess=1000.0, max_steps=400),
+        lambda x: np.where(np.isin(x[:, 0], starts[..., 0]), 0.0, -np.inf), starts, rule=StoppingRule(ess=1000.0, max_steps=400),
         seed=np.random.SeedSequence(1),
-    )
+    )  # fmt: skip
     assert not run.converged
     assert run.assessment.ess_bulk_min < 500.0
 

@@ -105,13 +105,11 @@ def test_start_angle_and_whole_turns_do_not_matter(sampling: str) -> None:
     campaign = simulated(SAMPLINGS[sampling])
     turned = tuple(
         replace(
-            test,
-            angle_deg=np.roll(test.angle_deg, 7) + 360.0 * (i - 1),
-            reading_um=np.roll(test.reading_um, 7),
+            test, angle_deg=np.roll(test.angle_deg, 7) + 360.0 * (i - 1), reading_um=np.roll(test.reading_um, 7),
             work_ball_deg=test.work_ball_deg + 360.0,
         )
         for i, test in enumerate(campaign.tests)
-    )
+    )  # fmt: skip
     assert_same(everything(campaign), everything(replace(campaign, tests=turned)), atol=1e-5)
 
 

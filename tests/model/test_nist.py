@@ -49,12 +49,9 @@ def certified(name: str) -> Certified:
     parameters, last = rows[:-1], rows[-1]
     assert last["parameter"] == "residual"
     return Certified(
-        tuple(int(row["parameter"][1:]) for row in parameters),
-        data,
-        tuple(row["estimate"] for row in parameters),
-        tuple(row["sd"] for row in parameters),
-        last["sd"],
-    )
+        tuple(int(row["parameter"][1:]) for row in parameters), data, tuple(row["estimate"] for row in parameters),
+        tuple(row["sd"] for row in parameters), last["sd"],
+    )  # fmt: skip
 
 
 def regression(jacobian: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -29,19 +29,12 @@ def everything(*, arc_deg: float = 360.0) -> Campaign:
             for way in ("CW", "CCW") if plane != "ZX" else ("CW",):
                 tests.append(
                     CircularTest(
-                        force,
-                        angle,
-                        plane=plane,
-                        direction=way,
-                        radius_mm=100.0 if k == 1 else 150.0,
-                        centre_x_mm=20.0 if k == 2 else 0.0,
-                        centre_z_mm=-15.0,
-                        setup=2 if plane == "YZ" else 1,
-                        time_s=600.0 * len(tests) + 100.0 * k**2,
-                        temperature_C=20.0 + 0.3 * i + 0.1 * k,
+                        force, angle, plane=plane, direction=way, radius_mm=100.0 if k == 1 else 150.0,
+                        centre_x_mm=20.0 if k == 2 else 0.0, centre_z_mm=-15.0, setup=2 if plane == "YZ" else 1,
+                        time_s=600.0 * len(tests) + 100.0 * k**2, temperature_C=20.0 + 0.3 * i + 0.1 * k,
                         work_ball_deg=45.0 * (k == 1),
                     )
-                )
+                )  # fmt: skip
     return Campaign(tuple(tests), topology="wXFYZt", frames_mm={"X": (5.0, -40.0, 60.0), "Y": (0.0, 10.0, -200.0)})
 
 

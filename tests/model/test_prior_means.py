@@ -120,13 +120,11 @@ def test_estimate_of_compliance_where_readings_do_not_tell() -> None:
     campaign = (
         lb.HybridModel.first(0)
         .simulate(
-            plan((60,), forces_N=(400.0,)),
-            seed=1,
-            parameters={"C_XXX": 5.1e-5, "C_CXY": -2e-8},
+            plan((60,), forces_N=(400.0,)), seed=1, parameters={"C_XXX": 5.1e-5, "C_CXY": -2e-8},
             hyper_um=dict.fromkeys(("sigma", "delta", "kappa", "tau"), 1e-6),
         )
         .campaign
-    )
+    )  # fmt: skip
     found = dict(zip(labels, model.bind(campaign).setting.compliance_estimate, strict=True))
     blind = dict(zip(labels, lb.HybridModel.first(0).bind(campaign).setting.compliance_estimate, strict=True))
     assert abs(found["C_XXX"] - 5.1e-5) < 0.05 * abs(blind["C_XXX"] - 5.1e-5)

@@ -26,26 +26,14 @@ TERMS = {
 }  # fmt: skip
 CERTIFIED = Instrument(
     work=Ball(grade="G20", harmonics_um=((2, 0.3, 35.0), (7, 0.1, -50.0)), U_um=0.08),
-    tool=Ball(sphericity_um=0.7, harmonics_um=((3, 0.2, 110.0),), U_um=0.05),
-    bar_length_error_um=-3.0,
-    bar_U_um=1.2,
-    mount_U_percent=2.0,
-    force_U_percent=0.6,
-    force_linearity_percent=0.3,
-    force_random_N=1.5,
-    angle_U_deg=0.05,
-)
+    tool=Ball(sphericity_um=0.7, harmonics_um=((3, 0.2, 110.0),), U_um=0.05), bar_length_error_um=-3.0, bar_U_um=1.2,
+    mount_U_percent=2.0, force_U_percent=0.6, force_linearity_percent=0.3, force_random_N=1.5, angle_U_deg=0.05,
+)  # fmt: skip
 STATED = Stated(
     sphericity_um={"work": 0.5, "tool": 0.7},
-    harmonics_um={"work": {2: (0.3, 35.0, 0.08), 7: (0.1, -50.0, 0.08)}, "tool": {3: (0.2, 110.0, 0.05)}},
-    length_error_um=-3.0,
-    length_U_um=1.2,
-    mount_U_percent=2.0,
-    force_U_percent=0.6,
-    linearity_percent=0.3,
-    random_N=1.5,
-    angle_U_deg=0.05,
-)
+    harmonics_um={"work": {2: (0.3, 35.0, 0.08), 7: (0.1, -50.0, 0.08)}, "tool": {3: (0.2, 110.0, 0.05)}}, length_error_um=-3.0,
+    length_U_um=1.2, mount_U_percent=2.0, force_U_percent=0.6, linearity_percent=0.3, random_N=1.5, angle_U_deg=0.05,
+)  # fmt: skip
 
 
 def made(
@@ -55,16 +43,11 @@ def made(
     angle = np.linspace(-10.0, 230.0, 36) if arc else np.arange(36) * 10.0
     circles = tuple(
         CircularTest(
-            force,
-            angle + 0.7 * i,
-            np.zeros(36),
-            work_ball_deg=turns[0] * i + 15.0,
-            tool_ball_deg=turns[1] * i,
-            radius_mm=radii[i % len(radii)],
-            direction={"+": "CW", "-": "CCW"}[ways[i % len(ways)]] if ways else None,
+            force, angle + 0.7 * i, np.zeros(36), work_ball_deg=turns[0] * i + 15.0, tool_ball_deg=turns[1] * i,
+            radius_mm=radii[i % len(radii)], direction={"+": "CW", "-": "CCW"}[ways[i % len(ways)]] if ways else None,
         )
         for i, force in enumerate(np.linspace(742.0, 36.0, tests))
-    )
+    )  # fmt: skip
     silent = Campaign(circles, mount=MountCompensation(compensated=False))
     machine = oracle_of(silent, 0, terms=())
     rng, reading = np.random.default_rng(tests), machine.J @ [TRUTH[name] for name in machine.names] - machine.y

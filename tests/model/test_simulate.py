@@ -28,13 +28,9 @@ def test_exact_readings_come_from_the_forward_model() -> None:
     compliances = {name: value for name, value in TRUTH.items() if name.startswith("C")}
     for test in campaign.tests:
         exact = exact_reading_mm(
-            campaign.machine(),
-            test.circle,
-            test.angles_rad(),
-            force_N=float(test.force_N or 0.0),
-            compliances=compliances,
+            campaign.machine(), test.circle, test.angles_rad(), force_N=float(test.force_N or 0.0), compliances=compliances,
             geometric_errors=errors,
-        )
+        )  # fmt: skip
         np.testing.assert_allclose(test.readings_mm(), exact, atol=1e-12)
 
 

@@ -71,15 +71,10 @@ def test_units_in_a_model_file() -> None:
     Hysteresis = {proportional_um_per_kN = "2 nm/N"}
     """
     prior = lb.Prior(
-        tau_um=2.0,
-        direct_mm_per_N=9e-5,
-        rotation_for_moment_rad_per_N_mm=2e-9,
-        straightness_per_mm=5e-7,
-        squareness_rad=np.deg2rad(10.0 / 3600.0),
-        slope_scale=0.2,
-        means={"C_XXX": 6e-5, "E_C0YX": -3e-6},
+        tau_um=2.0, direct_mm_per_N=9e-5, rotation_for_moment_rad_per_N_mm=2e-9, straightness_per_mm=5e-7,
+        squareness_rad=np.deg2rad(10.0 / 3600.0), slope_scale=0.2, means={"C_XXX": 6e-5, "E_C0YX": -3e-6},
         overrides={"C_XXX": 5e-6, "C_CCY": 5e-10, "C_YYY_1": 2e-8, "E_YX2": 3e-7, "E_Xt0_2": 0.01},
-    )
+    )  # fmt: skip
     model = model_from_toml(text)
     assert vars(model.prior) == vars(replace(prior, squareness_rad=model.prior.squareness_rad))
     assert model.prior.squareness_rad == pytest.approx(prior.squareness_rad, rel=1e-12)

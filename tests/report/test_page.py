@@ -223,12 +223,9 @@ def test_what_certificates_state_is_on_sheet_1() -> None:
 
 def test_every_place_is_escaped() -> None:
     parts = (
-        SCRIPT,
-        (SCRIPT,),
-        Table.of(SCRIPT, [SCRIPT, "b"], [[SCRIPT, SCRIPT]]),
-        Picture("key", SCRIPT, new_figure(1.0, 1.0)),
+        SCRIPT, (SCRIPT,), Table.of(SCRIPT, [SCRIPT, "b"], [[SCRIPT, SCRIPT]]), Picture("key", SCRIPT, new_figure(1.0, 1.0)),
         Details(SCRIPT, (f"one\n{SCRIPT}",)),
-    )
+    )  # fmt: skip
     blocks = (SCRIPT, Fields(((SCRIPT, SCRIPT),)), Banner("usable", SCRIPT), Pair(parts[3], SCRIPT, (SCRIPT,)))  # type: ignore[arg-type]
     sheet = ReportSheet("sheet", SCRIPT, SCRIPT, blocks)
     reader = check(

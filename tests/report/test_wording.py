@@ -176,12 +176,9 @@ def test_words_decide_nothing(
     """Decisions, numbers, exit codes and campaigns left out; of a campaign that the model expects and one that it does not."""
     undrawn(monkeypatch)
     work: dict[str, Callable[[], Any]] = {
-        "analyses": lambda: analyses_of(campaigns["good"]),
-        "page": lambda: page_of(request.getfixturevalue("turned")),
-        "rows": lambda: rows_of(folders),
-        "population": population_of,
-        "fits": lambda: fits_of(folders["good"]),
-    }
+        "analyses": lambda: analyses_of(campaigns["good"]), "page": lambda: page_of(request.getfixturevalue("turned")),
+        "rows": lambda: rows_of(folders), "population": population_of, "fits": lambda: fits_of(folders["good"]),
+    }  # fmt: skip
     plain = work[what]()
     assert reword(monkeypatch) > 30
     assert same(plain, work[what]()) >= 5

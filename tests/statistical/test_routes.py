@@ -16,12 +16,10 @@ import ldbb_bayes as lb
 from ldbb_bayes.inference.mcmc import StoppingRule
 
 PLANS = {
-    "circles": plan(),
-    "arcs": plan((30, 40, 35, 30), arc_deg=220.0),
-    "work ball clocked": plan(work_deg=40.0),
+    "circles": plan(), "arcs": plan((30, 40, 35, 30), arc_deg=220.0), "work ball clocked": plan(work_deg=40.0),
     "both balls clocked, arcs": plan((40, 30, 9, 26), work_deg=40.0, tool_deg=-65.0, arc_deg=300.0),
     "few readings": plan((9, 40, 12, 30)),
-}
+}  # fmt: skip
 MODELS = {
     "constant": lb.HybridModel.first(0),
     "linear": lb.HybridModel.first(1),

@@ -280,11 +280,9 @@ def residuals(posterior: xr.DataTree) -> Figure:
 
 
 _PANELS: tuple[tuple[tuple[str, ...], str], ...] = (
-    (("G",), "G (µm)"),
-    (("F_max", "F_min"), "F_max, F_min (µm)"),
-    (("squareness",), "squareness (µm/m)"),
+    (("G",), "G (µm)"), (("F_max", "F_min"), "F_max, F_min (µm)"), (("squareness",), "squareness (µm/m)"),
     (("scale_mismatch",), "scale mismatch (µm/m)"),
-)
+)  # fmt: skip
 
 
 @styled
