@@ -153,6 +153,16 @@ def test_pages_of_the_handbook_quote_the_studies() -> None:
         for kind in kinds:
             entry = seen[kind]["shown"][name]
             assert f"{entry['u'] * factor:.3g} {unit}, {entry['coverage']:.3f}" in page, (name, kind)
+    one, six = stated("91_fleet"), stated("05_next_campaign")["six"]["efficiency"]
+    many, run = stated("11_many_campaigns"), one["runs"]["process 2 1000"]
+    pages = "".join((ROOT / "docs" / "how-to" / name).read_text("utf-8") for name in ("shop_floor.md", "next_tests.md"))
+    assert many["trend"] | {"latest_found": 3, "false_alarms": 0, "found_at_all": many["setting"]["series"]} == many["trend"]
+    for words in (
+        f"fit {run['per_second']:.1f} campaigns", f"{one['scaling']['process']:.1f} times as many", f"in {run['worker_MB']:.0f}"[:-1],
+        f"In {many['setting']['fleets']} simulated fleets", f"on all of {many['setting']['series']} machines",
+        f"on {many['setting']['quiet']} that stayed", f"is {six['recommended']:.2f} against {six['equal steps']:.2f}",
+    ):  # fmt: skip
+        assert words in pages, words
 
 
 def test_pages_of_the_explanation_state_what_studies_found_and_the_model_assumes() -> None:
