@@ -158,9 +158,10 @@ def test_pages_of_the_handbook_quote_the_studies() -> None:
     pages = "".join((ROOT / "docs" / "how-to" / name).read_text("utf-8") for name in ("shop_floor.md", "next_tests.md"))
     assert many["trend"] | {"latest_found": 3, "false_alarms": 0, "found_at_all": many["setting"]["series"]} == many["trend"]
     for words in (
-        f"fit {run['per_second']:.1f} campaigns", f"{one['scaling']['process']:.1f} times as many", f"in {run['worker_MB']:.0f}"[:-1],
-        f"In {many['setting']['fleets']} simulated fleets", f"on all of {many['setting']['series']} machines",
-        f"on {many['setting']['quiet']} that stayed", f"is {six['recommended']:.2f} against {six['equal steps']:.2f}",
+        f"fit {run['per_second']:.1f} campaigns", f"{one['scaling']['process']:.1f} times as many",
+        f"in {round(run['worker_MB'], -1):.0f} MB", f"In {many['setting']['fleets']} simulated fleets",
+        f"on all of {many['setting']['series']} machines", f"on {many['setting']['quiet']} that stayed",
+        f"is {six['recommended']:.2f} against {six['equal steps']:.2f}",
     ):  # fmt: skip
         assert words in pages, words
 
