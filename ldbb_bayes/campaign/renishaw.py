@@ -39,7 +39,7 @@ class BallbarFeature(Shown):
     """One number of Renishaw's own analysis."""
 
     name: str  #: AF_CIRCULARITY
-    value: float  #: in `unit`
+    value: float  #: in ``unit``
     unit: str  #: µm, µm/m, mm/min, …; as the file names it where that is not known
     run: str = ""  #: CW or CCW; empty: not of one run
     analysis: str = ""  #: RENISHAW_DIAGNOSTICS; empty: of none
