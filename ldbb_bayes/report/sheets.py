@@ -187,6 +187,12 @@ class Stated:
         return self.entry is not None and not is_determined(self.entry)
 
     @property
+    def left_out(self) -> list[str]:
+        """What looks like it and no term of the model has, where nothing else does."""
+        alone = self.entry is not None and self.entry.verdict == "confounded" and not self.entry.partner_shares
+        return [*self.entry.partners] if alone and self.entry else []
+
+    @property
     def inseparable(self) -> list[str]:
         """What it is confounded with, where the readings do not determine it: by half of its variance or else most."""
         own = self.entry
@@ -295,14 +301,8 @@ def remark(own: Stated, words: Words) -> str:
         return words("remarks.inseparable", partners=hangs_on) if hangs_on else ""
     if entry.verdict != "confounded":
         return words("remarks.identified" if entry.verdict == "identified" else "remarks.prior")
-    left_out = [name for name in entry.partners if name not in entry.partner_shares]
-    key, partners = (
-        ("inseparable", own.inseparable)
-        if own.inseparable
-        else ("assumes", left_out)
-        if left_out and not entry.partner_shares
-        else ("limited", [*entry.partner_shares])
-    )
+    last = ("assumes", own.left_out) if own.left_out else ("limited", [*entry.partner_shares])
+    key, partners = ("inseparable", own.inseparable) if own.inseparable else last
     return words(f"remarks.{key}", partners=words.joined([words.term(name) for name in partners[:_MOST_NAMES]]))
 
 
@@ -330,7 +330,8 @@ def _first(own: Numbers) -> Iterator[Block]:
     yield _table(own, words("sheet.results", force=words.number(f"{own.force_N:.4g}"), middle=middle), stated, "U")
     yield from _conformity(own)
     yield words("notes.U", percent=words.number(f"{100 * found.ci_prob:g}"))
-    missing = [f"{one.words} ({one.symbol}): {remark(one, words)}" for one in own.parameters.values() if one.undetermined]
+    unsure = [one for one in own.parameters.values() if one.undetermined or one.left_out]
+    missing = [f"{one.words} ({one.symbol}): {remark(one, words)}" for one in unsure]
     if hanging := [one for one in own.path.values() if one.hangs_on]:
         missing.append(f"{words.joined([one.symbol for one in hanging])}: {remark(hanging[0], words)}")
     if 0.05 < found.varying < 0.95:
