@@ -42,23 +42,20 @@ def placed(place: object) -> Iterator[None]:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The known name most like ``name``."""
-    candidates = list(known)
-    by_case = {candidate.lower(): candidate for candidate in candidates}
-    match = difflib.get_close_matches(name.lower(), by_case, n=1, cutoff=0.0)
-    return by_case[match[0]] if match else candidates[0]
+    """The known name most like ``name``; of several that are as like, one that begins with it, else the first."""
+    own = name.lower()
+    return max(known, key=lambda one: (difflib.SequenceMatcher(None, one.lower(), own).ratio(), one.lower().startswith(own)))
 
 
-def check_known(what: str, names: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse the first of ``names`` that is not known, with the nearest known name and the whole list."""
+def check_known(what: str, names: Iterable[str], known: Iterable[str], more: str = "") -> None:
+    """Refuse the first of ``names`` that is not known, with the nearest known name and the whole list, and what else may help."""
     candidates = list(known)
     for name in names:
         if not candidates:
             raise InputError(f"{what} must not be given here, got {name!r}. Remove it.")
         if name not in candidates:
-            raise InputError(
-                f"{what} must be one of {', '.join(candidates)}, got {name!r}. Did you mean {nearest(str(name), candidates)!r}?"
-            )
+            cure = f"Did you mean {nearest(str(name), candidates)!r}?{more}"
+            raise InputError(f"{what} must be one of {', '.join(candidates)}, got {name!r}. {cure}")
 
 
 def renamed(what: str, name: str, today: Mapping[str, str], *, refused_from: str, stacklevel: int = 3) -> str:

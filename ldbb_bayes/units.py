@@ -199,7 +199,5 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
 def typeset(text: str) -> str:
     """Return the text with minus signs before numbers and powers of ten in full: -5.85 → −5.85, 3.1e-05 → 3.1·10⁻⁵."""
     raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    text = re.sub(
-        r"(?<=\d)e([+-])0*(\d+)\b", lambda match: f"·10{(match[1].replace('+', '') + match[2]).translate(raised)}", text
-    )
+    text = re.sub(r"(?<=\d)e([+-])0*(\d+)\b", lambda own: f"·10{(own[1].replace('+', '') + own[2]).translate(raised)}", text)
     return re.sub(r"(?<![\w./\-])-(?=\.?\d)", "−", text)

@@ -31,9 +31,7 @@ def awkward(kind: str) -> xr.DataTree:
     if kind == "forty tests":
         return fitted(linear, simulated(plan([60] * 40, forces_N=np.linspace(36.0, 742.0, 40).tolist())))
     if kind == "three planes":
-        circles = [
-            lb.CircularTest(f, np.arange(0.0, 360.0, 5.0), plane=own) for own in ("XY", "YZ", "ZX") for f in (100.0, 700.0)
-        ]
+        circles = [lb.CircularTest(f, np.arange(0.0, 360.0, 5.0), plane=at) for at in ("XY", "YZ", "ZX") for f in (100.0, 700.0)]
         return fitted(linear, simulated(lb.Campaign(tuple(circles), name="three planes")))
     if kind == "degree 2":
         return fitted(lb.HybridModel.first(2), simulated(plan()))

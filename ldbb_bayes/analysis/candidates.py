@@ -48,12 +48,12 @@ _ROUNDING = 1e-12
 
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
     """A test without readings for every plane of the pilot and every direction, by default those of the pilot there; else it is
-    like the pilot's test in that plane with the median number of readings."""
+    like the pilot's test in that plane with the median number of readings, its angles in equal steps."""
     made: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
         there = [test for test in pilot.tests if test.plane == plane]
-        plain = sorted(there, key=lambda test: len(test.angle_deg))[len(there) // 2].with_reading_um(None)
-        plain = replace(plain, pressure_bar=None, name="", temperature_C=None, time_s=None)
+        plain = sorted(there, key=lambda test: len(test.angle_deg))[len(there) // 2]
+        plain = replace(plain.planned(), pressure_bar=None, name="", temperature_C=None, time_s=None)
         ways: Sequence[Direction | None] = directions or tuple(dict.fromkeys(test.direction for test in there))
         made += [replace(plain, direction=way) for way in ways]
     return tuple(made)

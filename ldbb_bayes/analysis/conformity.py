@@ -100,9 +100,7 @@ class Quantity:
 
 def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[str, Quantity]:
     """What may have a tolerance, by name: parameters with these units, stiffnesses, and the machine's path in these planes."""
-    found = {
-        name: Quantity(unit, ("upper",) if _POSITIVE.fullmatch(name) else ("lower", "upper")) for name, unit in units.items()
-    }
+    found = {key: Quantity(unit, ("upper",) if _POSITIVE.fullmatch(key) else ("lower", "upper")) for key, unit in units.items()}
     found |= {f"stiffness_{name[2]}": Quantity("N/mm", ("lower",)) for name in units if is_direct(name)}
     ends = [f"_{plane}" for plane in planes] if len(planes) > 1 else [""] * len(planes)
     return found | {name + end: Quantity("mm", sides) for name, sides in _PATHS.items() for end in ends}

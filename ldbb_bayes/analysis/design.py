@@ -208,9 +208,7 @@ def design(
         require(name not in _RESERVED, f"against must not use the name {name!r}, which is the design's own. Choose another name.")
         check_campaign(campaign)
         machine, own = ((one.topology, dict(one.frames_mm)) for one in (pilot, campaign))
-        require(
-            own == machine, f"{name} must be of the pilot's machine {machine[0]}, its frames too, got {own[0]}. Leave it out."
-        )
+        require(own == machine, f"{name} must be of the pilot's machine {machine[0]}, frames too, got {own[0]}. Leave it out.")
     if forces_N is None:
         low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
         forces_N = np.unique([*np.arange(low, high, 1.0), high]).tolist()

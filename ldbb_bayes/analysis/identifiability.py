@@ -158,9 +158,7 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 def _worth_of_certificates(bound: BoundModel, weight: Array, phi: Array) -> dict[str, dict[str, float]]:
     """Standard uncertainties as things are, with each certificate, and with all of them."""
     own, none = bound.campaign.instrument, Instrument()
-    open_ = {
-        name: stated for name, stated in CERTIFICATES.items() if all(getattr(own, key) == getattr(none, key) for key in stated)
-    }
+    open_ = {name: stated for name, stated in CERTIFICATES.items() if all(getattr(own, k) == getattr(none, k) for k in stated)}
     if len(open_) > 1:
         open_ = {**open_, "all of these": {key: value for stated in open_.values() for key, value in stated.items()}}
     each = {"none of these": {}, **open_}

@@ -314,6 +314,4 @@ def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:
     forces = campaign.forces_N[order]
     level = np.searchsorted(distinct_forces(forces), forces, side="right") - 1
     names = [campaign.tests[i].name for i in order]
-    return [
-        tuple(name for name, own in zip(names, level, strict=True) if own in (first, first + 1)) for first in range(level[-1])
-    ]
+    return [tuple(name for name, at in zip(names, level, strict=True) if at in (first, first + 1)) for first in range(level[-1])]

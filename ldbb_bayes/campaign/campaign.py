@@ -272,6 +272,20 @@ class CircularTest(TestFields):
         return replace(self, angle_deg=self.angle_deg[keep], reading_um=reading)
 
     @property
+    def step_deg(self) -> float:
+        """Step of angles that a plan can state, in equal steps within one turn [deg]; zero of others."""
+        steps = np.diff(self.angle_deg)
+        even = np.allclose(steps, steps[0], rtol=1e-6) and abs(steps.sum()) < 360.0 * (1.0 + 1e-6)
+        return float(steps[0]) if even else 0.0
+
+    def planned(self) -> CircularTest:
+        """The same test without readings; angles in unequal steps become as many in equal ones over the same arc."""
+        wrapped, arc = np.unique(np.mod(self.angle_deg, 360.0)), self.arc_deg
+        start = 0.0 if arc == 360.0 else np.roll(wrapped, -1)[np.argmax(np.diff(wrapped, append=wrapped[0] + 360.0))]
+        even = start + np.linspace(0.0, arc, len(self.angle_deg), endpoint=arc < 360.0)
+        return replace(self, reading_um=None, angle_deg=self.angle_deg if self.step_deg else even)
+
+    @property
     def circle(self) -> Circle:
         """Radius, centre and plane; the campaign's defaults must have been filled in."""
         x, y, z = (float(getattr(self, key) or 0.0) for key in _CENTRE)

@@ -73,9 +73,7 @@ def read_campaign(path: str | os.PathLike[str], *, certificates: Mapping[str, An
     else:
         tests, options = _tests_of_folder(path)
     with placed(path):
-        unnamed = {
-            f"{kind}_certificate": None for key in certificates or () if (kind := key.partition("_")[0]) in ("bar", "force")
-        }
+        unnamed = {f"{kind}_certificate": None for k in certificates or () if (kind := k.partition("_")[0]) in ("bar", "force")}
         instrument = replace(options.pop("instrument", Instrument()), **unnamed | dict(certificates or {}))
         return Campaign(tests, instrument=instrument, **options)
 
@@ -301,9 +299,7 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     (folder / TOML_NAME).write_text(tomli_w.dumps(_given(head)) + "".join(entries), encoding="utf-8")
     for test in campaign.tests:
         if test.reading_um is not None:
-            rows = (
-                f"{angle},{reading}\n" for angle, reading in zip(test.angle_deg.tolist(), test.reading_um.tolist(), strict=True)
-            )
+            rows = (f"{angle},{own}\n" for angle, own in zip(test.angle_deg.tolist(), test.reading_um.tolist(), strict=True))
             (folder / f"{test.name}.csv").write_text("angle_deg,reading_um\n" + "".join(rows), encoding="utf-8")
 
 
@@ -315,13 +311,11 @@ def _entry(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     entry |= {key: own for key in PER_TEST if (own := getattr(test, key)) != usual.get(key, 0.0)}
     if test.reading_um is not None:
         return _given(entry)
-    n, step = len(test.angle_deg), float(test.angle_deg[1] - test.angle_deg[0])
-    if not np.allclose(np.diff(test.angle_deg), step, rtol=1e-6):
-        raise InputError(f"a plan's angles must be evenly spaced to be written, got test {test.name!r}. Plan even angles.")
+    n, step = len(test.angle_deg), test.step_deg
+    got = f"others in test {test.name!r}"
+    require(step, f"a plan's angles must be evenly spaced within one turn to be written, got {got}. Plan even angles.")
     full = abs(abs(n * step) - 360.0) < 1e-6 * 360.0
     arc = float(np.copysign(360.0, step) if full else (n - 1) * step)
-    got = f"{arc:g}° in test {test.name!r}"
-    require(abs(arc) <= 360.0, f"a plan's angles must span one turn to be written, got {got}. Plan one turn a test.")
     return _given(entry | {"readings": n, "start_deg": float(test.angle_deg[0]), "arc_deg": arc})
 
 

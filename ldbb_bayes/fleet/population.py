@@ -406,9 +406,7 @@ def pool(
         parameters=parameters,
         machine=_pooled_machines(statistics, machines, likelihood, few, common, belonging, tails),
         campaigns=len(statistics),
-        **{
-            name: getattr(statistics, name) for name in ("reference_force_N", "forces_N", "topology", "compliances", "instrument")
-        },
+        **{key: getattr(statistics, key) for key in ("reference_force_N", "forces_N", "topology", "compliances", "instrument")},
         spread_scale=spread_scale,
         seed=seed,
         pareto_k=spreads.pareto_k,

@@ -80,6 +80,7 @@ class ConcernKind(StrEnum):
     FORCES = "forces"
     HYPER = "hyper"
     CENTRE = "centre"
+    PRIOR = "prior"
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,8 @@ class Concern(Result):
 
     NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least expected. FORCES: force levels,
     and how many the degree needs. HYPER: median [mm] of the hyper-parameter ``name``, and its prior's quantile at 99.9 %.
-    CENTRE: the p-value of no shift of the circle's centre along the axis ``name`` in proportion to force.
+    CENTRE: the p-value of no shift of the circle's centre along the axis ``name`` in proportion to force. PRIOR: distance of the
+    mean of the parameter ``name`` from its prior mean, and the largest expected, in sd of what the prior lets one expect.
     """
 
     kind: ConcernKind
@@ -210,12 +212,8 @@ def build_tree(groups: Mapping[str, Mapping[str, Array]], bound: BoundModel, rec
     import xarray as xr
     from xarray.indexes import PandasIndex
 
-    units = (
-        _UNITS
-        | {p.name: p.unit for p in bound.parameters}
-        | dict(zip(bound.hyper_prior.names, bound.hyper_prior.units, strict=True))
-    )
-
+    units = _UNITS | {p.name: p.unit for p in bound.parameters}
+    units |= dict(zip(bound.hyper_prior.names, bound.hyper_prior.units, strict=True))
     sets = {}
     for group, arrays in groups.items():
         sampled = () if group.endswith("_data") else ("chain", "draw")

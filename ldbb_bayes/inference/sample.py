@@ -50,6 +50,7 @@ _WALKERS = 128
 _QUALITY_DRAWS, _CHECKED_DRAWS = 1000, 500
 _IMPROBABLE = float(np.log(1e-3))
 _EXTREME = 0.999
+_FAR, _CLOSE = 3.0, 0.05
 
 
 def _joint(
@@ -250,7 +251,7 @@ def fit_of_parts(
     return Fit(
         quality.rmse_um, quality.fitness_percent, *truncation, bound.log_prob_truncation_prior,
         bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
-        (*missed, *_concerns(bound, flat_phi, flat_beta.mean(axis=0), truncation[0])), checks, power_sensitivity(group, scaled),
+        (*missed, *_concerns(bound, flat_phi, flat_beta, truncation[0])), checks, power_sensitivity(group, scaled),
         *effects(bound, flat_phi.mean(axis=0), checks),
     )  # fmt: skip
 
@@ -266,7 +267,12 @@ def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: f
     for name, median, top, is_length in sizes:
         if is_length and median > top:
             yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
-    for axis, p in centre_shift(bound, beta).items():
+    moved, variance = np.abs(beta.mean(axis=0) - bound.prior_mean), bound.prior_sd**2
+    # The readings are expected to move the mean by a draw of N(0, sd0² − u²); of what they do not narrow, by next to nothing.
+    for name, z in zip(bound.names, moved / np.sqrt(np.maximum(variance - beta.var(axis=0), _CLOSE * variance)), strict=True):
+        if z > _FAR:
+            yield Concern(ConcernKind.PRIOR, float(z), _FAR, name)
+    for axis, p in centre_shift(bound, beta.mean(axis=0)).items():
         yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
 
 

@@ -46,9 +46,7 @@ class HybridModel(Result):
     """The model of a campaign, not yet bound to one: its ``nuisances`` (terms) and priors; refused where they clash."""
 
     degree: int = 1  #: compliance constant (0), linear (1) or quadratic (2) in force; constant: linear with its slopes at zero
-    nuisances: tuple[Term, ...] = field(
-        default_factory=lambda: tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
-    )
+    nuisances: tuple[Term, ...] = field(default_factory=lambda: tuple(own() for own in Term.kinds.values() if not own.on_demand))
     prior: Prior = field(default_factory=Prior.default)  #: of parameters and hyper-parameters
     reference_force_N: float | None = None  #: F0; default: mid-range of the campaign's forces. F0 = 0 gives Eq. 33 literally
     preset: Preset = "default"  #: where the model started from

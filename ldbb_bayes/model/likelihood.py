@@ -308,9 +308,7 @@ class StructuredGaussian:
 
     def _elimination(self, plan: _Plan) -> _Elimination:
         alone, leaves = plan.fronts
-        return _Elimination(
-            [*map(self._front, alone)], [self._front(part, plan.root) for part in leaves], self._front([plan.root])
-        )
+        return _Elimination([*map(self._front, alone)], [self._front(own, plan.root) for own in leaves], self._front([plan.root]))
 
     def _linked(self, columns: Index) -> list[Index]:
         """The groups that columns fall into when those with a row in common go together."""

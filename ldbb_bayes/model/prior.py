@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit, ndtr, ndtri
 
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import nearest, require
 from ldbb_bayes.machine.chain import ComplianceKind, ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.terms import Hyper, Law, Scale
 from ldbb_bayes.result import Array, Shown
-from ldbb_bayes.units import inside_name, setting_to_inside, to_inside
+from ldbb_bayes.units import display_unit, inside_name, setting_to_inside, to_inside
 
 __all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
@@ -34,6 +34,8 @@ _GEOMETRIC: dict[GeometricKind, tuple[str, str]] = {
     "gain": ("1", "gain"), "straightness": ("1/mm", "straightness_per_mm"), "squareness": ("rad", "squareness_rad"),
     "offset": ("mm", "offset_mm"),
 }  # fmt: skip
+_EXAMPLES = ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY", "E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
+_ABSURD = 1000.0
 _KINDS: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
 
 
@@ -55,15 +57,22 @@ def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
             f"{what} {parameter} must be a number or text with its unit, got {value!r}. Correct it.",
         )
         return float(value)
+    usual, like = _usual_of(parameter), nearest(parameter, _EXAMPLES)
+    cure = f"Did you mean {like!r}? Else correct the name."
+    require(usual is not None, f"{what} {parameter} must be of a parameter to have a unit, got {value!r}. {cure}")
+    return to_inside(value, usual[0], f"{what} {parameter}")  # type: ignore[index]
+
+
+def _usual_of(parameter: str) -> tuple[str, str] | None:
+    """By a parameter's name its unit, and the field of `Prior` with the sd of its kind; None of what is no such name."""
     degree, match = degree_of(parameter), re.fullmatch(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)", parameter)
-    cure = "Give a number in mm, N, rad, or correct the name."
-    require(match is not None and degree <= 2, f"{what} {parameter} must be of a parameter to have a unit, got {value!r}. {cure}")
-    twist, wrench, joint, axis, order = match.groups()  # type: ignore[union-attr]
+    if match is None or degree > 2:
+        return None
+    twist, wrench, joint, axis, order = match.groups()
     if twist:
-        unit = compliance_unit(ComplianceName(twist, wrench, joint), degree)
-    else:
-        unit = geometric_unit(_KINDS[order] if axis else "squareness")
-    return to_inside(value, unit, f"{what} {parameter}")
+        own = ComplianceName(twist, wrench, joint)
+        return compliance_unit(own, degree), _COMPLIANCES[own.kind][1]
+    return _GEOMETRIC[_KINDS[order] if axis else "squareness"]
 
 
 def degree_of(parameter: str) -> int:
@@ -133,6 +142,10 @@ class Prior(Shown):
             require(np.isfinite(mean), f"{what} a finite number, got {mean}. Correct it or leave it out.")
             why = "a slope's is zero, because constant compliance is the linear model with its slopes at zero. Remove it."
             require(not degree_of(name), f"{what} left out, got {mean:g}: {why}")
+            unit, usual = _usual_of(name) or ("", "")
+            most, shown = _ABSURD * getattr(Prior, usual, np.inf), display_unit(unit)[1]
+            got = f"got {mean:g}. Numbers are in mm, N and rad; write the unit: '{mean:g} {shown}'."
+            require(abs(mean) <= most, f"{what} within ±{most:g}, {got}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """To other processes; a read-only mapping does not pickle."""

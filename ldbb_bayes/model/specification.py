@@ -81,7 +81,8 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
         prior = replace(model.prior, **_checked("prior", kinds, spec.prior))
         if spec.terms is None:
             return replace(model, prior=prior)
-        check_known("term", spec.terms, Term.kinds)
+        own = " A term of your own: commands do not have it; define or import its class in Python, and read the file there."
+        check_known("term", spec.terms, Term.kinds, own)
         terms, usual = [], {type(term): term for term in model.nuisances}
         for name, kind in Term.kinds.items():
             if name in spec.terms:

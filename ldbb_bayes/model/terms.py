@@ -82,7 +82,8 @@ class Columns(Shown):
 
     names: tuple[str, ...]  #: they begin with the term's ``stem``
     values: Array  #: shape (tests, 25, p)
-    sd: Array  #: prior sd (p,), in units of ``hyper`` where one is named; infinite for a flat prior
+    #: Prior sd (p,), or one number for all: in units of ``hyper`` where one is named, else in mm; infinite for a flat prior.
+    sd: Any
     hyper: Hyper | None = None  #: the hyper-parameter that scales ``sd``
     private: bool = False  #: every test has its own copy of each coefficient
     mean: Array | None = None  #: prior mean (p,) of shared coefficients; default: zero
@@ -93,6 +94,9 @@ class Columns(Shown):
 
     def __post_init__(self) -> None:
         p = len(self.names)
+        for name in ("sd", "mean"):
+            if isinstance(value := getattr(self, name), int | float):
+                object.__setattr__(self, name, np.full(p, float(value)))
         require(
             self.values.shape[1:] == (SIZE, p) and self.sd.shape == (p,),
             f"columns of {', '.join(self.names)} must have values of shape (tests, {SIZE}, {p}) and sd of shape ({p},), "

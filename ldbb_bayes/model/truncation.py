@@ -449,9 +449,7 @@ def _newton(coupling: Array, bound: Array, start: Array) -> tuple[Array, NDArray
             good = open_ & ((new[0] < value) | (new[3] < error))
             edge = np.where(good[:, None], trial, edge)
             value, error = np.where(good, new[0], value), np.where(good, new[3], error)
-            residual, slope = (
-                np.where(good[:, None], one, other) for one, other in zip(new[1:3], (residual, slope), strict=True)
-            )
+            residual, slope = (np.where(good[:, None], one, old) for one, old in zip(new[1:3], (residual, slope), strict=True))
             open_ &= ~good
             if not open_.any():
                 break

@@ -15,6 +15,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_of, nuisances, record_of, result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import DEGREES
+from ldbb_bayes.result import Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,22 +39,28 @@ def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
     return result
 
 
-def fit_in_words(posterior: xr.DataTree) -> dict[str, Any]:
-    """Return the state of a fit, the kinds of what to mind, and its verdict, misfits and warnings in words."""
+class FitWords(Shown, dict[str, Any]):
+    """A fit in words, by key; printed as the verdict and what to mind."""
+
+    def __repr__(self) -> str:
+        return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
+
+
+def fit_in_words(posterior: xr.DataTree) -> FitWords:
+    """Return the state of a fit, the kinds of what to mind, and its verdict, misfits and warnings in words, as a mapping that is
+    printed as sentences."""
     fit, bound = fit_of(posterior), bound_of(posterior)
     alike, seen = degeneracies(bound), preview(bound.campaign)
     concerns = wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"])
     standing = map(wording.standing_words, standing_degeneracies(bound, alike))
-    return {
-        "state": str(fit.state),
-        "kinds": list(fit.kinds),
-        "verdict": wording.fit_verdict(fit),
-        "misfits": [wording.check_words(check) for check in fit.misfits],
-        "warnings": [
+    return FitWords(
+        state=str(fit.state), kinds=list(fit.kinds), verdict=wording.fit_verdict(fit),
+        misfits=[wording.check_words(check) for check in fit.misfits],
+        warnings=[
             *concerns, *wording.check_notes(fit), *wording.alias_sentences(alike), *standing, *wording.look_sentences(seen),
             *further_remarks(seen),
         ],
-    }  # fmt: skip
+    )  # fmt: skip
 
 
 def further_remarks(seen: CampaignPreview) -> list[str]:

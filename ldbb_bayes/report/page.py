@@ -31,7 +31,7 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import Compared, Findings, Recommended, find, fit_in_words
 from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
 from ldbb_bayes.report.sheets import Banner, Pair, ReportSheet, pdf_of, sheets, words_of
-from ldbb_bayes.result import Array, json_text
+from ldbb_bayes.result import Array, Shown, json_text
 from ldbb_bayes.units import display_name, display_unit, typeset
 
 __all__ = [
@@ -41,7 +41,7 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class Document:
+class Document(Shown):
     """A whole report; its lines say under the title what it is of, its alerts what a reader must know before any number."""
 
     title: str
@@ -51,6 +51,7 @@ class Document:
     sheets: tuple[ReportSheet, ...] = ()
     annex: bool = False  # whether the sections are printed too
     language: str = "en"  # of the sheets
+    shown = ("title", "lines", "alerts")
 
     @property
     def state(self) -> str:

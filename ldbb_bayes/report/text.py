@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.inference.predictive import LeastSquares
     from ldbb_bayes.model.hybrid import HybridModel, Simulation
     from ldbb_bayes.model.terms import Uncertainties
+    from ldbb_bayes.report.findings import FitWords
 
 __all__ = [
     "Passage", "comparison_parts", "conformity_table", "html_of", "lines_of", "nuisance_table", "parameter_table", "parts_of",
@@ -201,6 +202,11 @@ def _(machine: DescribedMachine) -> tuple[Passage, ...]:
 
 
 @parts_of.register
+def _(words: FitWords) -> tuple[Passage, ...]:
+    return (words["verdict"], tuple(words["warnings"]))
+
+
+@parts_of.register
 def _(model: HybridModel) -> tuple[Passage, ...]:
     prior = "flat" if model.prior.flat else "proper, no compliance negative" if model.prior.truncated else "proper"
     rows = [
@@ -215,9 +221,7 @@ def _(model: HybridModel) -> tuple[Passage, ...]:
 def _(made: Simulation) -> tuple[Passage, ...]:
     sizes = {name: display_unit(unit) for name, unit in made.units.items()}
     rows = [(display_name(name), value * sizes[name][0], sizes[name][1]) for name, value in made.parameters.items()]
-    rows += [
-        (name, value, "" if name == "decay" or name.startswith("lambda_") else "µm") for name, value in made.hyper_um.items()
-    ]
+    rows += [(name, size, "" if name == "decay" or name.startswith("lambda_") else "µm") for name, size in made.hyper_um.items()]
     caption = f"Simulation of {made.campaign.name}, {len(made.campaign.tests)} tests"
     return (Table.of(caption, ("true parameter", "value", "unit"), rows, text=("unit",)),)
 

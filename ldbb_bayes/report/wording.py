@@ -218,9 +218,9 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
     for own in concerns:
         template = _SENTENCES["concerns"]["one-force" if own.kind == "forces" and own.value == 1 else own.kind]
         said = template.format(
-            value=own.value, limit=own.limit, name=own.name, um=own.value * 1e3, limit_um=own.limit * 1e3, degree=own.limit - 2,
+            value=own.value, limit=own.limit, um=own.value * 1e3, limit_um=own.limit * 1e3, degree=own.limit - 2,
             verb="contradict" if own.value < _CONTRADICTED else "speak against", rhat=sampler.get("target_rhat", 0.0),
-            cure=cures.get(sampler.get("kind", ""), "allow more steps (--max-steps)"),
+            cure=cures.get(sampler.get("kind", ""), "allow more steps (--max-steps)"), name=display_name(own.name),
         )  # fmt: skip
         yield typeset(said)
 

@@ -30,9 +30,7 @@ def averaged():  # type: ignore[no-untyped-def]
 def test_moments_are_those_of_every_model_by_its_probability(averaged) -> None:  # type: ignore[no-untyped-def]
     kinds = list(itertools.product(PAIR.values(), ((), ("joint load",), ("curved force law",), LINEAR.rivals)))
     assert LINEAR.rivals == ("joint load", "curved force law")
-    fits = [
-        lb.sample(model.with_rivals(*rivals), CAMPAIGN, sampler="independent", seed=3)["posterior"] for model, rivals in kinds
-    ]
+    fits = [lb.sample(model.with_rivals(*own), CAMPAIGN, sampler="independent", seed=3)["posterior"] for model, own in kinds]
     value = [lb.log_evidence(model.with_rivals(*rivals), CAMPAIGN, tolerance=1e-2).log_value for model, rivals in kinds]
     share = probabilities(np.array(value))
     assert (share > 0.03).sum() > 4, "a test in which most models count"

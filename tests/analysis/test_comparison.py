@@ -198,9 +198,7 @@ def test_sentences_follow_the_numbers(compared: Comparison) -> None:
 
 
 def test_assumptions_change_one_thing() -> None:
-    changed = {
-        label: change(LINEAR) for label, change in sensitivity.discrepancy_assumptions([LINEAR.with_degree(0), LINEAR]).items()
-    }
+    changed = {k: change(LINEAR) for k, change in sensitivity.discrepancy_assumptions([LINEAR.with_degree(0), LINEAR]).items()}
     assert "discrepancy κ/n" not in changed
     assert next(t for t in changed["discrepancy κ/n²"].nuisances if isinstance(t, Discrepancy)).decay == 2.0
     own = changed["set-up shift: own scales for orders 0 and 1"].scales

@@ -344,7 +344,14 @@ def test_designs_that_leave_something_undetermined(pilot: lb.Campaign) -> None:
 # Directions, radii, planes
 
 
-def test_templates_are_the_pilots() -> None:
+def test_templates_are_the_pilots_in_equal_steps(rng: np.random.Generator) -> None:
+    """Half circles that overlap become one circle, and an uneven arc across 0° keeps its ends: a plan can be written."""
+    halves = np.r_[np.arange(-10.0, 190.0, 2.0), np.arange(170.0, 370.0, 2.0)]
+    arc = rng.permutation([-110.0, 110.0, *rng.uniform(-110.0, 110.0, 98)])
+    for uneven, first, last in ((halves, 0.0, 358.2), (arc, 250.0, 470.0)):
+        (like,) = templates(lb.Campaign((lb.CircularTest(100.0, uneven),)))
+        np.testing.assert_allclose(like.angle_deg, np.linspace(first, last, len(uneven)), atol=1e-9)
+        assert like.step_deg > 0.0
     tests = [
         lb.CircularTest(100.0, np.arange(36) * 10.0, plane="XY", setup=1, centre_x_mm=5.0),
         lb.CircularTest(100.0, np.arange(72) * 5.0, plane="YZ", setup=4, direction="CW"),

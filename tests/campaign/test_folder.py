@@ -89,7 +89,7 @@ def test_plans_come_back(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text(bare)
     assert [len(t.angle_deg) for t in lb.read_campaign(tmp_path).tests] == [720, 720]
     twice = lb.Campaign((lb.CircularTest(100.0, np.arange(720.0)),))
-    with pytest.raises(InputError, match="must span one turn"):
+    with pytest.raises(InputError, match="must be evenly spaced within one turn"):
         lb.write_campaign(twice, tmp_path / "q")
 
 

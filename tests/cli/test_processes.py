@@ -101,9 +101,7 @@ def test_demo(tmp_path: Path) -> None:
     assert "CAN BE USED WITH THIS RESERVATION. Not determined by the readings: Squareness of X to Y." in words
     out = tmp_path / "ldbb_demo"
     assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]
-    assert {path.name for path in (out / "figures").iterdir()} == {
-        f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")
-    }
+    assert {own.name for own in (out / "figures").iterdir()} == {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")}
     assert "<svg" in (out / "linear" / "report.html").read_text(encoding="utf-8")
     linear = json.loads((out / "linear" / "summary.json").read_text())
     assert linear["sampler"]["converged"]

@@ -46,9 +46,7 @@ def printed(folder: Path, planned: Path, tmp_path_factory: pytest.TempPathFactor
                 given = {"embedded_campaign": Path("c"), "sample": posterior, "compare": comparison, "save_figures": None}
                 for name, own in given.items():
                     patch.setattr(lb, name, lambda *_, own=own, **__: own)
-            patch.setattr(
-                "ldbb_bayes.fleet.dataset.read_batch", lambda *_, own=arguments[0]: rows if own == "trend" else machines
-            )
+            patch.setattr("ldbb_bayes.fleet.dataset.read_batch", lambda *_, k=arguments[0]: rows if k == "trend" else machines)
             shown = parts.setdefault(str(arguments[0]), [])
             patch.setattr(options, "show", lambda *own, shown=shown: shown.extend(own))
             ended = CliRunner().invoke(app, [*map(str, arguments)])

@@ -148,9 +148,7 @@ def test_the_line_puts_first_what_matters_most() -> None:
     assert fit_verdict(replace(fit, concerns=(missed, against))) == "NOT CONVERGED: do not use the numbers."
     assert replace(fit, concerns=(missed,)).state == State.UNUSABLE
     unlikely = replace(fit, predictive_checks={"a": replace(checks["a"], orders_p={0: 1e-9, 1: 0.5})})
-    assert fit_verdict(unlikely).startswith(
-        "Converged; the model does not expect readings like these (order 0 of a): without a a "
-    )
+    assert fit_verdict(unlikely).startswith("Converged; the model does not expect readings like these (order 0 of a): without a")
     quiet = replace(unlikely, shift={"a": 0.3})
     assert "(order 0 of a) hardly moves an interval" in fit_verdict(quiet)
     assert (quiet.state, quiet.kinds, len(quiet.unexpected)) == (State.USABLE, (), 1)

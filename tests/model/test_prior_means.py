@@ -138,7 +138,7 @@ def test_models_that_cannot_be() -> None:
         model_from_toml("schema = 1\nfixed = ['C_XXX']\n[prior.means]\nC_XXX = 1e-5\n")
     with pytest.raises(InputError, match=r"prior means must be a dict, got 1\.0"):
         model_from_toml("schema = 1\n[prior]\nmeans = 1.0\n")
-    with pytest.raises(InputError, match=r"prior mean must be one of C_XXX, .*, got 'C_XXY'\. Did you mean 'C_XYX'"):
+    with pytest.raises(InputError, match=r"prior mean must be one of C_XXX, .*, got 'C_XXY'\. Did you mean 'C_XXX'"):
         replace(model, prior=replace(model.prior, means={"C_XXY": 1e-5})).bind(plan())
 
 
@@ -188,6 +188,18 @@ def test_texts_and_figures_show_mean_and_sd() -> None:
         assert axes.get_xlabel() == "value (nm/N)"
         faint = next(line for line in axes.lines if line.get_color() == FAINT)
         assert (np.mean(faint.get_xdata()) == pytest.approx(51.0, abs=1.5)) == meant
+
+
+def test_a_prior_that_the_readings_contradict_is_named() -> None:
+    for mean, named in ((5.1e-5, []), (3e-4, ["C_XXX"])):
+        model, rule = lb.HybridModel.first(0).with_prior(C_XXX=(mean, 2e-5)), lb.StoppingRule(ess=100.0)
+        table = lb.summarize(tree := lb.sample(model, simulated(SMALL), sampler="independent", seed=1, rule=rule))
+        found = [own for own in table.attrs["fit"].concerns if own.kind == "prior"]
+        assert [own.name for own in found] == named
+        assert ("contradict the prior of C_XXX" in str(lb.fit_in_words(tree))) == bool(named)
+    own = table.loc["C_XXX"]
+    expected = (own["prior_mean"] - own["mean"]) / np.sqrt(own["prior_sd"] ** 2 - own["sd"] ** 2)
+    assert found[0].value == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.slow

@@ -228,9 +228,9 @@ def test_every_place_is_escaped() -> None:
     )  # fmt: skip
     blocks = (SCRIPT, Fields(((SCRIPT, SCRIPT),)), Banner("usable", SCRIPT), Pair(parts[3], SCRIPT, (SCRIPT,)))  # type: ignore[arg-type]
     sheet = ReportSheet("sheet", SCRIPT, SCRIPT, blocks)
-    reader = check(
-        html_page(Document(SCRIPT, (SCRIPT,), (SCRIPT,), (Section("summary", SCRIPT, parts[:3] + parts[4:]),), (sheet,)))
-    )
+    page = Document(SCRIPT, (SCRIPT,), (SCRIPT,), (Section("summary", SCRIPT, parts[:3] + parts[4:]),), (sheet,))
+    reader, shown = check(html_page(page)), page._repr_html_()
+    assert re.match(r"Document\(title='.{,300}\)$", repr(page)) and "<table>" in shown and "<script" not in shown
     assert sum(SCRIPT in text for text in reader.texts) == 24
 
 
