@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from difflib import SequenceMatcher
 
 __all__ = ["InputError", "check_known", "nearest", "placed", "plain_reason", "renamed", "require"]
 
@@ -42,9 +42,14 @@ def placed(place: object) -> Iterator[None]:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The known name most like ``name``; of several that are as like, one that begins with it, else the first."""
+    """The known name most like ``name``; of several that are as like, one of the same letters, or beginning like it."""
     own = name.lower()
-    return max(known, key=lambda one: (difflib.SequenceMatcher(None, one.lower(), own).ratio(), one.lower().startswith(own)))
+
+    def alike(one: str) -> tuple[float, bool, int]:
+        match, anagram = SequenceMatcher(None, one.lower(), own), sorted(one.lower()) == sorted(own)
+        return match.ratio(), anagram, match.get_matching_blocks()[0].size
+
+    return max(known, key=alike)
 
 
 def check_known(what: str, names: Iterable[str], known: Iterable[str], more: str = "") -> None:

@@ -147,9 +147,7 @@ def read_truths(path: Path) -> Truths:
 
 def _plan(file: _TruthsFile, name: str) -> Campaign:
     total = file.readings * len(file.forces_N or ())
-    require(
-        total <= LARGEST_PLAN, f"a plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or readings."
-    )
+    require(total <= LARGEST_PLAN, f"plan must have at most {LARGEST_PLAN} readings, got {total}. Take fewer forces or readings.")
     angle = 360.0 * np.arange(file.readings) / file.readings
     return Campaign(
         tuple(CircularTest(force, angle) for force in file.forces_N or ()),

@@ -119,16 +119,15 @@ def _(campaign: Campaign) -> tuple[Passage, ...]:
 @parts_of.register
 def _(result: Imported) -> tuple[Passage, ...]:
     campaign = result.campaign
-    head = (
-        f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed (change it with the option named):"
-    )
+    head = f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings"
     beside: list[Passage] = []
     for own in result.records:
         from ldbb_bayes.analysis.circularity import compare_record  # what shows no record starts without it
 
         alike = own.plane in campaign.machine().planes
         beside += [table_of(compare_record(own, campaign))] if alike else parts_of(own)
-    return (head, tuple(map(wording.assumption_words, result.assumptions)), *beside)
+    assumed = tuple(map(wording.assumption_words, result.assumptions))
+    return (f"{head}. Assumed (change it with the option named):", assumed, *beside)
 
 
 @parts_of.register

@@ -138,7 +138,7 @@ def test_models_that_cannot_be() -> None:
         model_from_toml("schema = 1\nfixed = ['C_XXX']\n[prior.means]\nC_XXX = 1e-5\n")
     with pytest.raises(InputError, match=r"prior means must be a dict, got 1\.0"):
         model_from_toml("schema = 1\n[prior]\nmeans = 1.0\n")
-    with pytest.raises(InputError, match=r"prior mean must be one of C_XXX, .*, got 'C_XXY'\. Did you mean 'C_XXX'"):
+    with pytest.raises(InputError, match=r"prior mean must be one of C_XXX, .*, got 'C_XXY'\. Did you mean 'C_XYX'"):
         replace(model, prior=replace(model.prior, means={"C_XXY": 1e-5})).bind(plan())
 
 
