@@ -268,13 +268,13 @@ def compare(
     explained = explanations(pair, evidences) if rivals else None
     slopes, found, curves = slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
     circles += () if explained is None else (explained.averaged, explained.alone)
-    assumed, theirs = elsewhere()
-    evidences.progress = lambda: None
-    every = [*evidences.every, *theirs, *(own.evidence for others in left.values() for own in others.values())]
     densities = {name: _predicted(nodes, left.get(name, {})) for name, nodes in weighed.items()}
+    described, tests = _models(weighed, densities, seed, ci_prob), _tests(weighed, left, densities, seed, tolerance)
+    (assumed, theirs), evidences.progress = elsewhere(), lambda: None
+    every = [*evidences.every, *theirs, *(own.evidence for others in left.values() for own in others.values())]
     return Comparison(
         campaign=Readings(campaign.name, campaign.sha256),
-        models=_models(weighed, densities, seed, ci_prob),
+        models=described,
         log_bayes_factor={ratio: value for ratio, (value, _) in factors.items()},
         log_bayes_factor_error={ratio: error for ratio, (_, error) in factors.items()},
         elpd_difference={
@@ -290,7 +290,7 @@ def compare(
         slopes=slopes,
         slope_subsets=found,
         compliance_against_force=curves,
-        tests=_tests(weighed, left, densities, seed, tolerance) if several else {},
+        tests=tests,
         local_fits=local() if windows else pd.DataFrame(),
         tolerance=tolerance,
         largest_error=max(own.error for own in every),
@@ -372,8 +372,8 @@ def _tests(
     seed: int,
     tolerance: float,
 ) -> dict[str, ComparedTest]:
-    """Every test against the others."""
-    odd = outliers(weighed, left, seed=seed, tolerance=tolerance)
+    """Every test against the others; none where none was left out."""
+    odd = outliers(weighed, left, seed=seed, tolerance=tolerance) if left else {}
     forces = next(iter(weighed.values())).bound.setting.force_N
     return {
         name: ComparedTest(

@@ -223,6 +223,7 @@ def _worked(
     from ldbb_bayes.jobs import ahead
 
     seed, models = asked["seed"], {"constant": model.with_degree(0), "linear": model}
+    ahead(partial(callable, lb.compare), executor)  # The other process starts and imports meanwhile.
     begin("fit")
     fit = lb.sample(model, campaign, sampler="independent", seed=seed)
     both, told = {"evidences": Evidences(campaign, tolerance=_TOLERANCE), "seed": seed}, begin("compare")
@@ -230,9 +231,8 @@ def _worked(
     comparison = _or_reason(of_pair)
     design = ahead(partial(_or_reason, partial(lb.design, model, pilot=campaign, tests=asked.get("tests"), seed=seed)), executor)
     begin("average")
-    averaged = _or_reason(partial(lb.average, models, campaign, **both))
-    averaged = None if isinstance(averaged, str) else averaged
-    return fit, {"comparison": comparison, "recommended": cache(design), "averaged": averaged}
+    mean = _or_reason(partial(lb.average, models, campaign, **both))
+    return fit, {"comparison": comparison, "recommended": cache(design), "averaged": None if isinstance(mean, str) else mean}
 
 
 def _or_reason(work: Callable[[], Any]) -> Any:

@@ -32,7 +32,7 @@ TRAVEL = {"CW": 1.0, "CCW": -1.0}
 WAYS = {1.0: "CW", -1.0: "CCW"}
 _HOUR_S = 3600.0
 _CHUNK = 8192
-_EVEN, _UNEVEN = 1e-6, 4
+_EVEN, _UNEVEN, _ZERO = 1e-6, 4, 1e-12
 
 
 def basis(angle_rad: Array) -> Array:
@@ -99,10 +99,10 @@ class Reduced:
         if self.readings < SIZE:
             return None
         root = np.where(ORDERS == 0, 1.0, np.sqrt(0.5))
-        value, vectors = np.linalg.eigh(self.factor.T @ self.factor / np.outer(root, root))
+        value, along = np.linalg.eigh(self.factor.T @ self.factor / np.outer(root, root))
         departure = value / np.median(value) - 1.0
         order = np.argsort(-np.abs(departure), kind="stable")
-        found = Even(np.sqrt(np.median(value)) * root, departure[order], vectors[:, order])
+        found = Even(np.sqrt(np.median(value)) * root, departure[order], np.where(np.abs(along) > _ZERO, along, 0.0)[:, order])
         return found if np.count_nonzero(found.counts) <= _UNEVEN and value[0] > 0.0 else None
 
 

@@ -200,7 +200,7 @@ class StructuredGaussian:
         shared = [term for term in columns if isinstance(term, Columns) and not term.private]
         private = [term for term in columns if isinstance(term, Columns) and term.private]
         private += [_as_columns(term, len(reduced)) for term in noise if term not in absorbed]
-        private += _departing(even) if diagonal else []
+        private += (departing := _departing(even) if diagonal else [])
         self._q, v = (sum(len(term.names) for term in terms) for terms in (shared, private))
         self._private = list(self._q + np.arange(len(reduced) * v).reshape(-1, v)) if v else []
         every = {Source(), Source("sigma"), *(source for term in columns for source in term.sources)}
@@ -212,6 +212,7 @@ class StructuredGaussian:
         of_sign = [-1.0 if name.startswith(_CROWDED) else 1.0 for term in private for name in term.names] * len(reduced)
         self._sign = np.array([*[1.0] * self._q, *of_sign])
         self._rows.variance[len(self._rows.variance) - len(of_sign) :] *= self._sign[self._q :, None]
+        self._uneven, self._orders = bool(departing), dict[int | None, _Elimination]()
         self._constant = np.array([*(-0.5 * _LOG_2PI * test.readings for test in reduced), volume])
         self._constant[:-1] -= [0.5 * np.log1p(own.departure).sum() for own in even] if diagonal else 0.0
         _, first, kind = np.unique(_to_ten_digits(self._rows.variance), axis=0, return_index=True, return_inverse=True)
@@ -225,14 +226,14 @@ class StructuredGaussian:
     def log_density(self, phi: Array, beta: Array | None = None) -> Array:
         """ln p(z | β, φ), shape (w,), at φ (w, hypers) [mm] and β (w, p), or (p,)."""
         total = np.empty(len(phi))
-        for index, weight, shift, density in self._passes(phi, beta, self._fastest.most):
-            total[index] = density + self._fastest.factor(weight, shift)[1]
+        for index, weight, shift, density in self._passes(phi, beta, self._order(0).most):
+            total[index] = density + self._order(0).factor(weight, shift)[1]
         return total
 
     def conditional(self, phi: Array, beta: Array | None = None, *, last: int | None = None) -> tuple[Array, Gaussian]:
         """ln p(z | β, φ), shape (w,), and the shared coefficients, or the ``last`` of them, given z, β and φ: w Gaussians."""
         w, first = len(phi), 0 if last is None else self._q - last
-        n, order = self._q - first, self._in_order
+        n, order = self._q - first, self._order(last if self._uneven else None)  # Quasi-random points follow last digits.
         total, lower, white = np.empty(w), np.zeros((n, n, w)), np.empty((n, w))
         for index, weight, shift, density in self._passes(phi, beta, order.most):
             factors, gained = order.factor(weight, shift)
@@ -324,23 +325,22 @@ class StructuredGaussian:
         alone = [group for group in groups if group[-1] < self._q]
         return _Plan(alone, self._private, np.sort(np.concatenate([np.zeros(0, dtype=np.intp), *root])))
 
-    @cached_property
-    def _in_order(self) -> _Elimination:
-        return self._elimination(self._private_first)
-
-    @cached_property
-    def _fastest(self) -> _Elimination:
-        """The root is the private columns and those that have more rows than others, or all that private columns meet."""
-        met, plans = self._rows.columns != 0.0, [self._private_first]
-        number = met[:, : self._q].sum(axis=0)
-        for most in np.unique(number):
-            root = np.concatenate([*self._private, np.flatnonzero(number > most)]).astype(np.intp)
-            edge = met[met[:, root].any(axis=1)]
-            groups = self._linked(np.flatnonzero(number <= most))
-            bordered = [bool(edge[:, group].any()) for group in groups]
-            alone, leaves = ([own for own, b in zip(groups, bordered, strict=True) if b == wanted] for wanted in (False, True))
-            plans.append(_Plan(alone, leaves, root))
-        return self._elimination(min(plans, key=lambda plan: plan.cost))
+    def _order(self, last: int | None) -> _Elimination:
+        """The fewest operations with the ``last`` shared columns at the end; None: all in the order given. The root is the
+        private columns, these, and those that have more rows than others, or all that private columns meet."""
+        if last not in self._orders:
+            met, plans, first = self._rows.columns != 0.0, [self._private_first], self._q - (last or 0)
+            number = met[:, : self._q].sum(axis=0)
+            number[first:] = len(met) + 1
+            for most in np.unique(number[:first]) if last is not None else ():
+                root = np.concatenate([*self._private, np.flatnonzero(number > most)]).astype(np.intp)
+                edge = met[met[:, root].any(axis=1)]
+                groups = self._linked(np.flatnonzero(number <= most))
+                bordered = [bool(edge[:, group].any()) for group in groups]
+                alone, leaves = ([own for own, b in zip(groups, bordered, strict=True) if b == yes] for yes in (False, True))
+                plans.append(_Plan(alone, leaves, root))
+            self._orders[last] = self._elimination(min(plans, key=lambda plan: plan.cost))
+        return self._orders[last]
 
 
 def _reading_rows(
