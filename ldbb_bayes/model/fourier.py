@@ -203,7 +203,7 @@ class Setting:
             yield value, f"_{text}" if len(every) > 1 else "", own == value
 
     def harmonics(self, orders: Sequence[int], turned_rad: Array | float = 0.0) -> Array:
-        """cos n(θ − ψ), sin n(θ − ψ) for every order n, shape (tests, 25, 2 orders); ψ of each test, as a ball's clocking."""
+        """cos n(θ − ψ), sin n(θ − ψ) in turn, order by order, shape (tests, 25, 2 orders); ψ of each test: a clocked ball."""
         values = np.zeros((self.tests, SIZE, 2 * len(orders)))
         for j, n in enumerate(orders):
             c, s = harmonic_index(n)

@@ -209,8 +209,8 @@ class Term(Shown):
     stem: ClassVar[str | tuple[str, ...]]  #: what names of its coefficients begin with; default: ball_form for BallForm
     words: ClassVar[str]  #: what it is called; default: ball form for BallForm
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: of its coefficients
-    calibration: ClassVar[str] = "a measurement of it"  #: what supplies it, as a noun and as advice
-    remedy: ClassVar[str] = "Measure it, or narrow its prior."
+    calibration: ClassVar[str] = "a measurement of it"  #: what supplies it, as a noun: cures name it
+    remedy: ClassVar[str] = "Measure it, or narrow its prior."  #: advice for budgets in which it is the largest, a sentence
     instrument: ClassVar[bool] = False  #: it belongs to bar, balls, mount or force device, and is the same wherever these are
     common: ClassVar[bool] = False  #: fleets take its coefficient as one, the same in all campaigns of one instrument
     on_demand: ClassVar[bool]  #: models have it only when asked to; so they have terms of your own
