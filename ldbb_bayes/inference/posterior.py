@@ -90,7 +90,7 @@ class Concern(Result):
     NOT_CONVERGED: steps, and the ESS they were to reach. TRUNCATION: ln P(T | y), and the least expected. FORCES: force levels,
     and how many the degree needs. HYPER: median [mm] of the hyper-parameter ``name``, and its prior's quantile at 99.9 %.
     CENTRE: the p-value of no shift of the circle's centre along the axis ``name`` in proportion to force. PRIOR: distance of the
-    mean of the parameter ``name`` from its prior mean, and the largest expected, in sd of what the prior lets one expect.
+    mean of the parameter ``name`` from its stated prior mean, and the largest expected, in sd of what the prior lets one expect.
     """
 
     kind: ConcernKind

@@ -268,9 +268,9 @@ def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: f
         if is_length and median > top:
             yield Concern(ConcernKind.HYPER, float(median), float(top), str(name))
     moved, variance = np.abs(beta.mean(axis=0) - bound.prior_mean), bound.prior_sd**2
-    # The readings are expected to move the mean by a draw of N(0, sd0² − u²); of what they do not narrow, by next to nothing.
+    stated = {*bound.model.prior.overrides, *bound.model.prior.means}  # the data move a mean by a draw of N(0, sd0² − u²)
     for name, z in zip(bound.names, moved / np.sqrt(np.maximum(variance - beta.var(axis=0), _CLOSE * variance)), strict=True):
-        if z > _FAR:
+        if z > _FAR and name in stated:
             yield Concern(ConcernKind.PRIOR, float(z), _FAR, name)
     for axis, p in centre_shift(bound, beta.mean(axis=0)).items():
         yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
