@@ -74,10 +74,10 @@ class Variance:
 class LogBayesFactor:
     """Φ = the expected ln B in favour of the truth, with the parameters or without them, both equally probable.
 
-    With S in units of the prior, eigenvalues 1 + λ, and parameters that are ``size`` prior sd in the mean square, E[ln B] is
-    ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)] if they are there and ½ Σ [λ/(1 + λ) − ln(1 + λ)] if not; half the difference is
-    Φ = ¼ size² Σ λ²/(1 + λ), which never falls. For one parameter it leads to the design of T-optimality. Not concave: an optimum
-    is a local one.
+    S must be in units of the prior, eigenvalues 1 + λ: scale ``rows`` and ``prior`` so that the prior alone is the identity. If
+    parameters are ``size`` prior sd in the mean square, E[ln B] is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)], and
+    ½ Σ [λ/(1 + λ) − ln(1 + λ)] if they are not there; half the difference is Φ = ¼ size² Σ λ²/(1 + λ), which never falls. For one
+    parameter it leads to the design of T-optimality. Not concave: an optimum is a local one.
     """
 
     concave: ClassVar[bool] = False
@@ -113,10 +113,10 @@ def _inverse_transposed(root: Array) -> Array:
 class Objective:
     """Φ of designs, averaged over K values of the hyper-parameters; a design is its numbers of tests, counts (candidates,)."""
 
-    rows: Array  # G (K, candidates, m, p): one test of a candidate adds GᵀG; the parameters of interest are the last columns
-    prior: Array  # P (K, p, p): precision before the new tests; prior and tests already run
-    interest: int  # s, how many parameters are of interest
-    criterion: Criterion
+    rows: Array  #: G (K, candidates, m, p), in sd of the noise: one test of a candidate adds GᵀG to the precision
+    prior: Array  #: P (K, p, p): the precision matrix before these tests, of prior and tests already run; zeros where flat
+    interest: int  #: s: the last s of the p parameters are of interest, all others are projected out
+    criterion: Criterion  #: `Determinant`, `Variance` or `LogBayesFactor`
 
     @property
     def candidates(self) -> int:

@@ -68,7 +68,7 @@ class LogDensity(Shown):
 
     @property
     def scale(self) -> Array:
-        """Typical sizes, shape (d,): x0 + scale · z gives an optimiser steps of one kind. Of parameters the prior sd."""
+        """Sizes in the prior, shape (d,), of parameters the sd. Optimisers want the posterior's: the spread of `initial`."""
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
 

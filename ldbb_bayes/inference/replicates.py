@@ -43,9 +43,9 @@ _TOLERANCE, _LARGE_K, _TAMED_K, _MOST_K = 1e-2, 0.4, 0.2, 2.0
 def predict(posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, seed: int = 1) -> pd.DataFrame:
     """Predict the readings of new circles on the machine of a posterior, with its bar, balls, mount and force device.
 
-    Machine and what circles share come from the posterior; set-up shift, discrepancy, the circle's scatter, random force error
-    and white noise are drawn anew. What the campaign says nothing of, such as the length of the bar at another radius, has its
-    prior.
+    Machine and what circles share come from the posterior; set-up shift, discrepancy, scatter, random force error and white noise
+    are drawn anew. What the campaign says nothing of, such as the bar's length at another radius, has its prior. Nuisances are
+    integrated out: draws of them, given each draw of the posterior, are not kept; `nuisances` gives their mean and sd.
 
     InputError for another machine, or circles that show parameters which the fit does not have.
 

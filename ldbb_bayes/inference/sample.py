@@ -173,8 +173,8 @@ def sample(
 
     Returns
     -------
-    ArviZ's layout: posterior, prior, sample_stats, log_prior, observed_data, constant_data, provenance; `with_predictive` adds
-    the groups for checks of models. All numbers in mm, N, rad.
+    ArviZ's layout: posterior, prior, sample_stats (lp: the log density over ln(φ − lower), of decay the logit), log_prior,
+    observed_data, constant_data, provenance; `with_predictive` adds the groups for checks of models. In mm, N, rad.
     """
     sampler = sampler_named(sampler)
     require(not campaign.is_plan, "campaign must have readings to be sampled, got a plan. Run the tests, or simulate the plan.")
