@@ -77,7 +77,7 @@ else:
 
 
 # Longest repr, longest value and most entries of a collection in one; rows of a table printed whole; narrowest and widest print.
-_LONGEST, _LONGEST_VALUE, _MOST_ENTRIES, _MOST_ROWS, _NARROW, _WIDE = 600, 60, 12, 60, 80, 120
+_LONGEST, _LONGEST_VALUE, _MOST_ENTRIES, _MOST_ROWS, _NARROW, _WIDE = 80, 56, 12, 60, 80, 120
 
 
 def entries_of(thing: Any) -> dict[str, Any]:
@@ -88,7 +88,8 @@ def entries_of(thing: Any) -> dict[str, Any]:
 
 
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
-    """Return a value on one line: arrays, tables and long collections by their size; of an object what is not empty."""
+    """Return a value on one line: arrays, tables and long collections by their size; of an object what is not empty, of a
+    long one what is not usual, as far as there is room."""
     kind = type(value).__name__
     if getattr(value, "shape", ()):
         return f"<{kind}, {' × '.join(map(str, value.shape))}>"
@@ -97,8 +98,17 @@ def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
         return whole if 0 < len(whole) <= longest and "array(" not in whole else f"<{len(value)} entries>"
     if (entries := entries_of(value)) or isinstance(value, Shown):
         filled = {name: own for name, own in entries.items() if own is not None and (not hasattr(own, "__len__") or len(own))}
-        whole = f"{kind}({', '.join(f'{name}={brief(own)}' for name, own in filled.items())})"
-        return whole if len(whole) <= longest else f"{kind}(…)" if longest < _LONGEST else f"{whole[:longest]}…)"
+        said = [f"{name}={brief(own)}" for name, own in filled.items()]
+        if len(whole := f"{kind}({', '.join(said)})") > longest:
+            usual = [
+                isinstance(own, float | int | str) and own == getattr(type(value), name, None) for name, own in filled.items()
+            ]
+            said = [one for one, left_out in zip(said, usual, strict=True) if not left_out]
+            whole = f"{kind}({', '.join(said)})"
+        while len(whole) > longest and said:
+            said = said[:-1] if longest == _LONGEST else []
+            whole = f"{kind}({', '.join([*said, '…'])})"
+        return whole
     text = f"{value:.6g}" if isinstance(value, float) else repr(value).replace("\n", " ")
     return text if len(text) <= longest else f"{text[: longest - 1]}…"
 

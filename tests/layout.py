@@ -1,5 +1,4 @@
-"""What every figure must be: each text inside the page, no two over one another, no legend over data, a unit on every axis, true
-minus signs."""
+"""What every figure must be: each text inside the page, no two over one another, no legend over data, a unit on every axis."""
 
 from __future__ import annotations
 

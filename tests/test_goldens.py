@@ -29,19 +29,14 @@ def test_every_file_has_a_golden() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "differ"),
     [
-        ({"mean": 1.0}, {"mean": 1.0 + 1e-12}, False),
-        ({"mean": 1.0}, {"mean": 1.0 + 1e-8}, True),
+        ({"mean": 1.0}, {"mean": 1.0 + 1e-12}, False), ({"mean": 1.0}, {"mean": 1.0 + 1e-8}, True),
         ({"mean": 0.0, "sd": 1.0}, {"mean": 1e-12, "sd": 1.0}, False),
-        ({"mean": 0.0, "other": 1.0}, {"mean": 1e-12, "other": 1.0}, True),
-        ([0.0, 1.0], [1e-12, 1.0], False),
-        ("C is 1.20 ± 0.01", "C is 1.21 ± 0.01", False),
-        ("C is 1.20 ± 0.01", "C is 1.23 ± 0.01", True),
-        ("C is large", "C is small", True),
-        ([1, 2], [1, 2, 3], True),
-        ({"a": None}, {"b": None}, True),
+        ({"mean": 0.0, "other": 1.0}, {"mean": 1e-12, "other": 1.0}, True), ([0.0, 1.0], [1e-12, 1.0], False),
+        ("C is 1.20 ± 0.01", "C is 1.21 ± 0.01", False), ("C is 1.20 ± 0.01", "C is 1.23 ± 0.01", True),
+        ("C is large", "C is small", True), ([1, 2], [1, 2, 3], True), ({"a": None}, {"b": None}, True),
         (float("nan"), float("nan"), False),
     ],
-)
+)  # fmt: skip
 def test_what_counts_as_a_difference(old: object, new: object, differ: bool) -> None:
     assert bool(make.differences(old, new)) == differ
     assert not make.differences(old, old)

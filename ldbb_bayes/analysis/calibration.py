@@ -119,8 +119,7 @@ class Validation(Result):
     def coverage(self) -> pd.DataFrame:
         """Return the share of true values inside their equal-tailed intervals, one row per quantity, and its standard error.
 
-        Columns 50, 80, 95 (what the interval claims, in per cent) and u50, u80, u95 (binomial standard errors expected of a
-        calibrated computation).
+        Columns 50, 80, 95 (what the interval claims, in per cent) and u50, u80, u95 (binomial standard errors if calibrated).
         """
         distance = np.abs(2 * self.ranks - self.draws)
         table = pd.DataFrame(index=list(self.names))

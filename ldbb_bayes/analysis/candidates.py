@@ -229,8 +229,7 @@ class Forecast(Result):
 @dataclass(frozen=True, eq=False)
 class States:
     """K equally likely states of the machine: hyper-parameters φ (K, h) [mm], and parameters β (K, p) inside the truncation, none
-    when their prior is flat. ``before`` is what the analysis starts from at each φ, untruncated: the prior, or the posterior
-    of tests that count as run."""
+    when their prior is flat. ``before``, at each φ, untruncated: the prior, or the posterior of tests that count as run."""
 
     phi: Array
     beta: Array
@@ -489,8 +488,7 @@ class Space:
         return tuple(self.tests[i] for i in np.repeat(np.arange(len(self.tests)), found.counts))
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
-        """Equal steps of force, each at the nearest level there is, at the first clocking and radius; in turn over planes and
-        directions."""
+        """Equal steps of force, each at the nearest level, first clocking and radius; over planes and directions in turn."""
         levels = np.array(sorted(self.forces_N))
         steps = np.linspace(levels[0], levels[-1], number)
         nearest = [float(levels[np.argmin(np.round(np.abs(levels - step), 9))]) for step in steps]

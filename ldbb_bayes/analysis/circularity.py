@@ -344,8 +344,7 @@ def contributions(posterior: xr.DataTree, force_N: float | None = None, *, ci_pr
 
 
 def contribution_paths(bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()) -> Mapping[str, Array]:
-    """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in `contributions`; all, or only
-    these."""
+    """Contributions on the circle of test r at 0°, 1° … 359°, each (draws, 360) [µm], keyed as in `contributions`."""
     turn = basis(_ANGLE).T * 1e3
     elastic, geometric = _machine_columns(bound, r, force_N)
     machine = np.where(offsets(bound), 0.0, geometric)

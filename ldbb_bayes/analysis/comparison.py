@@ -268,7 +268,8 @@ def compare(
     explained = explanations(pair, evidences) if rivals else None
     slopes, found, curves = slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
     circles += () if explained is None else (explained.averaged, explained.alone)
-    densities = {name: _predicted(nodes, left.get(name, {})) for name, nodes in weighed.items()}
+    values = {name: np.array([own.evidence.log_value for own in left.get(name, {}).values()]) for name in weighed}
+    densities = {name: nodes.evidence.log_value - values[name] for name, nodes in weighed.items()}  # ln p(y_r | y_−r), (tests,)
     described, tests = _models(weighed, densities, seed, ci_prob), _tests(weighed, left, densities, seed, tolerance)
     (assumed, theirs), evidences.progress = elsewhere(), lambda: None
     every = [*evidences.every, *theirs, *(own.evidence for others in left.values() for own in others.values())]
@@ -314,11 +315,6 @@ def _checked(models: Mapping[str, HybridModel], campaign: Campaign, evidences: E
     for model in models.values():
         check_comparable(model, campaign)
     return evidences.of_campaign(campaign)
-
-
-def _predicted(nodes: Nodes, left: Mapping[str, Nodes]) -> Array:
-    """ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), shape (tests,)."""
-    return nodes.evidence.log_value - np.array([others.evidence.log_value for others in left.values()])
 
 
 def _under(

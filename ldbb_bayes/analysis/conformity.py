@@ -219,8 +219,7 @@ def _decided(unit: str, draws: Array, tolerance: Tolerance, confidence: float, f
 
 
 def _tail(outside: Array, score: float) -> float:
-    """Probability beyond a limit: the share of the draws; where that rests on few of them, on either side, the normal tail, as
-    far as the draws allow."""
+    """Probability beyond a limit: the share of draws; where few are on either side, the normal tail, as far as they allow."""
     n, count = len(outside), int(outside.sum())
     if min(count, n - count) >= _FEW:
         return count / n

@@ -191,8 +191,7 @@ def design(
     tests : number of circles; default: as many as the pilot has.
     forces_N : levels to choose from; default: the pilot's range in steps of 1 N.
     clockings_deg, radii_mm, directions : clockings (work ball, tool ball), radii and directions of travel (CW, CCW) to choose
-        from; default: balls not turned, the rest as in the pilot. Where both directions may be chosen, hysteresis counts for
-        every design.
+        from; default: balls not turned, the rest as in the pilot. If both directions may be chosen, hysteresis always counts.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
         Default: ``eig`` with proper priors, ``d`` with flat ones.
     parameters : parameters of interest, all others nuisances; default: all that the criterion is about.

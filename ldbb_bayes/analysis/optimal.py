@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, Shown
 
 __all__ = ["MOST_TESTS", "Criterion", "Determinant", "Found", "LogBayesFactor", "Objective", "Search", "Variance"]
 
@@ -110,7 +110,7 @@ def _inverse_transposed(root: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Objective:
+class Objective(Shown):
     """Φ of designs, averaged over K values of the hyper-parameters; a design is its numbers of tests, counts (candidates,)."""
 
     rows: Array  #: G (K, candidates, m, p), in sd of the noise: one test of a candidate adds GᵀG to the precision
@@ -212,7 +212,7 @@ def _better(value: float, than: float) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum:
+class Optimum(Shown):
     """Shares of N tests (candidates,), their Φ, and N ∂Φ/∂n_i, nowhere above its mean over the shares if these are the best."""
 
     share: Array

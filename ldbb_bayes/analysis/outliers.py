@@ -66,8 +66,7 @@ def belonging(
         Weighted by what the other tests say of them.
     seed : of the replicates.
     tolerance : error of every log evidence [nat].
-    replicates : circles drawn in the place of each test; no p-value is smaller than one over their number. Default 20,000, more
-        from 50 tests on.
+    replicates : circles drawn in the place of each test; no p-value is below one over their number. Default 20,000, or more.
 
     Returns
     -------

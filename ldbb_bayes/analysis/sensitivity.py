@@ -190,8 +190,7 @@ def count_subsets(model: HybridModel, campaign: Campaign) -> int:
 def slope_subsets(
     model: HybridModel, evidences: Evidences, *, seed: int, ci_prob: float = 0.95
 ) -> tuple[dict[str, VaryingSlope], tuple[SlopeSubset, ...], dict[str, Curve]]:
-    """Every compliance's probability of a slope, the subsets of the slopes of a model of degree 1, the most probable first, and
-    C(F) averaged over them."""
+    """Every compliance's probability of a slope, subsets of slopes at degree 1, most probable first, and C(F) averaged."""
     slopes = _slopes(model, evidences.campaign)
 
     def of(there: tuple[bool, ...]) -> Nodes:

@@ -351,8 +351,7 @@ class CampaignFields(Shown):
 class Campaign(CampaignFields):
     """The tests of one machine.
 
-    InputError for no tests, repeated names, tests in planes the machine does not have, or a mix of tests with and without
-    readings.
+    InputError for no tests, repeated names, planes the machine does not have, or tests both with and without readings.
     """
 
     tests: tuple[CircularTest, ...]  #: all with readings, or none
@@ -433,9 +432,8 @@ class Campaign(CampaignFields):
         return replace(self, tests=tuple(test.with_reading_um(None) for test in self.tests))
 
     def __repr__(self) -> str:
-        kind, planes = "Plan" if self.is_plan else "Campaign", self.machine().plane
-        size = f"{len(self.tests)} tests, {self.forces_N.min():.4g} to {self.forces_N.max():.4g} N, {self.readings} readings"
-        return f"<{kind} {self.name[:200]}: {self.topology}, plane {planes}, R = {self.radius_mm:g} mm; {size}>"
+        size = f": {len(self.tests)} tests, {self.forces_N.min():.4g} to {self.forces_N.max():.4g} N, {self.readings} readings>"
+        return f"<{'Plan' if self.is_plan else 'Campaign'} {self.name}"[: 80 - len(size)] + size
 
     @cached_property
     def sha256(self) -> str:

@@ -325,8 +325,7 @@ class Heading:
 
 
 def _find_heading(sheet: Sheet, layout: Layout) -> Heading:
-    """Find the table in a sheet. It begins below its header, whatever its first rows hold: a bad row is for the reader of rows to
-    refuse."""
+    """Find the table in a sheet, from below its header on, whatever its rows hold: the reader of rows refuses bad ones."""
     rows, block = sheet.rows, _block(sheet, layout)
     k, width = _header_row(sheet, layout, block), len(rows[block][1])
     if k is None:

@@ -559,8 +559,7 @@ def _naturally(name: object) -> list[Any]:
 
 
 def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
-    """Fill what nothing gives from the lines above the tables: plane and temperature of each test, the rest of all; of dates of
-    measurement the first."""
+    """Fill what nothing gives from lines above tables: plane and temperature of each test, the rest of all; the first date."""
     for key, option in _OF_CAMPAIGN.items():
         found: dict[Any, str] = {}
         for table in tables:

@@ -128,11 +128,9 @@ def _clockings(text: str, option: str) -> tuple[tuple[float, float], ...]:
     return tuple((work, tool) for work, tool in pairs)
 
 
-def _designs(entries: list[str], flag: str) -> dict[str, Any]:
-    return {name: lb.read_campaign(Path(path)) for name, path in options.pairs_in(entries, flag, "NAME=PATH").items()}
-
-
-_CHOSEN = {"range": Kind(str, _range), "clockings": Kind(str, _clockings), "designs": Kind(list[str], _designs)}
+_CHOSEN = {"range": Kind(str, _range), "clockings": Kind(str, _clockings), "designs": Kind(list[str], lambda entries, flag: {
+    name: lb.read_campaign(Path(path)) for name, path in options.pairs_in(entries, flag, "NAME=PATH").items()
+})}  # fmt: skip
 _DESIGN = group(**options_of("design", **_CHOSEN))
 
 

@@ -48,8 +48,7 @@ _SPARE = 1e-4
 @dataclass(frozen=True, eq=False)
 class SufficientStatistics:
     """Moments of a campaign's parameters and of the errors of its instrument. ``names`` are the p parameters of interest, then
-    the coefficients of terms that are ``common`` to campaigns; q in all. Means and ``prior_sd`` have shape (q,), ``covariance``
-    (q, q)."""
+    the coefficients of terms ``common`` to campaigns; q in all. Means and ``prior_sd`` have shape (q,), ``covariance`` (q, q)."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]

@@ -48,7 +48,6 @@ class LogDensity(Shown):
     """
 
     bound: BoundModel  #: the model of the campaign
-    shown = ("names", "units", "bounds", "bound")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,11 +94,14 @@ class LogDensity(Shown):
     def prior_transform(self, u: Array) -> Array:
         """Return the x whose prior probabilities, one coordinate after the other, are u in the unit cube; inside the truncation.
 
-        InputError for flat priors, which have no such point.
+        InputError for flat priors, which have no such point, and for u outside the cube.
         """
         bound, p = self.bound, len(self.bound.names)
         require(not bound.model.prior.flat, "a prior to transform to must be proper, got a flat one. Use the default preset.")
-        levels = np.clip(np.atleast_2d(self._checked(u, "u")), _EDGE, 1.0 - _EDGE)
+        levels = np.atleast_2d(self._checked(u, "u"))
+        beyond = levels[~((levels >= 0.0) & (levels <= 1.0))]
+        require(not len(beyond), f"u must lie between 0 and 1, got {beyond[:1].sum()}. Give prior probabilities, one each.")
+        levels = np.clip(levels, _EDGE, 1.0 - _EDGE)
         beta = bound.truncation.quantile(levels[:, :p], bound.prior_mean, bound.prior_sd)
         return np.concatenate([beta, bound.hyper_prior.quantile(levels[:, p:])], axis=1).reshape(np.shape(u))
 
@@ -148,8 +150,7 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper: Array) -> 
 
 @dataclass(frozen=True, eq=False)
 class JointDensity:
-    """The same in coordinates for a random walk, x = ((β − centre) / scale, ln(φ − lower)), with their Jacobian but for a
-    constant factor."""
+    """The same in coordinates for a random walk, ((β − centre) / scale, ln(φ − lower)); their Jacobian but for a constant."""
 
     bound: BoundModel
 

@@ -97,8 +97,7 @@ def marginals(
     ----------
     ci_prob : probability of the equal-tailed credible interval.
     tolerance : relative error of the integrals behind means and standard deviations.
-    seed : of the points behind the quantiles; where a compliance is bounded their standard error is half a per cent of
-        probability.
+    seed : of the points behind the quantiles; where a compliance is bounded their standard error is 0.5 % of probability.
 
     Returns
     -------
@@ -244,8 +243,7 @@ class _Relatives:
         return mean + np.pad(bound.centre, (p - len(bound.names), 0))[:, None], covariance
 
     def _changed(self, bound: BoundModel, own: list[int], nodes: Array) -> tuple[Array, Array, Array]:
-        """ln of the ratio of the densities p(y | φ), shape (n,), and of ``own`` coefficients mean and covariance under the other
-        prior, at these nodes."""
+        """ln of the ratio of p(y | φ) (n,), and ``own`` coefficients' mean and covariance under the other prior, at nodes."""
         log_ratio, other = np.zeros(len(nodes)), bound.coefficients
         priors = [(*before, other.get(name, (0.0, 0.0))[1]) for name, before in self._bound.coefficients.items()]
         changed = {j: own for j, own in enumerate(priors) if abs(own[2] - own[1]) > _SAME * own[1]}

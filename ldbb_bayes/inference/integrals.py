@@ -102,8 +102,7 @@ class Integral:
 
     @cached_property
     def pareto_k(self) -> float:
-        """Shape of the tail of the weights (Vehtari et al. 2024): above 0.6 neither integral nor error can be trusted. −inf for a
-        lattice."""
+        """Shape of the tail of weights (Vehtari et al. 2024): above 0.6 trust neither integral nor error. −inf for a lattice."""
         return -np.inf if self.proposal is None else _pareto_k(self._log_weight)
 
     @property
@@ -153,8 +152,7 @@ def integrate(
     seed: int = 0,
 ) -> Integral:
     """∫ f from the modes of f, highest first, and a root (h, h) of the inverse curvature at each. A lattice, its first ``step``
-    in sd, in up to five dimensions; importance sampling in more, and emcee where its weights cannot be trusted. ``log_density``
-    maps (n, h) to (n,)."""
+    in sd, in up to five dimensions; importance sampling in more, emcee where its weights fail. ``log_density``: (n, h) → (n,)."""
     if len(modes[0][0]) <= _LATTICE:
         return grow_lattice(log_density, modes, tolerance=tolerance, step=step)
     # What is averaged over the nodes adds errors of its own.

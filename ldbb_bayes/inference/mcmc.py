@@ -1,5 +1,4 @@
-"""Log densities sampled by ensembles of walkers, run until there is enough; nothing here knows of circles. The only importer of
-emcee."""
+"""Log densities sampled by ensembles of walkers, run until there is enough, knowing no circles. The only importer of emcee."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.likelihood import ParameterConditional
 from ldbb_bayes.model.truncation import Orthant
 from ldbb_bayes.result import Array
+from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes", "TooRoughError", "conditional_draws", "draw_jointly", "draw_parameters_given"]
 
@@ -183,6 +184,10 @@ class Evidence:
     sha256: str  #: digest of the readings it is of
     by_emcee: bool = False  #: emcee and bridge sampling took over, the weights of the nodes not to be trusted
 
+    def __repr__(self) -> str:
+        value = " ± ".join(value_and_uncertainty(self.log_value, self.error))
+        return f"<Evidence: ln Z = {value} nat, {self.nodes} nodes; readings {self.sha256[:8]}>"
+
 
 _SPARE, _COMPONENTS = 1e-7, 8192
 
@@ -225,8 +230,7 @@ class Nodes:
         return draw_parameters_given(self.posterior, free, rng), self.bound.hyper_prior.phi(free)
 
     def moments(self, *, spare: float = _SPARE, points: int = 512) -> tuple[Array, Array]:
-        """Mean and sd of β, each (p,): those given φ, truncated from so many points, averaged over the nodes but for a share
-        ``spare`` of the integral."""
+        """Mean and sd of β, each (p,): those given φ, from so many points, averaged over nodes but for a share ``spare``."""
         free, weight = self.integral.heaviest(spare)
         every, variance = self._given(free, lambda orthant: orthant.moments(points)[:2])
         mean = weight @ every

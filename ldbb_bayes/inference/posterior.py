@@ -154,8 +154,13 @@ class Fit(Result):
     @property
     def sensitive(self) -> tuple[str, ...]:
         """Parameters whose posterior moves with the prior (power-scaling sensitivity above 0.05), most first."""
-        found = [name for name, values in self.sensitivity.items() if values["prior"] > _SENSITIVE]
+        found = [name for name in self.parameters if self.sensitivity[name]["prior"] > _SENSITIVE]
         return tuple(ranked(found, lambda name: self.sensitivity[name]["prior"]))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Those of ``sensitivity`` but for the hyper-parameters."""
+        return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
 
 def power_sensitivity(draws: Mapping[str, Array], scaled: Mapping[str, Array]) -> dict[str, dict[str, float]]:
@@ -412,8 +417,8 @@ def summarize(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> pd.DataFrame:
 
     Returns
     -------
-    Columns unit, mean, sd, median, ci_low, ci_high, prior_mean (of parameters with a proper prior), prior_sd, ess_bulk, ess_tail,
-    rhat; ``attrs["fit"]`` is the `Fit`: whether the numbers can be used (``state``), and what to mind.
+    Columns unit, mean, sd, median, ci_low, ci_high, prior_mean and prior_sd (of proper priors; of parameters before truncation),
+    ess_bulk, ess_tail, rhat; ``attrs["fit"]`` is the `Fit`: whether the numbers can be used (``state``), and what to mind.
     """
     check_probability(ci_prob)
     prior_sd, prior_mean = priors_of(posterior)

@@ -321,8 +321,7 @@ def _named(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:
     prior_sd = {p.name: (p.prior_sd if np.isfinite(p.prior_sd) else None) for p in bound.parameters}
-    quantiles = bound.hyper_prior.quantile((np.arange(2000)[:, None] + 0.5) / 2000)
-    prior_sd |= {str(name): float(sd) for name, sd in zip(bound.hyper_prior.names, quantiles.std(axis=0), strict=True)}
+    prior_sd |= {str(name): sd for name, sd in zip(bound.hyper_prior.names, bound.hyper_prior.sd.tolist(), strict=True)}
     return {
         "preset": bound.model.preset, "degree": bound.model.degree, "reference_force_N": bound.setting.reference_force_N,
         "terms": list(bound.terms), "idle_terms": [name for name in bound.model.terms if name not in bound.terms],

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.result import Array
+from ldbb_bayes.result import Array, Shown
 
 __all__ = [
     "Gaussian", "Sobol", "central_differences", "components", "eliminate", "holm", "least_squares", "log_diagonal",
@@ -42,9 +42,11 @@ _DEPENDENT = 1e-13
 _BITS = np.arange(30)
 
 
-class Gaussian:
+class Gaussian(Shown):
     """g(x) = exp(constant + ηᵀ x − ½ xᵀ P x), one for every index of the leading axes: precision P (..., q, q), symmetric, which
     may be singular as long as no moments are asked for; shift η = P · mean (..., q); log_constant (...)."""
+
+    shown = ("precision", "shift")
 
     def __init__(self, precision: Array, shift: Array, log_constant: Array | float = 0.0) -> None:
         self.__dict__.update(precision=precision, shift=shift, log_constant=np.asarray(log_constant, dtype=float))

@@ -19,7 +19,7 @@ from ldbb_bayes.machine.chain import LINEAR, ComplianceName, GeometricName, geom
 from ldbb_bayes.model.fourier import Reduced, Setting, basis, geometric_errors_of, reduce_readings, setting_of
 from ldbb_bayes.model.gaussian import components, least_squares
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information, ParameterConditional, StructuredGaussian
-from ldbb_bayes.model.prior import Prior, compliance_unit, degree_of, geometric_unit, parameter_to_inside
+from ldbb_bayes.model.prior import EXAMPLES, Prior, compliance_unit, degree_of, geometric_unit, parameter_to_inside
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, ForceError, JointLoad, Mount, Scale, Term, first_edition
 from ldbb_bayes.model.truncation import Orthant, Truncation
 from ldbb_bayes.result import Array, Result, Shown
@@ -128,7 +128,8 @@ class HybridModel(Result):
         given = {inside_name(name): value for name, value in {**(priors or {}), **more}.items()}
         tables: dict[str, Any] = {"means": dict(self.prior.means), "overrides": dict(self.prior.overrides)}
         settings = [own.name for own in fields(Prior) if own.name not in tables]
-        check_known("prior", [name for name in given if not name.startswith(("C_", "E_"))], settings)
+        others = [name for name in given if not name.startswith(("C_", "E_"))]
+        check_known("prior", others, [*settings, *EXAMPLES], " Parameters are named like C_XXX and E_XX1.")
         for name, value in given.items():
             if name not in settings:
                 pair = isinstance(value, tuple | list) and len(value) == 2
@@ -197,8 +198,7 @@ class HybridModel(Result):
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """The model of this campaign (or plan); InputError for degree ≥ 1 with one force level, or flat priors that the forces
-        leave undetermined."""
+        """The model of this campaign or plan; InputError for forces too few for its degree, or for flat priors."""
         return BoundModel(self, campaign)
 
     def simulate(
@@ -216,8 +216,7 @@ class HybridModel(Result):
 
         Parameters
         ----------
-        parameters : true values in inside units; what it leaves out is zero. Default: one draw from the prior, inside the
-            truncation.
+        parameters : true values in inside units; what it leaves out is zero. Default: a draw from the prior.
         hyper_um : true hyper-parameters [µm]; what it leaves out is drawn from its prior.
         exact : geometric errors through the exact forward model (Eq. 1-14) instead of the linear one.
         """
@@ -416,8 +415,7 @@ class BoundModel(Shown):
 
     @cached_property
     def collapsed(self) -> StructuredGaussian:
-        """p(y | φ): nuisances and β integrated out, truncation left aside. The last shared coefficients are those of rivals of
-        slopes and β − centre."""
+        """p(y | φ): nuisances and β integrated out, not truncated. Its last shared coefficients: rivals of slopes, β − centre."""
         last = sorted(self.nuisance_columns, key=_rivals_slopes)
         return self._structured([*last, Columns(self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre)])
 
@@ -617,8 +615,7 @@ class BoundModel(Shown):
 
 
 def information_of(bound: BoundModel, phi: Array) -> Information:
-    """What readings tell of a bound model's coefficients at φ, shape (h,) [mm]. Set-up shift, discrepancy and random force errors
-    are noise of their test."""
+    """What readings tell of a bound model's coefficients at φ (h,) [mm]; what differs between tests is noise of its test."""
     return next(informations_of(bound, phi[None]))
 
 

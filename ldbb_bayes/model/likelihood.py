@@ -105,8 +105,7 @@ class _Front(NamedTuple):
         return found
 
     def entries(self, weight: Array, shift: Array | None, out: Array | None = None) -> Array:
-        """P and Aᵀ D⁻¹ r from the diagonal on, shape (g, s, s + m + 1, w), at weights 1/D (kinds, w); ``shift`` (columns, w) is
-        added to the latter."""
+        """P and Aᵀ D⁻¹ r + ``shift`` (columns, w) from the diagonal on, (g, s, s + m + 1, w), at weights 1/D (kinds, w)."""
         own = weight[self.kinds][:, None]
         out = np.zeros((*self.gram.shape[:3], weight.shape[1])) if out is None else out
         for j in range(0, self.gram.shape[1], _TOGETHER):

@@ -19,7 +19,7 @@ from ldbb_bayes.model.terms import Hyper, Law, Scale
 from ldbb_bayes.result import Array, Shown
 from ldbb_bayes.units import display_unit, inside_name, setting_to_inside, to_inside
 
-__all__ = ["HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
+__all__ = ["EXAMPLES", "HyperPrior", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
 
 
 # By kind: the unit, and the field of `Prior` that holds one sd.
@@ -34,7 +34,7 @@ _GEOMETRIC: dict[GeometricKind, tuple[str, str]] = {
     "gain": ("1", "gain"), "straightness": ("1/mm", "straightness_per_mm"), "squareness": ("rad", "squareness_rad"),
     "offset": ("mm", "offset_mm"),
 }  # fmt: skip
-_EXAMPLES = ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY", "E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
+EXAMPLES = ["C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY", "E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
 _ABSURD = 1000.0
 _KINDS: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
 
@@ -57,7 +57,7 @@ def parameter_to_inside(parameter: str, value: float | str, what: str) -> float:
             f"{what} {parameter} must be a number or text with its unit, got {value!r}. Correct it.",
         )
         return float(value)
-    usual, like = _usual_of(parameter), nearest(parameter, _EXAMPLES)
+    usual, like = _usual_of(parameter), nearest(parameter, EXAMPLES)
     cure = f"Did you mean {like!r}? Else correct the name."
     require(usual is not None, f"{what} {parameter} must be of a parameter to have a unit, got {value!r}. {cure}")
     return to_inside(value, usual[0], f"{what} {parameter}")  # type: ignore[index]
@@ -313,6 +313,17 @@ class HyperPrior:
         found[..., self._decay] = np.clip(self.scale[self._decay] + self.decay_sd * white, _LEAST_DECAY, _MOST_DECAY)
         found[..., self._circle] = np.sqrt(_RATE / gammainccinv(_SHAPE, level[..., self._circle]))
         return found
+
+    @property
+    def sd(self) -> Array:
+        """Their standard deviations, shape (h,)."""
+        centre, spread = np.where(self._decay, self.scale, 0.0), np.where(self._decay, self.decay_sd, self.scale)
+        edges = (self.bounds - centre[:, None]) / spread[:, None]
+        mass, density = -np.diff(ndtr(-edges)), np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi)
+        moments = np.diff([density, np.where(density > 0.0, edges, 0.0) * density]) / mass
+        variance = 1.0 - moments[1, :, 0] - moments[0, :, 0] ** 2
+        mean = np.sqrt(_RATE) * np.exp(gammaln(_SHAPE - 0.5) - gammaln(_SHAPE))
+        return np.where(self._circle, np.sqrt(_RATE / (_SHAPE - 1.0) - mean**2), spread * np.sqrt(variance))
 
     def starts(self, level: Array) -> Array:
         """Free coordinates (..., h) from which to look for modes, of levels from 0 to 1."""

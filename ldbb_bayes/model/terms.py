@@ -52,6 +52,9 @@ class Scale(NamedTuple):
     words: str = ""
     law: Law = "half-normal"
 
+    def __repr__(self) -> str:
+        return f"Scale({self.name!r})"
+
 
 class Source(NamedTuple):
     """What an sd is a known multiple of: a hyper-parameter times a circle's λ times (order/6)^(−decay); 1 without them."""

@@ -287,8 +287,7 @@ class _Tilted(NamedTuple):
 
 
 def _mass(low: Array, high: Array | None) -> tuple[Array, Array, Array | None, Array | float]:
-    """ln (Φ(high) − Φ(low)); ln of the larger of the two tails beyond, the ratio of the other to it, and −1 where tails are to
-    the left, 1 else."""
+    """ln (Φ(high) − Φ(low)); ln of the larger tail beyond, the other over it, and −1 where tails are to the left, 1 else."""
     if high is None:
         log_tail = log_ndtr(-low)
         return log_tail, log_tail, None, 1.0
@@ -432,8 +431,7 @@ def _saddle_point(unit: Array, bound: Array) -> tuple[Array, Array]:
 
 
 def _newton(coupling: Array, bound: Array, start: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Edges from a start, where they were found, and the convex function there. Steps are halved until the function or the
-    residual falls."""
+    """Edges from a start, where found, and the convex function there; steps are halved until it or the residual falls."""
     edge = np.array(start)
     value, residual, slope, error = _merit(coupling, bound, edge)
     for _ in range(_ITERATIONS):
@@ -538,8 +536,7 @@ def _inside(rows: Array, edge: Array) -> Array:
 
 
 def _support(rows: Array, edge: Array) -> tuple[Array, Array]:
-    """The least and the greatest first coordinate where rows · w ≥ edge, edges (..., m): the others eliminated, the last first
-    (Fourier and Motzkin)."""
+    """Least and greatest first coordinate where rows · w ≥ edge (..., m): others eliminated, last first (Fourier, Motzkin)."""
     while rows.shape[1] > 1:
         last = rows[:, -1]
         up, down = np.flatnonzero(last > 0.0), np.flatnonzero(last < 0.0)

@@ -47,8 +47,7 @@ class FitWords(Shown, dict[str, Any]):
 
 
 def fit_in_words(posterior: xr.DataTree) -> FitWords:
-    """Return the state of a fit, the kinds of what to mind, and its verdict, misfits and warnings in words, as a mapping that is
-    printed as sentences."""
+    """Return a fit's state, the kinds of what to mind, and verdict, misfits and warnings in words; it prints as sentences."""
     fit, bound = fit_of(posterior), bound_of(posterior)
     alike, seen = degeneracies(bound), preview(bound.campaign)
     concerns = wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"])

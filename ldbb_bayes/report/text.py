@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.importing import Imported
     from ldbb_bayes.campaign.preview import CampaignPreview
     from ldbb_bayes.campaign.renishaw import BallbarRecord
+    from ldbb_bayes.inference.density import LogDensity
     from ldbb_bayes.inference.posterior import Fit
     from ldbb_bayes.inference.predictive import LeastSquares
     from ldbb_bayes.model.hybrid import HybridModel, Simulation
@@ -53,7 +54,7 @@ def _as_it_is(result: Any) -> tuple[Passage, ...]:
     """Return a result as tables, sentences and lists, in the order they are read. Every room registers a function for each of its
     kinds of result (``@parts_of.register``), which takes its sentences from `ldbb_bayes.report.wording`; else it is what
     `ldbb_bayes.result.entries_of` says."""
-    rows = [(name, brief(value, 200)) for name, value in entries_of(result).items()]
+    rows = [(name, brief(value)) for name, value in entries_of(result).items()]
     return (Table.of(type(result).__name__, ("field", "value"), rows or [("none", "")], text=("value",)),)
 
 
@@ -113,7 +114,8 @@ def _(campaign: Campaign) -> tuple[Passage, ...]:
     shown |= {"work ball (°)": "work_ball_deg", "tool ball (°)": "tool_ball_deg"}
     rows = [[*(getattr(own, key) for key in shown.values()), len(own.angle_deg)] for own in campaign.tests]
     text = ["plane", *(["direction"] if any(own.direction for own in campaign.tests) else [])]
-    return (Table.of(repr(campaign)[1:-1], [*shown, "readings"], rows, text=text),)
+    where = f"{campaign.topology}, plane {campaign.machine().plane}, R = {campaign.radius_mm:g} mm"
+    return (Table.of(f"{repr(campaign)[1:-1]}; {where}", [*shown, "readings"], rows, text=text),)
 
 
 @parts_of.register
@@ -214,6 +216,14 @@ def _(model: HybridModel) -> tuple[Passage, ...]:
     ]
     caption = f"HybridModel: compliance {IN_FORCE[model.degree]}; priors {prior}; other effects"
     return (Table.of(caption, ("term", "settings"), rows or [("none", "")], text=("settings",)),)
+
+
+@parts_of.register
+def _(density: LogDensity) -> tuple[Passage, ...]:
+    rows = [
+        (display_name(name), unit, *own) for name, unit, own in zip(density.names, density.units, density.bounds, strict=True)
+    ]
+    return (Table.of(repr(density), ("coordinate", "unit", "least", "greatest"), rows, text=("unit",)),)
 
 
 @parts_of.register

@@ -53,19 +53,13 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-@cache
-def _macros() -> Any:
-    """The macros of sentences.j2, each of them a function's words."""
-    return _environment().get_template("sentences.j2").module
-
-
 def _lines(text: str) -> list[str]:
     return [line.strip() for line in text.split("\n") if line.strip()]
 
 
 def _sentences(macro: str, *found: Any) -> tuple[str, ...]:
     """Every line that a macro of sentences.j2 makes of findings."""
-    return tuple(_lines(getattr(_macros(), macro)(*found)))
+    return tuple(_lines(getattr(_environment().get_template("sentences.j2").module, macro)(*found)))
 
 
 def _sentence(macro: str, *found: Any) -> str:
@@ -507,11 +501,8 @@ def trend_sentences(trend: Any) -> tuple[str, ...]:
 def population_sentences(found: Any) -> tuple[str, ...]:
     """Return what was pooled, which machines do not belong; its caveats are apart."""
     machines = {name: found.machine[name] for name in found.not_belonging}
-    return _sentences("population_sentences", found, {name: _furthest(own.z) for name, own in machines.items()})
-
-
-def _furthest(z: Mapping[str, float]) -> str:
-    return ranked(z, lambda name: abs(z[name]))[0]
+    worst = {name: ranked(own.z, {key: abs(z) for key, z in own.z.items()}.__getitem__)[0] for name, own in machines.items()}
+    return _sentences("population_sentences", found, worst)
 
 
 def population_doubts(found: Any) -> tuple[str, ...]:

@@ -74,8 +74,7 @@ def test_a_quarter_a_half_a_quarter(criterion: Criterion, prior: Array) -> None:
 
 
 def test_three_factors_in_fourteen_runs() -> None:
-    """The D-optimal quadratic in 3 × 3 × 3 that AlgDesign's vignette lists (Wheeler): |M|^(1/10) = 0.4630447 per run, which one
-    exchange in a hundred finds."""
+    """The D-optimal quadratic in 3 × 3 × 3 that AlgDesign's vignette lists (Wheeler): |M|^(1/10) = 0.4630447 per run."""
     grid = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
     pairs = [grid[:, i] * grid[:, j] for i, j in combinations(range(3), 2)]
     wanted = objective(np.column_stack([np.ones(27), grid, grid**2, *pairs]), Determinant(10))

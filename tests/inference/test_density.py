@@ -67,14 +67,16 @@ def test_outside_the_bounds() -> None:
     x = density.initial(1)[0]
     for name, value in {"C_XXX": -1e-6, "sigma": 1e-5, "decay": 0.4, "lambda_f036": -1.0, "tau": np.nan}.items():
         moved = np.where(np.array(density.names) == name, value, x)
-        low, high = density.bounds[density.names.index(name)]
-        assert not low <= value <= high
+        assert np.clip(value, *density.bounds[density.names.index(name)]) != value
         assert density.log_prob(moved) == density.log_prior(moved) == -np.inf
         assert np.isfinite(density.log_likelihood(moved)) == (name == "C_XXX")
     assert pickle.loads(pickle.dumps(density)).log_prob(x) == density.log_prob(x)
     assert repr(density) == "LogDensity of 'campaign': 19 parameters, 9 scales"
     with pytest.raises(InputError, match=r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names"):
         density.log_prob(np.zeros(3))
+    for u in (1.5, -1e-9, np.nan):
+        with pytest.raises(InputError, match=f"u must lie between 0 and 1, got {u}. Give prior"):
+            density.prior_transform(np.where(np.arange(len(x)) == 3, u, 0.5))
     with pytest.raises(InputError, match="must have readings to have a posterior, got a plan"):
         lb.log_density(lb.HybridModel.default(1), plan())
     with pytest.raises(InputError, match="must be proper, got a flat one"):

@@ -135,12 +135,12 @@ def test_sensitivity_is_that_of_arviz() -> None:
 
 def test_the_line_puts_first_what_matters_most() -> None:
     checks = {"a": TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)}
-    sensitivity = {"E_XX1": {"prior": 0.06}, "C_XXX": {"prior": 0.2}, "C_XYX": {"prior": 0.01}}
+    sensitivity = {"E_XX1": {"prior": 0.06}, "C_XXX": {"prior": 0.2}, "C_XYX": {"prior": 0.01}, "tau": {"prior": 0.3}}
     fit = Fit(1.0, {"a": 99.0}, -1.0, 0.0, -2.0, 0.0, (), checks, sensitivity, {"a": 0.7}, 0.2)
     missed, against = Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0), Concern(ConcernKind.TRUNCATION, -20.0, -6.9)
     assert fit_verdict(fit) == (
         "Converged; the model expects readings like these (15 checks, smallest p = 0.2, white noise of a); "
-        "2 of 3 numbers are sensitive to their prior (C_XXX, E_XX1)."
+        "2 of 3 parameters are sensitive to their prior (C_XXX, E_XX1)."
     )
     assert (fit.state, fit.kinds) == (State.USABLE, ())
     assert "speak against non-negative compliance" in fit_verdict(replace(fit, concerns=(against,)))

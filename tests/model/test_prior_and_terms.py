@@ -44,9 +44,17 @@ def test_hyper_draws_follow_their_density(rng: np.random.Generator) -> None:
     draws = prior.draw(20_000, rng)
     floor = 2.0e-3 / np.sqrt(12.0)
     assert draws[:, 0].min() >= floor
-    survival = stats.halfnorm.sf(floor, scale=1e-3)
-    assert stats.kstest(draws[:, 0], lambda x: 1.0 - stats.halfnorm.sf(x, scale=1e-3) / survival).pvalue > 1e-3
+    assert stats.kstest(draws[:, 0], stats.truncnorm(floor / 1e-3, np.inf, scale=1e-3).cdf).pvalue > 1e-3
     assert stats.kstest(draws[:, 1], stats.halfnorm(scale=5e-3).cdf).pvalue > 1e-3
+
+
+def test_hyper_sd_is_that_of_the_laws() -> None:
+    bound = lb.HybridModel.default(1).bind(replace(plan(), resolution_um=0.9))
+    sd, law = dict(zip(bound.hyper_prior.names, bound.hyper_prior.sd, strict=True)), stats.invgamma(1.5, scale=1.5)
+    assert sd["sigma"] == pytest.approx(stats.truncnorm(0.9 / np.sqrt(12.0), np.inf, scale=1e-3).std(), rel=1e-9)
+    assert sd["tau"] == pytest.approx(stats.halfnorm(scale=1.5e-3).std(), rel=1e-12)
+    assert sd["decay"] == pytest.approx(stats.truncnorm(-1.5 / 0.7, 1.5 / 0.7, scale=0.7).std(), rel=1e-9)
+    assert sd["lambda_f036"] == pytest.approx(np.sqrt(law.mean() - law.expect(np.sqrt) ** 2), rel=1e-6)
 
 
 @pytest.mark.parametrize(("degree", "rows"), [(0, 3), (1, 6), (2, 12)])

@@ -66,8 +66,7 @@ def posterior(request: pytest.FixtureRequest) -> xr.DataTree:
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_texts_and_units(name: str, posterior: xr.DataTree) -> None:
-    """Every text inside the page, no two over one another, a unit on every axis, true minus signs; the caller's settings are left
-    alone."""
+    """Every text inside the page, no two over one another, a unit on every axis, true minus signs; settings are left alone."""
     before = dict(mpl.rcParams)
     figure = FIGURES[name](posterior)
     assert dict(mpl.rcParams) == before

@@ -340,8 +340,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
 
 @styled
 def parameter_contributions(posterior: xr.DataTree) -> Figure:
-    """Every compliance (with its slope) and every geometric error at the highest force, with 95 % bands and their peak to peak
-    (Figs. 9 and 10)."""
+    """Every compliance (with slope) and geometric error at the highest force, 95 % bands and peak to peak (Figs. 9 and 10)."""
     bound = bound_of(posterior)
     force, planes = float(bound.setting.force_N.max()), bound.setting.planes
     cases = [
