@@ -10,22 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ldbb_bayes import units
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.units import (
-    _UNITS,
-    Statement,
-    display_name,
-    display_unit,
-    inside_name,
-    is_direct,
-    plus_minus,
-    ranked,
-    state,
-    stiffness,
-    to_inside,
-    typeset,
-    value_and_uncertainty,
-)
 
 CASES = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
 
@@ -36,24 +22,24 @@ def test_units_for_reading_are_the_inside_units_in_other_words() -> None:
     """mm, N and rad in µm, nrad, kN and m: by the powers of ten that the labels state."""
     metres = {"mm/N": 1e-3, "rad/N": 1.0, "rad/(N mm)": 1e3, "1": 1.0, "1/mm": 1e3, "rad": 1.0, "mm": 1e-3}
     for unit, in_si in metres.items():
-        factor, label = display_unit(unit)
+        factor, label = units.display_unit(unit)
         assert factor == pytest.approx(in_si / PREFIXES[label[0]])
         for power, suffix, words in ((1, "/N", " per kN"), (2, "/N^2", " per kN²")) if "N" in unit else ():
-            changing = display_unit(unit + suffix)
+            changing = units.display_unit(unit + suffix)
             assert changing == (pytest.approx(factor * 1e3**power), label + words)
 
 
-@given(st.sampled_from(sorted(filter(None, _UNITS))), st.floats(-1e3, 1e3, allow_subnormal=False))
+@given(st.sampled_from(sorted(filter(None, units._UNITS))), st.floats(-1e3, 1e3, allow_subnormal=False))
 def test_what_is_read_is_written_back(unit: str, value: float) -> None:
     """Every unit for reading, its number as it stands in a table, and the inside unit itself."""
-    factor, label = display_unit(unit)
+    factor, label = units.display_unit(unit)
     for text, expected in ((f"{value!r}{label}", value / factor), (f"{value!r} {unit}".replace("-", "−"), value)):
-        assert to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
+        assert units.to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(("text", "unit", "expected"), CASES["typed"])
 def test_units_as_they_are_typed(text: str, unit: str, expected: float) -> None:
-    assert to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
+    assert units.to_inside(text, unit) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +47,7 @@ def test_units_as_they_are_typed(text: str, unit: str, expected: float) -> None:
 )
 def test_a_number_of_another_kind_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"^--target must be a number with its unit, got .* Write it in nm/N, like 0.5 nm/N\.$"):
-        to_inside(text, "mm/N", "--target")
+        units.to_inside(text, "mm/N", "--target")
 
 
 NUMBERS = st.lists(st.integers(-1000, 1000), max_size=12)
@@ -72,13 +58,13 @@ def test_ranked_is_a_sort_that_rounding_does_not_change(values: list[int], seed:
     keys = [
         value * (1.0 + 1e-12 * x) for value, x in zip(values, np.random.default_rng(seed).normal(size=len(values)), strict=True)
     ]
-    assert [values[i] for i in ranked(range(len(values)), keys.__getitem__)] == sorted(values, reverse=True)
-    assert ranked(range(len(values)), keys.__getitem__) == ranked(range(len(values)), values.__getitem__)
+    assert [values[i] for i in units.ranked(range(len(values)), keys.__getitem__)] == sorted(values, reverse=True)
+    assert units.ranked(range(len(values)), keys.__getitem__) == units.ranked(range(len(values)), values.__getitem__)
 
 
 def test_ranked_keeps_the_order_of_ties_and_infinities_first() -> None:
     keys = {"a": 1.0, "b": 1.0 + 1e-9, "c": np.inf, "d": 2.0}
-    assert ranked("abcd", keys.__getitem__) == ["c", "d", "a", "b"]
+    assert units.ranked("abcd", keys.__getitem__) == ["c", "d", "a", "b"]
 
 
 @pytest.mark.parametrize(
@@ -95,47 +81,55 @@ def test_ranked_keeps_the_order_of_ties_and_infinities_first() -> None:
     ],
 )
 def test_two_significant_digits(value: float, uncertainty: float, expected: tuple[str, str]) -> None:
-    assert value_and_uncertainty(value, uncertainty) == expected
+    assert units.value_and_uncertainty(value, uncertainty) == expected
 
 
 def test_units_and_names() -> None:
     with pytest.raises(InputError, match="unit must be one of"):
-        display_unit("furlong")
+        units.display_unit("furlong")
     names = ("E_C0YX", "E_A0YZ", "E_Xt0", "C_XXX_1", "C_ZZA", "C_XYX")
-    assert [display_name(name) for name in names] == ["E_C(0Y)X", "E_A(0Y)Z", *names[2:]]
-    assert [inside_name(display_name(name)) for name in names] == list(names)
-    assert [name for name in names if is_direct(name)] == ["C_ZZA"]
+    assert [units.display_name(name) for name in names] == ["E_C(0Y)X", "E_A(0Y)Z", *names[2:]]
+    assert [units.inside_name(units.display_name(name)) for name in names] == list(names)
+    assert [name for name in names if units.is_direct(name)] == ["C_ZZA"]
 
 
 @pytest.mark.parametrize(
     ("mean", "sd", "interval", "unit", "expected"),
     [
-        (5.478e-5, 3.301e-6, (4.824e-5, 6.134e-5), "mm/N", Statement("54.8", "3.3", "6.6", ("48.2", "61.3"), "nm/N")),
-        (7.3e-8, 4.5e-8, (1.1e-8, 1.78e-7), "rad", Statement("0.073", "0.045", "+0.105 / −0.062", ("0.011", "0.178"), "µrad")),
-        (-2e-8, 1e-6, (-2e-6, 2e-6), "rad", Statement("0.0", "1.0", "2.0", ("−2.0", "2.0"), "µrad")),
-        (0.0, 0.0, (0.0, 0.0), "mm", Statement("0.00", "0", "0", ("0.00", "0.00"), "µm")),
+        (5.478e-5, 3.301e-6, (4.824e-5, 6.134e-5), "mm/N", units.Statement("54.8", "3.3", "6.6", ("48.2", "61.3"), "nm/N")),
+        (
+            7.3e-8,
+            4.5e-8,
+            (1.1e-8, 1.78e-7),
+            "rad",
+            units.Statement("0.073", "0.045", "+0.105 / −0.062", ("0.011", "0.178"), "µrad"),
+        ),
+        (-2e-8, 1e-6, (-2e-6, 2e-6), "rad", units.Statement("0.0", "1.0", "2.0", ("−2.0", "2.0"), "µrad")),
+        (0.0, 0.0, (0.0, 0.0), "mm", units.Statement("0.00", "0", "0", ("0.00", "0.00"), "µm")),
     ],
 )
-def test_a_result_as_it_is_written(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: Statement) -> None:
-    assert state(mean, sd, interval, unit) == expected
+def test_a_result_as_it_is_written(
+    mean: float, sd: float, interval: tuple[float, float], unit: str, expected: units.Statement
+) -> None:
+    assert units.state(mean, sd, interval, unit) == expected
 
 
 @pytest.mark.parametrize(("mean", "sd", "interval", "unit", "expected"), CASES["in_a_sentence"])
 def test_in_a_sentence(mean: float, sd: float, interval: tuple[float, float], unit: str, expected: str) -> None:
     """GUM 7.2.6: the value to the place of the uncertainty given with it."""
-    assert plus_minus(mean, sd, interval, unit) == expected
+    assert units.plus_minus(mean, sd, interval, unit) == expected
 
 
 def test_stiffness() -> None:
     """1 / 54.8 nm/N = 18.2 N/µm; only a lower limit where C may be a fifth of its median or less."""
-    assert stiffness(5.48e-5, (4.82e-5, 6.13e-5)) == "18.2 [16.3, 20.7]"
-    assert stiffness(5.48e-5, (5.47e-5, 5.49e-5)) == "18.248 [18.215, 18.282]"
-    assert stiffness(5.48e-5, (0.0, 6.13e-5)) == "at least 16.3"
-    assert stiffness(1e-6, (-1e-6, 3e-6)) == "at least 333"
-    assert stiffness(1e-5, (1e-8, 6e-5)) == "at least 16.7"
-    assert stiffness(4.337e-5, (8.7e-6, 1.445e-4)) == "23 [7, 115]"
+    assert units.stiffness(5.48e-5, (4.82e-5, 6.13e-5)) == "18.2 [16.3, 20.7]"
+    assert units.stiffness(5.48e-5, (5.47e-5, 5.49e-5)) == "18.248 [18.215, 18.282]"
+    assert units.stiffness(5.48e-5, (0.0, 6.13e-5)) == "at least 16.3"
+    assert units.stiffness(1e-6, (-1e-6, 3e-6)) == "at least 333"
+    assert units.stiffness(1e-5, (1e-8, 6e-5)) == "at least 16.7"
+    assert units.stiffness(4.337e-5, (8.7e-6, 1.445e-4)) == "23 [7, 115]"
 
 
 @pytest.mark.parametrize(("text", "expected"), CASES["typeset"])
 def test_typeset(text: str, expected: str) -> None:
-    assert typeset(text) == expected
+    assert units.typeset(text) == expected

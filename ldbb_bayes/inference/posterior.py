@@ -22,17 +22,8 @@ from pydantic import ValidationError
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import write_whole
+from ldbb_bayes.inference import predictive
 from ldbb_bayes.inference.mcmc import diagnose
-from ldbb_bayes.inference.predictive import (
-    Check,
-    CheckKind,
-    Part,
-    TestChecks,
-    compliance_curves,
-    every_check,
-    failing,
-    shared_terms,
-)
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
@@ -110,7 +101,7 @@ class Fit(Result):
     log_prob_truncation_prior: float  #: ln P(T) of the prior
     linearisation_error_um: float  #: largest difference of the linear model from the exact geometry
     concerns: tuple[Concern, ...]
-    predictive_checks: dict[str, TestChecks]
+    predictive_checks: dict[str, predictive.TestChecks]
     sensitivity: dict[str, dict[str, float]]  #: by power-scaling of prior, hyper_prior and likelihood, of each parameter
     #: Of tests with an order of the circle that is not expected: the largest change of a parameter in its u when the test is left
     #: out; not of flat priors.
@@ -120,21 +111,21 @@ class Fit(Result):
     widening: float
 
     @property
-    def checks(self) -> list[Check]:
+    def checks(self) -> list[predictive.Check]:
         """Posterior predictive checks, the smallest p first."""
-        return every_check(self.predictive_checks)
+        return predictive.every_check(self.predictive_checks)
 
     @property
-    def unexpected(self) -> tuple[Check, ...]:
+    def unexpected(self) -> tuple[predictive.Check, ...]:
         """Checks that fail at 1 % after allowing for their number (Bonferroni), worst first."""
-        return failing(self.checks)
+        return predictive.failing(self.checks)
 
     @property
-    def misfits(self) -> tuple[Check, ...]:
+    def misfits(self) -> tuple[predictive.Check, ...]:
         """Those for which intervals would move: by half a u without the test, or by a tenth of their width."""
 
-        def moves(own: Check) -> bool:
-            return self.shift.get(own.test, np.inf) > _MOVED if own.kind == CheckKind.ORDER else self.widening > _WIDER
+        def moves(own: predictive.Check) -> bool:
+            return self.shift.get(own.test, np.inf) > _MOVED if own.kind == predictive.CheckKind.ORDER else self.widening > _WIDER
 
         return tuple(filter(moves, self.unexpected))
 
@@ -363,25 +354,25 @@ def draws_of(posterior: xr.DataTree, bound: BoundModel, size: int | None = None)
     beta, phi = (
         np.stack([group[str(name)].values.ravel() for name in names], axis=1) for names in (bound.names, bound.hyper_prior.names)
     )
-    _, phi, beta = Part(bound, phi, beta).few(size or len(beta))
+    _, phi, beta = predictive.Part(bound, phi, beta).few(size or len(beta))
     return beta, phi
 
 
-def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[Part]:
+def parts_of(posterior: xr.DataTree, size: int | None = None) -> list[predictive.Part]:
     """Posterior draws as `draws_of`, those of an average apart by the rivals of slopes in their model: what these add to the
     readings follows from β and φ of that model alone. Every part has all parameters, zero where a model has none."""
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
     averaged = record_of(posterior).get("averaged")
     if averaged is None:
-        return [Part(bound, phi, beta)]
+        return [predictive.Part(bound, phi, beta)]
     model = np.asarray(posterior["sample_stats"]["model"]).ravel()
     model = model[np.linspace(0, len(model) - 1, len(beta)).astype(int)]
     rivals = [tuple(own["rivals"]) for own in averaged["models"]]
     parts = []
     for names in dict.fromkeys(rivals[k] for k in model):
         there = np.array([rivals[k] == names for k in model])
-        parts.append(Part(bound.model.with_rivals(*names).bind(bound.campaign), phi[there], beta[there]))
+        parts.append(predictive.Part(bound.model.with_rivals(*names).bind(bound.campaign), phi[there], beta[there]))
     return parts
 
 
@@ -389,7 +380,7 @@ def curves_of(posterior: xr.DataTree, force_N: Array, size: int | None = None, *
     """C(F) of every kept compliance at forces (n,), see `compliance_curves`, shape (draws, n, compliances); the draws of an
     average in the order of `parts_of`."""
     rng = np.random.default_rng(seed)
-    return np.concatenate([compliance_curves(*part, force_N, rng) for part in parts_of(posterior, size)])
+    return np.concatenate([predictive.compliance_curves(*part, force_N, rng) for part in parts_of(posterior, size)])
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:
@@ -492,7 +483,7 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     rows = {
         name: {"term": kind.__name__, "unit": kind.unit_of(name).inside, "prior_sd": sd}
         for kind, columns in bound.columns_of.items()
-        for part in shared_terms(columns)
+        for part in predictive.shared_terms(columns)
         for name, sd in zip(part.names, part.sd_at(value), strict=True)
     }
     table = pd.DataFrame.from_dict(rows, orient="index", columns=["term", "unit", "prior_sd"])
@@ -500,7 +491,7 @@ def nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     end = 0
     for own, phi, beta in parts:
         given = own.given_interest.conditional(phi, beta - own.centre)[1]
-        names = [name for part in shared_terms(own.nuisance_columns) for name in part.names]
+        names = [name for part in predictive.shared_terms(own.nuisance_columns) for name in part.names]
         at = np.ix_(np.arange(end, end := end + len(phi)), np.array(list(map(list(table.index).index, names)), dtype=int))
         means[at], variances[at] = given.mean, given.sd**2
     table.insert(2, "mean", means.mean(axis=0))

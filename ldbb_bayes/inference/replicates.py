@@ -12,17 +12,10 @@ import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, check_campaign
 from ldbb_bayes.errors import require
+from ldbb_bayes.inference import predictive
 from ldbb_bayes.inference.integrals import in_chunks
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import check_probability, draws_of, pareto_smooth, parts_of, record_of
-from ldbb_bayes.inference.predictive import (
-    Part,
-    draw_of_circle,
-    draw_shared,
-    machine_coefficients,
-    new_circle_coefficients,
-    shared_terms,
-)
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
@@ -76,7 +69,7 @@ def predict(posterior: xr.DataTree, plan: Campaign, *, ci_prob: float = 0.95, se
     return pd.concat(tables, ignore_index=True)
 
 
-def new_circles(part: Part, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
+def new_circles(part: predictive.Part, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
     """Readings (draws, n) [mm] of each planned test in turn, one circle for every draw."""
     bound, beta = part.bound, part.beta
     measured, planned = _beside(bound, plan)
@@ -85,16 +78,16 @@ def new_circles(part: Part, plan: Campaign, rng: np.random.Generator) -> Iterato
     for j, name in enumerate(bound.hyper_prior.names):
         phi[:, names.index(name)] = part.phi[:, j]
     value = dict(zip(names, phi.T, strict=True))
-    learnt = [name for term in shared_terms(measured.nuisance_columns) for name in term.names]
-    drawn, total = draw_shared(measured, phi, beta, rng), machine_coefficients(planned, beta)
-    for term in shared_terms(planned.nuisance_columns):
+    learnt = [name for term in predictive.shared_terms(measured.nuisance_columns) for name in term.names]
+    drawn, total = predictive.draw_shared(measured, phi, beta, rng), predictive.machine_coefficients(planned, beta)
+    for term in predictive.shared_terms(planned.nuisance_columns):
         own = term.sd_at(value) * rng.standard_normal((len(beta), len(term.names))) + (0.0 if term.mean is None else term.mean)
         for j, name in enumerate(term.names):
             if name in learnt:
                 own[:, j] = drawn[:, learnt.index(name)]
         total = total + np.einsum("tkq,wq->wtk", term.values, own)
     for r, test in enumerate(plan.tests):
-        yield _readings(test, total[:, r] + draw_of_circle(planned, phi, r, rng), value["sigma"], rng)
+        yield _readings(test, total[:, r] + predictive.draw_of_circle(planned, phi, r, rng), value["sigma"], rng)
 
 
 def _readings(test: CircularTest, coefficients: Array, sigma: Array, rng: np.random.Generator) -> Array:
@@ -155,7 +148,7 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     require(len(bound.test_names) > 1, "a campaign must have at least two tests to leave one out, got one. Add tests.")
     beta, phi = draws_of(made, bound)
     rng, shape = np.random.default_rng(seed), (chains, len(pick), -1)
-    circles = np.moveaxis(new_circle_coefficients(bound, phi, beta, rng), 1, 0)
+    circles = np.moveaxis(predictive.new_circle_coefficients(bound, phi, beta, rng), 1, 0)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
     drawn = [_readings(test, own, sigma, rng) for test, own in zip(bound.campaign.tests, circles, strict=True)]
     arrays = {

@@ -15,22 +15,13 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, renamed, require
+from ldbb_bayes.inference import predictive
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.integrals import in_chunks
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior, TooRoughError, draw_jointly
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, build_tree, campaign_record, power_sensitivity
-from ldbb_bayes.inference.predictive import (
-    SHIFTED,
-    Part,
-    averaged_checks,
-    centre_shift,
-    effects,
-    predictive_checks,
-    quality_of,
-    shared_coefficients,
-)
 from ldbb_bayes.jobs import one_blas_thread, versions
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
@@ -192,7 +183,7 @@ def sample_from(
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.plain
     run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
-    flat = Part(bound, *reversed(_picked(beta, phi)))
+    flat = predictive.Part(bound, *reversed(_picked(beta, phi)))
     arrays = {name: own.reshape(*beta.shape[:2], *own.shape[1:]) for name, own in densities_of(flat).items()}
     prior = prior_draws_of(bound, prior_draws, np.random.default_rng(checking[0]))
     groups = groups_of(bound, beta, phi, prior, arrays)
@@ -224,7 +215,7 @@ def record_from(bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: i
 
 def fit_of_parts(
     bound: BoundModel,
-    parts: Sequence[Part],
+    parts: Sequence[predictive.Part],
     groups: Mapping[str, Mapping[str, Array]],
     truncation: tuple[float, float],
     missed: Sequence[Concern],
@@ -238,21 +229,21 @@ def fit_of_parts(
         [part.few(int(np.ceil(own * most))) for own, part in zip(share, parts, strict=True)]
         for most in (_QUALITY_DRAWS, _CHECKED_DRAWS)
     )
-    predicted = [shared_coefficients(*part).mean(axis=0) for part in few]
-    quality = quality_of(bound, np.tensordot(share, predicted, axes=1))
+    predicted = [predictive.shared_coefficients(*part).mean(axis=0) for part in few]
+    quality = predictive.quality_of(bound, np.tensordot(share, predicted, axes=1))
     group = groups["posterior"]
     beta, phi = (np.stack([group[str(name)] for name in names], axis=-1) for names in (bound.names, bound.hyper_prior.names))
     flat_beta, flat_phi = _picked(beta, phi)
     prior, hyper_prior = groups["log_prior"]["parameters"], groups["log_prior"]["hyper"]
     jacobian = bound.hyper_prior.log_density_of_free(bound.hyper_prior.free(phi)) - hyper_prior
     likelihood = groups["sample_stats"]["lp"] - prior - hyper_prior - jacobian
-    checks = averaged_checks(share, [predictive_checks(*own, rng) for own in thinned])
+    checks = predictive.averaged_checks(share, [predictive.predictive_checks(*own, rng) for own in thinned])
     scaled = {"prior": prior - prior_level, "hyper_prior": hyper_prior, "likelihood": likelihood}
     return Fit(
         quality.rmse_um, quality.fitness_percent, *truncation, bound.log_prob_truncation_prior,
         bound.largest_linearisation_error_mm(flat_beta.mean(axis=0)) * 1e3,
         (*missed, *_concerns(bound, flat_phi, flat_beta, truncation[0])), checks, power_sensitivity(group, scaled),
-        *effects(bound, flat_phi.mean(axis=0), checks),
+        *predictive.effects(bound, flat_phi.mean(axis=0), checks),
     )  # fmt: skip
 
 
@@ -272,11 +263,11 @@ def _concerns(bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: f
     for name, z in zip(bound.names, moved / np.sqrt(np.maximum(variance - beta.var(axis=0), _CLOSE * variance)), strict=True):
         if z > _FAR and name in stated:
             yield Concern(ConcernKind.PRIOR, float(z), _FAR, name)
-    for axis, p in centre_shift(bound, beta.mean(axis=0)).items():
-        yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
+    for axis, p in predictive.centre_shift(bound, beta.mean(axis=0)).items():
+        yield Concern(ConcernKind.CENTRE, p, predictive.SHIFTED, axis)
 
 
-def densities_of(part: Part) -> dict[str, Array]:
+def densities_of(part: predictive.Part) -> dict[str, Array]:
     """Of each draw its log density and those of its priors, (n,) each."""
     bound, phi, beta = part
     density = JointDensity(bound)

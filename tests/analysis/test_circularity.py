@@ -11,15 +11,7 @@ from campaigns import HYPER_UM, TRUTH, plan
 from scipy.optimize import minimize
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.circularity import (
-    COMPLIANCE,
-    GEOMETRY,
-    TOGETHER,
-    circularity,
-    least_squares_zone,
-    measured_circularity,
-    minimum_zone_width,
-)
+from ldbb_bayes.analysis import circularity
 from ldbb_bayes.machine.chain import exact_reading_mm
 
 ANGLE = np.arange(360) * np.pi / 180.0
@@ -40,7 +32,7 @@ def test_the_machines_path(topology: str) -> None:
     truth = {name: value for name, value in TRUTH.items() if name in names}
     campaign = model.simulate(planned, seed=5, parameters=truth, hyper_um=QUIET).campaign
     posterior = lb.sample(model, campaign, seed=1, sampler="independent")
-    table = circularity(posterior, draws=1000)
+    table = circularity.circularity(posterior, draws=1000)
     assert sorted(set(table["force_N"])) == [0.0, 36.0, 300.0, 520.0, 742.0]
     machine, circle = campaign.machine(), campaign.tests[0].circle
     compliances = {name: value for name, value in truth.items() if name.startswith("C_")}
@@ -52,7 +44,7 @@ def test_the_machines_path(topology: str) -> None:
     one = exact_um(0.0, {next(n for n in names if n.startswith("E_C0")): 1e-6})
     for force in (0.0, 300.0, 742.0):
         trace = exact_um(force, errors)
-        zone = least_squares_zone(ANGLE, trace)
+        zone = circularity.least_squares_zone(ANGLE, trace)
         cosine, sine = second_harmonic(trace)
         truths = {
             "G": zone.width,
@@ -66,7 +58,7 @@ def test_the_machines_path(topology: str) -> None:
             row = table[(table["force_N"] == force) & (table["quantity"] == quantity)].iloc[0]
             assert abs(row["mean"] - value) < 4.0 * row["sd"] + 0.02, (force, quantity)
             assert row["ci_low"] <= row["median"] <= row["ci_high"]
-    measured, pairs = measured_circularity(posterior)
+    measured, pairs = circularity.measured_circularity(posterior)
     assert (measured["G_minimum_zone"] <= measured["G"] + 1e-9).all()
     np.testing.assert_allclose(measured["F_max"] - measured["F_min"], measured["G"])
     assert list(measured.index) == [test.name for test in campaign.tests]
@@ -100,7 +92,7 @@ def both_ways() -> tuple[lb.Campaign, Any]:
 def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
     """G(b) and D of the readings by their definition, and of the posterior where the readings put them."""
     campaign, posterior = both_ways
-    _, pairs = measured_circularity(posterior)
+    _, pairs = circularity.measured_circularity(posterior)
     assert list(pairs.index) == [f"CW{k} + CCW{k}" for k in range(4)]
     for k in range(4):
         one, other = (next(t for t in campaign.tests if t.name == f"{way}{k}") for way in ("CW", "CCW"))
@@ -111,7 +103,7 @@ def test_both_directions(both_ways: tuple[lb.Campaign, Any]) -> None:
         assert pairs.loc[f"CW{k} + CCW{k}", "G_b"] == pytest.approx(np.ptp(rest))
         assert pairs.loc[f"CW{k} + CCW{k}", "D"] == pytest.approx(fitted[0])
         assert pairs.loc[f"CW{k} + CCW{k}", "G_b_minimum_zone"] <= pairs.loc[f"CW{k} + CCW{k}", "G_b"] + 1e-9
-    table = circularity(posterior, [520.0]).set_index("quantity")
+    table = circularity.circularity(posterior, [520.0]).set_index("quantity")
     assert set(table.index) >= {"G_b", "D", "G"}
     # One direction alone lacks the lost motion: 2 (2 cos θ + 3 sin 2θ) between the two ways.
     assert table.loc["G_b", "median"] > table.loc["G", "median"] + 1.0
@@ -131,8 +123,8 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
     for name, text in (COMPLIANCES | ERRORS | OFFSETS).items():
         printed, last = float(text) * 1e3, 10.0 ** -(len(text) - 5)
         assert printed * 0.97 <= found.loc[name, "peak_to_peak"] <= (printed + last) * 1.02, name
-    assert found.loc[COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
-    ends = found.loc[GEOMETRY, ["maximum", "minimum", "peak_to_peak"]].tolist()
+    assert found.loc[circularity.COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
+    ends = found.loc[circularity.GEOMETRY, ["maximum", "minimum", "peak_to_peak"]].tolist()
     assert ends == pytest.approx([-7.0, -26.0, 19.0], abs=0.6)
 
 
@@ -154,7 +146,8 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
         return 1e3 * exact_reading_mm(machine, circle, ANGLE, force_N=force, compliances=compliances, geometric_errors=errors)
 
     truths = {
-        TOGETHER: exact_um(at, errors), COMPLIANCE: exact_um(at, {}), GEOMETRY: exact_um({}, errors),
+        circularity.TOGETHER: exact_um(at, errors), circularity.COMPLIANCE: exact_um(at, {}),
+        circularity.GEOMETRY: exact_um({}, errors),
         "C_XXX": exact_um({"C_XXX": at["C_XXX"]}, {}), "C_CCY": exact_um({"C_CCY": at["C_CCY"]}, {}),
         "E_XY2": exact_um({}, {"E_XY2": mean["E_XY2"]}),
     }  # fmt: skip
@@ -169,8 +162,10 @@ def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> No
 def test_lobes(order: int, amplitude: float) -> None:
     """n lobes of amplitude a, wherever the centre: G = 2 a by either."""
     trace = 12.0 - 3.0 * np.cos(ANGLE) + 8.0 * np.sin(ANGLE) + amplitude * np.cos(order * ANGLE)
-    zone = least_squares_zone(ANGLE, trace)
-    assert (zone.width, minimum_zone_width(ANGLE, trace)) == pytest.approx((2.0 * amplitude, 2.0 * amplitude), rel=1e-3)
+    zone = circularity.least_squares_zone(ANGLE, trace)
+    assert (zone.width, circularity.minimum_zone_width(ANGLE, trace)) == pytest.approx(
+        (2.0 * amplitude, 2.0 * amplitude), rel=1e-3
+    )
     assert (zone.mean, zone.upper) == pytest.approx((12.0, 12.0 + amplitude), rel=1e-3)
 
 
@@ -191,9 +186,9 @@ def test_minimum_zone_by_search() -> None:
         for _ in range(3):
             options = {"xatol": 1e-9, "fatol": 1e-9, "maxiter": 4000}
             searched = minimize(true_width, searched, args=(angle, trace), method="Nelder-Mead", options=options).x
-        assert minimum_zone_width(angle, trace) == pytest.approx(true_width(searched, angle, trace), abs=1e-3)
+        assert circularity.minimum_zone_width(angle, trace) == pytest.approx(true_width(searched, angle, trace), abs=1e-3)
 
 
 def test_zone_refused() -> None:
     with pytest.raises(lb.InputError, match="at least 3 angles"):
-        minimum_zone_width(ANGLE[:2], ANGLE[:2])
+        circularity.minimum_zone_width(ANGLE[:2], ANGLE[:2])

@@ -11,15 +11,8 @@ from campaigns import HYPER_UM, oracle_of, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference import predictive
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, Fit, State, draws_of, fit_of, power_sensitivity
-from ldbb_bayes.inference.predictive import (
-    TestChecks,
-    autocorrelation,
-    effects,
-    fit_quality,
-    machine_coefficients,
-    shared_coefficients,
-)
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import information_of
 from ldbb_bayes.model.terms import Columns
@@ -39,10 +32,10 @@ def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> Non
     residual = oracle.y - oracle.J @ beta[0]
     expected = oracle.J @ beta[0] + shared @ np.linalg.solve(oracle.covariance(PHI[0]), residual)
     offset = np.concatenate([t.readings_mm() for t in campaign.tests]) - oracle.y
-    found = shared_coefficients(bound, PHI, beta)[0]
+    found = predictive.shared_coefficients(bound, PHI, beta)[0]
     predicted = np.concatenate([basis(t.angles_rad()) @ a for t, a in zip(campaign.tests, found, strict=True)])
     np.testing.assert_allclose(predicted, expected + offset, atol=1e-9)
-    machine = machine_coefficients(bound, beta)[0]
+    machine = predictive.machine_coefficients(bound, beta)[0]
     predicted = np.concatenate([basis(t.angles_rad()) @ a for t, a in zip(campaign.tests, machine, strict=True)])
     np.testing.assert_allclose(predicted, oracle.J @ beta[0] + offset, atol=1e-12)
 
@@ -54,8 +47,8 @@ def test_rmse_and_fitness_by_their_definition() -> None:
     bound = lb.HybridModel.first(0).bind(campaign)
     beta = bound.centre[None].repeat(3, axis=0) * [[0.9], [1.0], [1.1]]
     phi = PHI.repeat(3, axis=0)
-    quality = fit_quality(bound, phi, beta)
-    predicted = shared_coefficients(bound, phi, beta).mean(axis=0)
+    quality = predictive.fit_quality(bound, phi, beta)
+    predicted = predictive.shared_coefficients(bound, phi, beta).mean(axis=0)
     errors = [basis(t.angles_rad()) @ a - t.readings_mm() for t, a in zip(campaign.tests, predicted, strict=True)]
     assert quality.rmse_um == pytest.approx(np.sqrt(np.mean(np.concatenate(errors) ** 2)) * 1e3)
     assert np.isnan(quality.fitness_percent["f742"])
@@ -104,8 +97,8 @@ def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> 
         waves = [np.cos(14 * test.angles_rad() + k * turn) for k, test in enumerate(campaign.tests)]
         pairs = zip(campaign.tests, waves, strict=True)
         tests = tuple(test.with_reading_um(np.asarray(test.reading_um) + wave) for test, wave in pairs)
-        fails = {test.name: TestChecks({}, 1e-9, 0.9, 1e-9) for test in tests}
-        widening.append(effects(MODEL.bind(replace(campaign, tests=tests)), PHI[0], fails)[1])
+        fails = {test.name: predictive.TestChecks({}, 1e-9, 0.9, 1e-9) for test in tests}
+        widening.append(predictive.effects(MODEL.bind(replace(campaign, tests=tests)), PHI[0], fails)[1])
     growth = np.sqrt(np.diag(oracle.given(noisy)[2]) / np.diag(oracle.given(PHI[0])[2])).max() - 1.0
     assert widening == [pytest.approx(0.0, abs=0.1), pytest.approx(growth, rel=0.05)]
 
@@ -113,9 +106,9 @@ def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> 
 def test_autocorrelation_of_white_noise_is_uniform() -> None:
     rng = np.random.default_rng(2)
     angle = np.sort(rng.uniform(0.0, 360.0, 150))
-    p_values = [autocorrelation(lb.CircularTest(100.0, angle, rng.normal(size=150)))[1] for _ in range(400)]
+    p_values = [predictive.autocorrelation(lb.CircularTest(100.0, angle, rng.normal(size=150)))[1] for _ in range(400)]
     assert stats.kstest(p_values, "uniform").pvalue > 0.01
-    assert autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (0.0, 1.0)
+    assert predictive.autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (0.0, 1.0)
 
 
 def test_sensitivity_is_that_of_arviz() -> None:
@@ -134,7 +127,7 @@ def test_sensitivity_is_that_of_arviz() -> None:
 
 
 def test_the_line_puts_first_what_matters_most() -> None:
-    checks = {"a": TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)}
+    checks = {"a": predictive.TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)}
     sensitivity = {"E_XX1": {"prior": 0.06}, "C_XXX": {"prior": 0.2}, "C_XYX": {"prior": 0.01}, "tau": {"prior": 0.3}}
     fit = Fit(1.0, {"a": 99.0}, -1.0, 0.0, -2.0, 0.0, (), checks, sensitivity, {"a": 0.7}, 0.2)
     missed, against = Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0), Concern(ConcernKind.TRUNCATION, -20.0, -6.9)
@@ -214,7 +207,7 @@ def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: l
 def test_autocorrelation_of_smoothed_noise_is_seen() -> None:
     rng = np.random.default_rng(2)
     smooth = np.convolve(rng.normal(size=402), np.ones(3) / 3.0, mode="valid")
-    value, p = autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
+    value, p = predictive.autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
     assert value > 0.5
     assert p < 1e-6
-    assert autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (0.0, 1.0)
+    assert predictive.autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (0.0, 1.0)

@@ -12,30 +12,23 @@ from hypothesis import strategies as st
 from scipy import optimize, stats
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.model.gaussian import (
-    Gaussian,
-    Sobol,
-    central_differences,
-    eliminate,
-    holm,
-    least_squares,
-    mixture_moments,
-    mixture_quantiles,
-    newton,
-    solve_lower,
-    solve_upper,
-    weighted_quantiles,
-)
+from ldbb_bayes.model import gaussian
 
 
-def problem(n: int, p: int, seed: int, *, full: bool, batch: tuple[int, ...] = ()) -> tuple[Gaussian, np.ndarray, np.ndarray]:
+def problem(
+    n: int, p: int, seed: int, *, full: bool, batch: tuple[int, ...] = ()
+) -> tuple[gaussian.Gaussian, np.ndarray, np.ndarray]:
     """A prior, white rows and their values."""
     rng = np.random.default_rng(seed)
     covariance = np.exp(rng.normal(size=(*batch, p)))
     if full:
         root = rng.normal(size=(*batch, p, p + 2))
         covariance = root @ np.swapaxes(root, -1, -2)
-    return Gaussian.of(rng.normal(size=(*batch, p)), covariance), rng.normal(size=(*batch, n, p)), rng.normal(size=(*batch, n))
+    return (
+        gaussian.Gaussian.of(rng.normal(size=(*batch, p)), covariance),
+        rng.normal(size=(*batch, n, p)),
+        rng.normal(size=(*batch, n)),
+    )
 
 
 @given(n=st.integers(0, 9), p=st.integers(1, 6), seed=st.integers(0, 10**6), full=st.booleans())
@@ -49,10 +42,10 @@ def test_bayes_identity(n: int, p: int, seed: int, full: bool) -> None:
     np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-7)
     transposed = np.swapaxes(rows, -1, -2)
     constant = -0.5 * ((values**2).sum(axis=-1) + n * np.log(2 * np.pi))
-    summed = prior + Gaussian(transposed @ rows, (transposed @ values[..., None])[..., 0], constant)
+    summed = prior + gaussian.Gaussian(transposed @ rows, (transposed @ values[..., None])[..., 0], constant)
     np.testing.assert_allclose(summed.log_integral, posterior.log_integral, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(summed.mean, posterior.mean, rtol=1e-5, atol=1e-6)
-    alone = Gaussian.factored(prior.mean[1], prior.root[1], prior.scale[1]).observe(rows[1], values[1])
+    alone = gaussian.Gaussian.factored(prior.mean[1], prior.root[1], prior.scale[1]).observe(rows[1], values[1])
     np.testing.assert_allclose(alone.covariance, posterior.covariance[1], rtol=1e-9)
     assert alone.log_integral == pytest.approx(posterior.log_integral[1])
 
@@ -96,7 +89,7 @@ def test_collinear_columns(gap: float) -> None:
     """Two nearly equal columns: the sum is known, the difference keeps its prior."""
     base = np.linspace(1.0, 2.0, 20) * 1e3
     rows = np.column_stack([base, base * (1.0 + gap)])
-    posterior = Gaussian.of(np.zeros(2), np.ones(2)).observe(rows, rows @ np.array([1.0, 2.0]))
+    posterior = gaussian.Gaussian.of(np.zeros(2), np.ones(2)).observe(rows, rows @ np.array([1.0, 2.0]))
     assert posterior.mean.sum() == pytest.approx(3.0, abs=2e-2)
     assert (posterior.spread(np.array([[1.0, -1.0]])) ** 2).sum() == pytest.approx(2.0, rel=0.6 if gap == 1e-3 else 1e-3)
     assert np.all(np.isfinite(posterior.root))
@@ -104,13 +97,13 @@ def test_collinear_columns(gap: float) -> None:
 
 def test_least_squares_is_minimum_norm_in_the_scale() -> None:
     jacobian = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    estimate = least_squares(jacobian, jacobian @ np.array([1.0, 1.0]), np.array([3.0, 1.0]))
+    estimate = gaussian.least_squares(jacobian, jacobian @ np.array([1.0, 1.0]), np.array([3.0, 1.0]))
     np.testing.assert_allclose(estimate, [2.0 * 9.0 / 10.0, 2.0 * 1.0 / 10.0])
     full = np.random.default_rng(0).normal(size=(9, 4)) * [1e6, 1.0, 1e-6, 1.0]
     truth = np.array([1e-6, 2.0, 3e6, -4.0])
-    np.testing.assert_allclose(least_squares(full, full @ truth), truth)
+    np.testing.assert_allclose(gaussian.least_squares(full, full @ truth), truth)
     norms = np.linalg.norm(full, axis=0)
-    np.testing.assert_allclose(least_squares(full, np.ones(9)), scipy.linalg.pinv(full / norms) @ np.ones(9) / norms)
+    np.testing.assert_allclose(gaussian.least_squares(full, np.ones(9)), scipy.linalg.pinv(full / norms) @ np.ones(9) / norms)
 
 
 @pytest.mark.parametrize("q", [1, 2, 7, 27])
@@ -120,9 +113,9 @@ def test_stacked_triangular_algebra_against_scipy(q: int) -> None:
     matrix = root @ np.swapaxes(root, -1, -2)
     right, several = rng.normal(size=(2, 3, q)), rng.normal(size=(2, 3, q, 4))
     front = np.concatenate([matrix, right[..., None, :]], axis=-2).transpose(0, 3, 2, 1).copy()
-    eliminate(front)
+    gaussian.eliminate(front)
     lower, white = np.tril(front[:, :, :q].transpose(0, 3, 2, 1)), front[:, :, q].transpose(0, 2, 1)
-    upper, forward = solve_upper(lower, right), solve_lower(lower, several)
+    upper, forward = gaussian.solve_upper(lower, right), gaussian.solve_lower(lower, several)
     for i in np.ndindex(2, 3):
         expected = np.linalg.cholesky(matrix[i])
         np.testing.assert_allclose(lower[i], expected, rtol=1e-9, atol=1e-12)
@@ -133,14 +126,14 @@ def test_stacked_triangular_algebra_against_scipy(q: int) -> None:
 
 def test_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError):
-        _ = Gaussian(np.array([[1.0, 2.0], [2.0, 1.0]]), np.ones(2)).mean
+        _ = gaussian.Gaussian(np.array([[1.0, 2.0], [2.0, 1.0]]), np.ones(2)).mean
     with pytest.raises(InputError, match=r"variances must be positive, got -1\.0"):
-        Gaussian.of(np.zeros(2), np.array([1.0, -1.0]))
+        gaussian.Gaussian.of(np.zeros(2), np.array([1.0, -1.0]))
     with pytest.raises(InputError, match="covariance must be positive definite"):
-        Gaussian.of(np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]))
+        gaussian.Gaussian.of(np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]))
     for rows in (np.ones((3, 2)), np.ones((1, 2)), np.array([[1.0, 0.0]] * 3)):
         with pytest.raises(InputError, match="rows must determine every coefficient"):
-            Gaussian.from_rows(rows, np.zeros(len(rows)))
+            gaussian.Gaussian.from_rows(rows, np.zeros(len(rows)))
 
 
 @example(seed=199, level=0.5988615144518045)
@@ -150,8 +143,8 @@ def test_quantiles_of_mixtures(seed: int, level: float) -> None:
     rng = np.random.default_rng(seed)
     weight, mean = rng.dirichlet(np.ones(5)), 3.0 * rng.standard_normal((5, 2))
     sd = np.exp(2.0 * rng.standard_normal((5, 2)))
-    found = mixture_quantiles(weight, mean, sd, [level])[0]
-    each = mixture_quantiles(np.column_stack([weight, weight]), mean, sd, [level])[0]
+    found = gaussian.mixture_quantiles(weight, mean, sd, [level])[0]
+    each = gaussian.mixture_quantiles(np.column_stack([weight, weight]), mean, sd, [level])[0]
     np.testing.assert_allclose(each, found)
     for j in range(2):
 
@@ -159,17 +152,17 @@ def test_quantiles_of_mixtures(seed: int, level: float) -> None:
             return float(weight @ stats.norm.cdf(x, mean[:, j], sd[:, j])) - level
 
         expected = optimize.brentq(excess, -1e4, 1e4, xtol=1e-12)
-        assert found[j] == pytest.approx(expected, abs=1e-7 * mixture_moments(weight, mean, sd)[1][j])
+        assert found[j] == pytest.approx(expected, abs=1e-7 * gaussian.mixture_moments(weight, mean, sd)[1][j])
 
 
 def test_moments_of_mixtures_and_weighted_quantiles() -> None:
     weight = np.array([0.25, 0.75])
-    middle, spread = mixture_moments(weight, np.array([[0.0], [2.0]]), np.array([[1.0], [3.0]]))
+    middle, spread = gaussian.mixture_moments(weight, np.array([[0.0], [2.0]]), np.array([[1.0], [3.0]]))
     assert (middle[0], spread[0] ** 2) == pytest.approx((1.5, 0.25 * 1.0 + 0.75 * 9.0 + 0.25 * 0.75 * 4.0))
     draws = np.arange(100.0)[:, None]
-    found = weighted_quantiles(np.full(100, 0.01), draws, [0.005, 0.5, 0.995])
+    found = gaussian.weighted_quantiles(np.full(100, 0.01), draws, [0.005, 0.5, 0.995])
     np.testing.assert_allclose(found[:, 0], [0.0, 49.5, 99.0])
-    repeated = weighted_quantiles(np.array([0.5, 0.5]), np.array([[3.0], [1.0]]), [0.25, 0.5, 0.75])
+    repeated = gaussian.weighted_quantiles(np.array([0.5, 0.5]), np.array([[3.0], [1.0]]), [0.25, 0.5, 0.75])
     np.testing.assert_allclose(repeated[:, 0], [1.0, 2.0, 3.0])
 
 
@@ -181,25 +174,25 @@ def test_newton_finds_the_mode_through_wrong_curvature() -> None:
         return -((x**2 - 1.0) ** 2) - 2.0 * (y - x) ** 2
 
     def derivatives(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return central_differences(log_density, point, 1e-4)
+        return gaussian.central_differences(log_density, point, 1e-4)
 
     x, y = 0.3, -0.4
     gradient, hessian = derivatives(np.array([x, y]))
     np.testing.assert_allclose(gradient, [-4 * x * (x**2 - 1) + 4 * (y - x), -4 * (y - x)], atol=1e-6)
     np.testing.assert_allclose(hessian, [[-12 * x**2 + 4 - 4, 4], [4, -4]], atol=1e-4)
-    found = newton(log_density, derivatives, np.array([0.1, -2.0]), gain=1e-12)
+    found = gaussian.newton(log_density, derivatives, np.array([0.1, -2.0]), gain=1e-12)
     np.testing.assert_allclose(found, np.sign(found), atol=1e-4)
 
 
 def test_holm() -> None:
     """Holm (1979): the k-th smallest times n + 1 − k, never falling, at most one."""
-    np.testing.assert_allclose(holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
-    np.testing.assert_allclose(holm(np.array([0.9, 0.5])), [1.0, 1.0])
+    np.testing.assert_allclose(gaussian.holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
+    np.testing.assert_allclose(gaussian.holm(np.array([0.9, 0.5])), [1.0, 1.0])
 
 
 @pytest.mark.parametrize("dimensions", [1, 2, 7, 45, 300])
 def test_sobol_points_are_those_of_scipy(dimensions: int) -> None:
-    ours, theirs = (kind(dimensions, rng=np.random.default_rng(5)) for kind in (Sobol, stats.qmc.Sobol))
+    ours, theirs = (kind(dimensions, rng=np.random.default_rng(5)) for kind in (gaussian.Sobol, stats.qmc.Sobol))
     with warnings.catch_warnings(action="ignore"):  # SciPy's, that sizes are no powers of two
         for size in (1, 7, 256, 1000):
             assert np.array_equal(ours.random(size), theirs.random(size))

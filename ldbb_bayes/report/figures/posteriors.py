@@ -31,16 +31,7 @@ from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, numbers_of, priors_of, record_of
 from ldbb_bayes.inference.predictive import band_um, new_circle_coefficients, residuals_mm, shared_coefficients
-from ldbb_bayes.machine.chain import (
-    PLANES,
-    Circle,
-    Machine,
-    geometric_jacobian,
-    geometric_names,
-    kept_compliances,
-    wrench_jacobian,
-    wrench_names,
-)
+from ldbb_bayes.machine import chain
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import compliance_unit
@@ -209,7 +200,7 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
             dotted = ":" if both and tests[r].direction == "CCW" else "-"
             axes.plot(_GRID[::2], zero + predicted[r][::2], color=colours[r], linewidth=thin, linestyle=dotted)
         axes.plot(_GRID[::2], np.full_like(_GRID[::2], zero), color="black", linewidth=0.8, linestyle=_DASHED)
-        ends = {0: f"+{PLANES[plane].first}", 90: f"+{PLANES[plane].second}"}
+        ends = {0: f"+{chain.PLANES[plane].first}", 90: f"+{chain.PLANES[plane].second}"}
         axes.set_xticks(np.deg2rad(range(0, 360, 45)), [ends.get(angle, f"{angle}°") for angle in range(0, 360, 45)])
         axes.tick_params(pad=0)
         axes.set_rlim(0.0, zero + high + 0.06 * span)
@@ -391,26 +382,26 @@ def _path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
 
 
 @styled
-def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
+def compliance_atlas(machine: chain.Machine, circle: chain.Circle | None = None) -> Figure:
     """The patterns of all joint compliances, proportional sets in one colour, the kept representative in bold."""
-    where = circle or Circle(plane=machine.planes[0])
-    machine = Machine(machine.topology, where.plane, machine.frames_mm)
-    names = [name.label for name in wrench_names(machine)]
-    kept = kept_compliances(machine, where)
+    where = circle or chain.Circle(plane=machine.planes[0])
+    machine = chain.Machine(machine.topology, where.plane, machine.frames_mm)
+    names = [name.label for name in chain.wrench_names(machine)]
+    kept = chain.kept_compliances(machine, where)
     colour = {name: PALETTE[k % len(PALETTE)] for k, members in enumerate(kept.sets) for name in members}
-    columns = dict(zip(names, wrench_jacobian(machine, where, _GRID).T, strict=True))
+    columns = dict(zip(names, chain.wrench_jacobian(machine, where, _GRID).T, strict=True))
     title = f"{machine.topology}, plane {machine.plane}: patterns of the {len(names)} joint compliances\n"
     title += "One colour: proportional, only their sum can be identified. Bold: kept"
     return _atlas(columns, colour, {name.label for name in kept.names}, set(kept.null), title)
 
 
 @styled
-def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
+def geometric_atlas(machine: chain.Machine, circle: chain.Circle | None = None) -> Figure:
     """The patterns of the geometric errors."""
-    where = circle or Circle(plane=machine.planes[0])
-    machine = Machine(machine.topology, where.plane, machine.frames_mm)
-    names = [name.label for name in geometric_names(machine)]
-    columns = dict(zip(names, geometric_jacobian(machine, where, _GRID).T, strict=True))
+    where = circle or chain.Circle(plane=machine.planes[0])
+    machine = chain.Machine(machine.topology, where.plane, machine.frames_mm)
+    names = [name.label for name in chain.geometric_names(machine)]
+    columns = dict(zip(names, chain.geometric_jacobian(machine, where, _GRID).T, strict=True))
     title = f"{machine.topology}, plane {machine.plane}: patterns of the geometric errors"
     return _atlas(columns, dict.fromkeys(names, ACCENT), set(names), set(), title)
 
