@@ -39,6 +39,14 @@ def plan(
     return Campaign(tuple(tests), mount=MountCompensation(compensated=compensated))
 
 
+def clocked(turns: tuple[tuple[float, float], ...]) -> Campaign:
+    """Every force at every (work, tool) clocking, 40 angles each."""
+    angle = np.arange(40) * 9.0
+    return Campaign(
+        tuple(CircularTest(f, angle, work_ball_deg=w, tool_ball_deg=t) for w, t in turns for f in (100.0, 300.0, 500.0))
+    )
+
+
 def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
     """Readings of a plan under plain truths."""
     model = HybridModel.first(0)

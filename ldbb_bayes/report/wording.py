@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,6 +65,17 @@ def _sentences(macro: str, *found: Any) -> tuple[str, ...]:
 def _sentence(macro: str, *found: Any) -> str:
     """The one line that a macro makes."""
     return " ".join(_sentences(macro, *found))
+
+
+def _words(macro: str) -> Callable[[Any], str]:
+    return lambda found: _sentence(macro, found)
+
+
+# Of a fit whether its numbers can be used, and whether the model expects readings like these; of parts of its JSON what was
+# fitted, how well, and whether the sampler reached its target; of a validation whether its ranks are as they should be.
+fit_verdict, expectation = _words("fit_verdict"), _words("expectation")
+model_words, quality_words, sampler_words = _words("model_words"), _words("quality_words"), _words("sampler_words")
+validation_verdict = _words("validation_verdict")
 
 
 def _as_dict(result: Any) -> dict[str, Any]:
@@ -191,16 +202,6 @@ def check_words(check: Check) -> str:
     return f"{kinds.get(check.kind, f'order {check.order}')} of {check.test}"
 
 
-def fit_verdict(fit: Fit) -> str:
-    """Return in one line whether the numbers can be used, and what to look at."""
-    return _sentence("fit_verdict", fit)
-
-
-def expectation(fit: Fit) -> str:
-    """Return whether the model expects readings like these, and else what that does to the intervals."""
-    return _sentence("expectation", fit)
-
-
 def check_notes(fit: Fit) -> tuple[str, ...]:
     """Return a note on what is not expected though it hardly moves an interval."""
     return _sentences("check_notes", fit, [own for own in fit.unexpected if own not in fit.misfits])
@@ -217,21 +218,6 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
             cure=cures.get(sampler.get("kind", ""), "allow more steps (--max-steps)"), name=display_name(own.name),
         )  # fmt: skip
         yield typeset(said)
-
-
-def model_words(model: Mapping[str, Any]) -> str:
-    """Return what was fitted, from that part of a fit's JSON."""
-    return _sentence("model_words", model)
-
-
-def quality_words(quality: Mapping[str, Any]) -> str:
-    """Return how well the model fits, from that part of a fit's JSON."""
-    return _sentence("quality_words", quality)
-
-
-def sampler_words(sampler: Mapping[str, Any]) -> str:
-    """Return whether the sampler reached its target, from that part of a fit's JSON."""
-    return _sentence("sampler_words", sampler)
 
 
 def fit_head(result: Mapping[str, Any]) -> tuple[str, str]:
@@ -363,11 +349,6 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 
 
 # ---- calibration
-
-
-def validation_verdict(validation: Validation) -> str:
-    """Return in one line whether ranks are as those of a calibrated computation."""
-    return _sentence("validation_verdict", validation)
 
 
 @with_words.register

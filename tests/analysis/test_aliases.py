@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import plan
+from campaigns import clocked, plan
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -20,13 +20,6 @@ from ldbb_bayes.report.wording import alias_sentences, cure_words, statement
 def found(campaign: lb.Campaign, degree: int = 1) -> dict[str, set[str]]:
     every = degeneracies(lb.HybridModel.first(degree).bind(campaign))
     return {d.nuisances[0] if d.term else "": set(d.parameters) for d in every}
-
-
-def clocked(turns: tuple[tuple[float, float], ...], forces_N: tuple[float, ...] = (100.0, 300.0, 500.0)) -> lb.Campaign:
-    """Every force at every (work, tool) clocking, 40 angles each."""
-    angle = np.arange(40) * 9.0
-    tests = [lb.CircularTest(f, angle, work_ball_deg=w, tool_ball_deg=t) for w, t in turns for f in forces_N]
-    return lb.Campaign(tuple(tests))
 
 
 def test_recovered_experiment(recovered: lb.Campaign) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import HYPER_UM, oracle_of, plan, simulated
+from campaigns import HYPER_UM, clocked, oracle_of, plan, simulated
 from oracle import Stated
 
 import ldbb_bayes as lb
@@ -23,13 +23,6 @@ from ldbb_bayes.report.wording import remedy_words, verdict_words, with_words
 PHI = np.array([0.3e-3, 0.5e-3, 0.3e-3, 2e-3])
 LINEAR = lb.HybridModel.first(1)
 AT = np.linspace(0.1, 6.0, 37)
-
-
-def clocked(turns: tuple[tuple[float, float], ...]) -> lb.Campaign:
-    angle = np.arange(60) * 6.0
-    forces = (36.0, 238.0, 490.0, 742.0)
-    tests = [lb.CircularTest(f, angle, work_ball_deg=w, tool_ball_deg=t) for w, t in turns for f in forces]
-    return lb.Campaign(tuple(tests))
 
 
 def two(angle: float, *, readings: int = 100, noise: float = 1.0, sd: tuple[float, float] = (10.0, 2.0)) -> Information:

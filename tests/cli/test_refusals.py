@@ -14,9 +14,6 @@ from campaigns import Invoke
 
 import ldbb_bayes as lb
 
-# File, what stands in it, what is put in its place, and the message.
-SPOILED = [("f300.csv", "angle_deg,reading_um", "angle_deg,readng_um", "line 1: columns must be among")]
-
 
 def refused(invoke: Invoke, *arguments: object) -> str:
     code, out, err = invoke(*arguments)
@@ -26,16 +23,14 @@ def refused(invoke: Invoke, *arguments: object) -> str:
     return line
 
 
-@pytest.mark.parametrize(("file", "old", "new", "message"), SPOILED, ids=[new for _, _, new, _ in SPOILED])
-def test_campaigns(file: str, old: str, new: str, message: str, folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+def test_a_misspelt_column(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     shutil.copytree(folder, tmp_path / "c")
-    text = (tmp_path / "c" / file).read_text()
-    assert old in text
-    (tmp_path / "c" / file).write_text(text.replace(old, new, 1))
+    spoiled = tmp_path / "c" / "f300.csv"
+    spoiled.write_text(spoiled.read_text().replace("angle_deg,reading_um", "angle_deg,readng_um", 1))
     before = sorted(tmp_path.rglob("*"))
     said = refused(invoke, "fit", tmp_path / "c", "--out", tmp_path / "out")
-    assert file in said
-    assert message in said
+    assert "f300.csv" in said
+    assert "line 1: columns must be among" in said
     assert sorted(tmp_path.rglob("*")) == before
 
 

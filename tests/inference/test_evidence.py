@@ -234,10 +234,13 @@ def test_moments_inside_the_orthant_by_rejection(rows: int) -> None:
 
 def test_properties_of_the_campaign_stay_frozen() -> None:
     """F0, force range, Ĉ and the bar lengths are the campaign's: leaving out an end force moves none of them."""
-    campaign = simulated(plan(), seed=1)
+    campaign = simulated(plan(work_deg=40.0), seed=1)
     bound = lb.HybridModel.first(1).bind(campaign)
     rest = bound.keeping(bound.test_names[:-1])
-    assert rest.setting.reference_force_N == bound.setting.reference_force_N == 389.0
+    assert rest.test_names == bound.test_names[:-1]
+    assert rest.setting.reference_force_N == 389.0
+    for name in ("reference_force_N", "force_range_N", "two_balls"):
+        assert getattr(rest.setting, name) == getattr(bound.setting, name)
     np.testing.assert_array_equal(rest.prior_sd, bound.prior_sd)
     np.testing.assert_array_equal(rest.setting.compliance_estimate, bound.setting.compliance_estimate)
     np.testing.assert_array_equal(rest.truncation.rows, bound.truncation.rows)

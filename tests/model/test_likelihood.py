@@ -78,17 +78,6 @@ def test_flat_priors_integrate_to_the_formula(degree: int) -> None:
     np.testing.assert_allclose(given.mean * scale, np.tile(solution, (2, 1)), atol=1e-9 * np.abs(solution).max())
 
 
-def test_leaving_tests_out_keeps_the_campaigns_properties() -> None:
-    campaign = simulated(plan(work_deg=40.0))
-    bound = lb.HybridModel.first(1).bind(campaign)
-    rest = bound.keeping(["f036", "f300"])
-    assert rest.test_names == ("f036", "f300")
-    for name in ("reference_force_N", "force_range_N", "two_balls"):
-        assert getattr(rest.setting, name) == getattr(bound.setting, name)
-    np.testing.assert_array_equal(rest.setting.compliance_estimate, bound.setting.compliance_estimate)
-    np.testing.assert_array_equal(rest.truncation.rows, bound.truncation.rows)
-
-
 def everything(campaign: Campaign, degree: int = 1) -> tuple[np.ndarray, np.ndarray]:
     bound = lb.HybridModel.first(degree).bind(campaign)
     log_evidence, given = bound.given(np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]]))
@@ -206,17 +195,16 @@ def test_contributions_sum_to_one(name: str) -> None:
     assert all((share > -1e-12).all() for share in parts.values())
 
 
-@pytest.mark.parametrize("name", ["arcs"])
 @pytest.mark.parametrize("term", ["BarLength", "SetupShift", NOISE, "BallForm"])
-def test_contributions_are_logarithmic_derivatives(name: str, term: str) -> None:
+def test_contributions_are_logarithmic_derivatives(term: str) -> None:
     model = lb.HybridModel.first(1)
-    bound = model.bind(PLANS[name])
+    bound = model.bind(PLANS["arcs"])
     step = 1e-4
 
     def log_sd(factor: float) -> np.ndarray:
         if term == "BarLength":
             terms = tuple(replace(t, sd_um=t.sd_um * factor) if hasattr(t, "sd_um") else t for t in model.nuisances)
-            return 0.5 * np.log(information_of(replace(model, nuisances=terms).bind(PLANS[name]), PHI).variances())
+            return 0.5 * np.log(information_of(replace(model, nuisances=terms).bind(PLANS["arcs"]), PHI).variances())
         index = {NOISE: 0, "SetupShift": 1, "BallForm": 3}[term]
         return 0.5 * np.log(information_of(bound, PHI * np.where(np.arange(4) == index, factor, 1.0)).variances())
 
