@@ -19,23 +19,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ldbb_bayes.analysis import sensitivity
 from ldbb_bayes.analysis.outliers import FALSE_ALARMS, outliers
-from ldbb_bayes.analysis.sensitivity import (
-    WHITE_NOISE,
-    Assumed,
-    Curve,
-    Explanations,
-    SlopeSubset,
-    VaryingSlope,
-    averaged_curves,
-    changed,
-    count_subsets,
-    discrepancy_assumptions,
-    explanations,
-    local_fits,
-    slope_subsets,
-    under,
-)
+from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed, Curve, Explanations, SlopeSubset, VaryingSlope
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, check_comparable, leave_one_out, log_bayes_factor, probabilities
@@ -246,15 +232,15 @@ def compare(
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
     linear = largest.with_degree(min(largest.degree, 1))
     scales = SLOPE_SCALES if any(model.degree for model in pair.values()) else ()
-    by_scale = changed(pair.values(), {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales})
-    as_is, *odd = changed(pair.values(), discrepancy_assumptions(pair.values())).items()
+    by_scale = sensitivity.changed(pair.values(), {f"slope scale {s:g}": methodcaller("with_slope_scale", s) for s in scales})
+    as_is, *odd = sensitivity.changed(pair.values(), sensitivity.discrepancy_assumptions(pair.values())).items()
     wishes = (len(campaign.tests) > 1, linear.degree > 0, campaign.force_levels > 1)
     several, subsets, windows = (not evidence_only and wanted for wanted in wishes)
-    local = ahead(partial(local_fits, largest, campaign, ci_prob=ci_prob), executor if windows else None)
+    local = ahead(partial(sensitivity.local_fits, largest, campaign, ci_prob=ci_prob), executor if windows else None)
     rivals = pair[second].rivals != () and pair[first] == pair[second].with_degree(0) != pair[second]
     if progress is not None:
         total = len(models) * (1 + several * len(campaign.tests)) + 2 * (len(by_scale) + 1 + (0 if executor else len(odd)))
-        total += rivals * 2 ** (1 + len(pair[second].rivals)) + (count_subsets(linear, campaign) if subsets else 0)
+        total += rivals * 2 ** (1 + len(pair[second].rivals)) + (sensitivity.count_subsets(linear, campaign) if subsets else 0)
         evidences.progress = map(progress, itertools.count(1), itertools.repeat(total)).__next__
 
     weighed = dict(zip(models, evidences.of(*models.values()), strict=True))
@@ -264,9 +250,9 @@ def compare(
     left = leave_one_out(weighed, tolerance=tolerance, progress=evidences.progress) if several else {}
     others = [name for name in models if name != first]
     factors = {f"{name}/{first}": log_bayes_factor(weighed[name].evidence, weighed[first].evidence) for name in others}
-    scaled, circles = (under(pair, assumed, evidences.of) for assumed in (by_scale, dict([as_is])))
-    explained = explanations(pair, evidences) if rivals else None
-    slopes, found, curves = slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
+    scaled, circles = (sensitivity.under(pair, assumed, evidences.of) for assumed in (by_scale, dict([as_is])))
+    explained = sensitivity.explanations(pair, evidences) if rivals else None
+    slopes, found, curves = sensitivity.slope_subsets(linear, evidences, seed=seed, ci_prob=ci_prob) if subsets else ({}, (), {})
     circles += () if explained is None else (explained.averaged, explained.alone)
     values = {name: np.array([own.evidence.log_value for own in left.get(name, {}).values()]) for name in weighed}
     densities = {name: nodes.evidence.log_value - values[name] for name, nodes in weighed.items()}  # ln p(y_r | y_−r), (tests,)
@@ -321,7 +307,7 @@ def _under(
     names: Sequence[str], assumptions: Mapping[str, Sequence[HybridModel]], evidences: Evidences, least: float
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
     """The models under assumptions, roughly where these are rejected, and the evidences that are not rough."""
-    return under(names, assumptions, partial(evidences.unless_rejected, least)), evidences.every
+    return sensitivity.under(names, assumptions, partial(evidences.unless_rejected, least)), evidences.every
 
 
 def _crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
@@ -350,7 +336,7 @@ def _models(weighed: Mapping[str, Nodes], densities: Mapping[str, Array], seed: 
             posterior_probability=float(probability), elpd_lofo=elpd, elpd_lofo_se=elpd_se,
             rmse_um=fit_quality(bound, phi, beta).rmse_um, least_squares_rmse_um=_least_squares_rmse(bound.model, bound.campaign),
             degree=bound.model.degree, parameters={p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments},
-            compliance_against_force=averaged_curves([nodes], np.ones(1), seed, ci_prob),
+            compliance_against_force=sensitivity.averaged_curves([nodes], np.ones(1), seed, ci_prob),
         )  # fmt: skip
     return compared
 
