@@ -18,7 +18,7 @@ from reports import fitted
 import ldbb_bayes as lb
 from ldbb_bayes.inference.nodes import Evidence
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.result import readable
+from ldbb_bayes.result import Table, readable
 
 MODEL = lb.HybridModel.first(0).without("discrepancy", "setup-shift")
 FORCES_N = (36.0, 400.0, 742.0)
@@ -111,3 +111,9 @@ def test_a_long_table_shows_its_ends() -> None:
     assert text[0] == "Numbers, 500 rows"
     ends = [[str(k)] * 2 for k in (*range(30), *range(470, 500))]
     assert [line.split() for line in text[2:]] == [*ends[:30], ["…"] * 2, *ends[30:]]
+
+
+def test_tables_are_escaped() -> None:
+    page = Table.of("<script>", ["a<b", "n", "none"], [["<i>", 0.123456, None]], text=["a<b"]).html()
+    assert "<script>" not in page
+    assert all(text in page for text in ("&lt;script&gt;", "0.1235", "–"))
