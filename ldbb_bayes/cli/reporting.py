@@ -48,6 +48,10 @@ MACHINES = tuple(MachineType(**own) for own in options.CATALOGUE["machines"])
 # ---- what is asked where a terminal can answer
 
 
+def _can_ask() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+
+
 def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
     """The answer as ``read`` understands it; asked again where it does not."""
     while True:
@@ -375,8 +379,7 @@ def report(
     if source.is_result:
         document, parts, converged = _of_fits(source, output, asked)
     else:
-        can_ask = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
-        document, parts, converged = _of_files(source, output, asked, model, ask=not yes and can_ask)
+        document, parts, converged = _of_files(source, output, asked, model, ask=not yes and _can_ask())
     if figures is not None:
         with staged_folder(figures, force=output.force, ours=ours) as staging:
             for picture in document.pictures:
