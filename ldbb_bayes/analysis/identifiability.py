@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "Budget", "Contribution", "DescribedMachine", "Identifiability", "ParameterIdentifiability", "Seen", "Verdict", "budgets",
-    "describe", "hyper_nodes", "identify", "parameters_of", "uncertainty_with", "verdicts",
+    "CERTIFICATES", "Budget", "Contribution", "DescribedMachine", "Identifiability", "ParameterIdentifiability", "Seen", "Verdict",
+    "budgets", "describe", "hyper_nodes", "identify", "parameters_of", "uncertainty_with", "verdicts", "worth_of_certificates",
 ]  # fmt: skip
 
 _TENTH, _HALF, _CONTRACTED, _NAMED, _QUARTER = 0.1, 0.5, 0.75, 0.05, 0.25
@@ -155,8 +155,9 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     return np.asarray(np.sqrt(weight @ stated.given(phi)[1].sd ** 2))
 
 
-def _worth_of_certificates(bound: BoundModel, weight: Array, phi: Array) -> dict[str, dict[str, float]]:
-    """Standard uncertainties as things are, with each certificate, and with all of them."""
+def worth_of_certificates(bound: BoundModel, weight: Array, phi: Array) -> dict[str, dict[str, float]]:
+    """Return standard uncertainties by what is certified and by parameter, inside units: with none of `CERTIFICATES`, with each
+    there is none of yet, and with all of them; ``weight`` and ``phi`` as of `hyper_nodes`."""
     own, none = bound.campaign.instrument, Instrument()
     open_ = {name: stated for name, stated in CERTIFICATES.items() if all(getattr(own, k) == getattr(none, k) for k in stated)}
     if len(open_) > 1:
@@ -180,7 +181,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         standing=standing_degeneracies(bound, found),
         effective_parameters=len(bound.names) - (0.0 if information.flat else float(information.variances().sum())),
         alias=_alias_matrix(bound, information), correlation=_correlation(information),
-        certificates={} if information.flat else _worth_of_certificates(bound, weight, nodes),
+        certificates={} if information.flat else worth_of_certificates(bound, weight, nodes),
         hyper_um=bound.hyper_prior.named(phi), measured=not campaign.is_plan,
     )  # fmt: skip
 

@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from ldbb_bayes import __version__
+from ldbb_bayes.cli import options
 from ldbb_bayes.cli.analyses import compare, demo, design, fit, identify, summarize, validate
 from ldbb_bayes.cli.campaigns import batch, check, import_, machine, population, simulate, trend
 from ldbb_bayes.cli.options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
@@ -61,6 +62,24 @@ _COMMANDS = (
 for command in _COMMANDS:
     app.command()(command)
 app.command("import")(import_)
+
+
+@app.command("app")
+@options.command
+def app_(
+    port: Annotated[int, options.option(int, "Port of this machine. Default: any that is free.", 0, min=0, max=65535)],
+    no_browser: Annotated[bool, options.option(bool, "Print the address, and open no browser.", False)],
+) -> None:
+    """A page in the browser: drop files, read the sheets, plan the next circles. It is served to this machine alone.
+
+    Prints its address, and answers until it is interrupted (Ctrl-C). Needs the extra app.
+    """
+    try:
+        from ldbb_bayes.cli.server import serve
+    except ModuleNotFoundError as error:
+        got = "got none. Install it with pip install 'ldbb-bayes[app]'"
+        raise InputError(f"app must find the library {error.name}, {got}.") from None
+    serve(port, show=not no_browser, say=typer.echo)
 
 
 def _print_version(wanted: bool) -> None:

@@ -420,21 +420,27 @@ counting_progress = functools.partial(_progress, _counted)
 sampling_progress = functools.partial(_progress, _sampled)
 
 
+def steps_of(update: Callable[[float, str], None] | None, **weights: float) -> Callable[[str], Callable[..., None] | None]:
+    """Return what begins a step and returns what tells how far it is: ``update`` gets the share of all steps done, each as long
+    as its weight, and words."""
+    before, total = dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False)), sum(weights.values())
+
+    def begin(step: str) -> Callable[..., None] | None:
+        if update is None:
+            return None
+
+        def tell(done: int, of: int, _: int = 0) -> None:
+            name = step.replace("_", " ")
+            update((before[step] + weights[step] * done / max(of, 1)) / total, f"{name} {done}/{of}" if of else name)
+
+        tell(0, 0)
+        return tell
+
+    return begin
+
+
 @contextmanager
 def step_progress(quiet: bool, **weights: float) -> Iterator[Callable[[str], Callable[..., None] | None]]:
-    """One bar over named steps, each as long as its weight: what begins a step, and returns what tells how far it is."""
-    before, total = dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False)), sum(weights.values())
+    """One bar over named steps, as of `steps_of`."""
     with _progress(lambda share, text: (share, text), quiet, "report") as update:
-
-        def begin(step: str) -> Callable[..., None] | None:
-            if update is None:
-                return None
-
-            def tell(done: int, of: int, _: int = 0) -> None:
-                name = step.replace("_", " ")
-                update((before[step] + weights[step] * done / max(of, 1)) / total, f"{name} {done}/{of}" if of else name)
-
-            tell(0, 0)
-            return tell
-
-        yield begin
+        yield steps_of(update, **weights)

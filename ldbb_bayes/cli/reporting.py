@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.campaign.importing import Imported
     from ldbb_bayes.report.page import Document
 
-__all__ = ["MACHINES", "figure_names", "report"]
+__all__ = ["MACHINES", "REPORT_OPTIONS", "STEPS", "Given", "figure_names", "report", "report_files"]
 
 _FORMATS = ("svg", "png", "pdf")
 TOML_NAME, AVERAGED_NAME = "campaign.toml", "averaged.nc"
@@ -146,7 +147,7 @@ class Given:
             require(
                 self.layout == lb.Layout(), f"options of an import must go with tables, got a campaign, {first}. Leave them out."
             )
-            labels = {key: self.table[key] for key in LABELS if key in self.table}
+            labels = {key: self.table[key] for key in ("name", *LABELS) if key in self.table}
             others = {key: own for key, own in self.table.items() if key not in labels}
             campaign = replace(lb.read_campaign(first, certificates=self.certificates, **others), **labels)
         else:
@@ -169,15 +170,26 @@ class Given:
 
 # ---- the report of files
 
-_STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
+STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
 # Of a log evidence [nat]: a third to a tenth of the time that 0.01 takes, which compare asks.
 _TOLERANCE = 0.05
 Begin = Callable[[str], Callable[..., None] | None]
 Reported = tuple["Document", tuple[Any, ...], bool]
 
 
-def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.HybridModel, *, ask: bool) -> Reported:
-    """Everything, into a folder of its own: the page, what is printed, and whether all fits reached their target."""
+def report_files(
+    source: Given,
+    output: Output,
+    asked: dict[str, Any],
+    model: lb.HybridModel,
+    steps: AbstractContextManager[Begin],
+    *,
+    ask: bool = False,
+) -> Reported:
+    """Write everything into a folder of its own; return the page, what is printed, and whether all fits reached their target.
+
+    ``steps``, as of `ldbb_bayes.cli.options.step_progress`, is told of every step of `STEPS` that begins.
+    """
     from ldbb_bayes.analysis.conformity import check_force
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.inference.posterior import record_of
@@ -194,7 +206,7 @@ def _of_files(source: Given, output: Output, asked: dict[str, Any], model: lb.Hy
     campaign, imported = source.campaign(ask=ask)
     check_force(campaign, asked.get("force_N"))
     campaign = with_tolerances(campaign, model, asked.get("tolerances", {}))
-    with options.step_progress(output.quiet, **_STEPS) as begin, second_process() as executor:
+    with steps as begin, second_process() as executor:
         fit, worked = _worked(campaign, model, begin, asked, executor)
         numbers = fit if worked["averaged"] is None else worked["averaged"]
         result, stated = (full_result(own, asked["ci_prob"]) for own in (fit, numbers))
@@ -340,7 +352,7 @@ def _named(first: xr.DataTree, posteriors: list[xr.DataTree], paths: Sequence[Pa
 
 # ---- the command
 
-_REPORT = group(**options_of("report"))
+REPORT_OPTIONS = group(**options_of("report"))
 _FILES = typer.Argument(
     help="Tables as they are found (workbook, CSV, text; * and ? are expanded), a campaign, or the --out folder of a fit; "
     "more fits are set beside the first.",
@@ -352,7 +364,7 @@ _FILES = typer.Argument(
 def report(
     files: Annotated[list[Path], _FILES],
     output: options.OutputOptions,
-    asked: Annotated[dict[str, Any], _REPORT],
+    asked: Annotated[dict[str, Any], REPORT_OPTIONS],
     figures: Annotated[Path | None, option(Path, "Folder for the figures of the page, as SVG, PNG and PDF.", metavar="DIR")],
     yes: Annotated[bool, option(bool, "Ask nothing: what neither files nor options say is assumed, and said.", False)],
     model: options.ChosenModel,
@@ -379,7 +391,8 @@ def report(
     if source.is_result:
         document, parts, converged = _of_fits(source, output, asked)
     else:
-        document, parts, converged = _of_files(source, output, asked, model, ask=not yes and _can_ask())
+        steps = options.step_progress(output.quiet, **STEPS)
+        document, parts, converged = report_files(source, output, asked, model, steps, ask=not yes and _can_ask())
     if figures is not None:
         with staged_folder(figures, force=output.force, ours=ours) as staging:
             for picture in document.pictures:

@@ -1,0 +1,207 @@
+// The page of `ldbb-bayes app`: fetches its steps from the server, sends files and statements, and redraws the plan.
+"use strict";
+
+const at = (id) => document.getElementById(id);
+const words = document.body.dataset;
+const SLEEPING_MS = 20000, WORKING_MS = 400, LARGEST = 64 * 2 ** 20;
+let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = false, wanted = null;
+
+const tell = (text) => { at("status").textContent = text; };
+
+async function ask(method, path, body, kind) {
+  try {
+    const headers = kind ? { "Content-Type": kind } : {};
+    const answer = await fetch(path, { method, body, headers, cache: "no-store" });
+    if (answer.status === 410) location.reload();
+    return answer;
+  } catch (error) {
+    tell(words.gone);
+    throw error;
+  }
+}
+
+const say = (path, record) => ask("POST", path, JSON.stringify(record ?? {}), "application/json");
+
+// Puts a step in its place; the element that has the focus keeps it where it is there again.
+async function show(name) {
+  const place = at(`${name}-part`), focused = document.activeElement?.id;
+  place.classList.add("busy");
+  place.setAttribute("aria-busy", "true");
+  const answer = await ask("GET", `part/${name}`);
+  place.innerHTML = await answer.text();
+  place.classList.remove("busy");
+  place.removeAttribute("aria-busy");
+  if (focused && document.activeElement === document.body) at(focused)?.focus();
+  if (name === "sheets") fitFrame();
+  if (name === "worth") placeEffects();
+}
+
+function placeEffects() {
+  for (const own of at("worth-part").querySelectorAll("template")) {
+    const place = document.querySelector(`.effect[data-part="${own.dataset.effect}"]`);
+    if (place) place.textContent = own.content.textContent;
+  }
+}
+
+// As high as the sheets are, so that the page scrolls alone; the annex opens inside.
+function fitFrame() {
+  const frame = at("report");
+  if (!frame) return;
+  frame.addEventListener("load", () => {
+    const inner = frame.contentDocument, size = () => { frame.style.height = `${inner.documentElement.scrollHeight + 24}px`; };
+    size();
+    new ResizeObserver(size).observe(inner.body);
+  });
+}
+
+async function look() {
+  clearTimeout(timer);
+  const found = await (await ask("GET", "state")).json(), before = state;
+  state = found;
+  const changed = found.edition !== before.edition, finished = before.running && !found.running;
+  if (changed) await show("files");
+  if (changed || found.running !== before.running) await show("fit");
+  if (found.running) drawProgress(found.progress);
+  if (finished || changed) await show("sheets");
+  if (finished || found.fitted !== before.fitted) await show("plan");
+  if (finished) {
+    tell(words.ready);
+    at("fit-part").querySelector("[role=alert]")?.focus();
+  }
+  if (changed) await understand();
+  timer = setTimeout(look, found.running ? WORKING_MS : SLEEPING_MS);
+}
+
+async function understand() {
+  at("worth-part").innerHTML = "";
+  if (!state.files) { at("understood-part").innerHTML = ""; return; }
+  tell(words.working);
+  await show("understood");
+  const refused = at("understood-part").querySelector("[role=alert]");
+  if (refused) refused.focus();
+  else await show("worth");
+  tell(refused ? "" : words.ready);
+}
+
+function drawProgress(progress) {
+  const bar = at("bar");
+  if (!bar) return;
+  bar.value = progress.share;
+  const [step, ...rest] = progress.text.split(" ");
+  at("step").textContent = [bar.dataset[step] ?? step, ...rest].join(" ");
+}
+
+async function send(files) {
+  for (const file of files) {
+    if (file.size > LARGEST) {
+      tell(words.large.replace("{name}", file.name).replace("{most}", String(LARGEST / 2 ** 20)));
+      continue;
+    }
+    tell(words.sending.replace("{name}", file.name));
+    const answer = await ask("PUT", `files/${encodeURIComponent(file.name)}`, file, "application/octet-stream");
+    if (!answer.ok) { tell((await answer.json()).refused); await look(); return; }
+  }
+  await look();
+}
+
+// Files of what was dropped, folders opened.
+async function dropped(items) {
+  const entries = [...items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean), found = [];
+  while (entries.length && found.length < 400) {
+    const own = entries.shift();
+    if (own.isFile) found.push(await new Promise((done, fail) => own.file(done, fail)));
+    else {
+      const reader = own.createReader();
+      for (let more = [null]; more.length;) entries.push(...(more = await new Promise((done, fail) => reader.readEntries(done, fail))));
+    }
+  }
+  return found.filter((file) => !file.name.startsWith("."));
+}
+
+// The plan is drawn once more when the answer comes after the sliders were moved on.
+async function plan(best) {
+  const form = at("sliders"), asked = { best: Boolean(best) };
+  for (const own of form.elements) {
+    if (own.type === "range") asked[own.name] = Number(own.value);
+    else if (own.type === "checkbox") asked[own.name] = own.checked;
+    else if (own.name) asked[own.name] = own.value;
+  }
+  wanted = asked;
+  if (drawing) return;
+  drawing = true;
+  try {
+    while (wanted) {
+      const own = wanted;
+      wanted = null;
+      const answer = await say("plan", own);
+      at("forecast").innerHTML = await answer.text();
+    }
+  } finally {
+    drawing = false;
+  }
+}
+
+document.addEventListener("click", async (event) => {
+  const own = event.target.closest("button, a[data-field]");
+  if (!own) return;
+  if (own.dataset.field) {
+    event.preventDefault();
+    const field = at(`say-${own.dataset.field}`);
+    field.closest("details").open = true;
+    field.scrollIntoView({ block: "center" });
+    field.focus();
+  } else if (own.dataset.remove) {
+    await ask("DELETE", `files/${encodeURIComponent(own.dataset.remove)}`);
+    await look();
+    at("chosen").focus();
+  } else if (own.id === "example" || own.id === "cancel" || own.id === "start") {
+    await say({ example: "example", cancel: "cancel", start: "fit" }[own.id]);
+    await look();
+    at({ example: "start", cancel: "start", start: "cancel" }[own.id])?.focus();
+  } else if (own.id === "best") {
+    own.setAttribute("aria-busy", "true");
+    tell(words.working);
+    await plan(true);
+    tell(words.ready);
+    own.removeAttribute("aria-busy");
+  }
+});
+
+document.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  if (event.target.id !== "form") return;
+  await say("say", Object.fromEntries(new FormData(event.target)));
+  await look();
+});
+
+document.addEventListener("input", (event) => {
+  const own = event.target;
+  if (own.form?.id !== "sliders") return;
+  if (own.type === "range") own.nextElementSibling.value = own.value;
+  const low = at("plan-low"), high = at("plan-high");
+  if (Number(low.value) > Number(high.value)) {
+    const other = own === low ? high : low;
+    other.value = own.value;
+    other.nextElementSibling.value = other.value;
+  }
+  plan(false);
+});
+
+document.addEventListener("change", async (event) => {
+  if (event.target.id === "chosen") await send([...event.target.files]);
+  if (event.target.id === "language") { await say("say", { language: event.target.value }); location.reload(); }
+});
+
+for (const kind of ["dragenter", "dragover", "dragleave", "drop"]) {
+  document.addEventListener(kind, async (event) => {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    event.preventDefault();
+    at("drop")?.classList.toggle("over", kind === "dragenter" || kind === "dragover");
+    if (kind === "drop") await send(await dropped(event.dataTransfer.items));
+  });
+}
+
+addEventListener("pagehide", () => navigator.sendBeacon("leave", "{}"));
+addEventListener("pageshow", (event) => { if (event.persisted) location.reload(); });
+
+look();

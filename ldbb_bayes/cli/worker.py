@@ -1,0 +1,452 @@
+"""What the page of ``ldbb-bayes app`` asks to be worked out, in processes of their own: what files hold and rest on, the report,
+what more circles would show. Answers are plain values, ready for a template."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from itertools import pairwise, product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli import options
+from ldbb_bayes.cli.campaigns import LAYOUT_OPTIONS
+from ldbb_bayes.cli.options import Kind, Option, certified, group, option, options_of
+from ldbb_bayes.cli.reporting import MACHINES, REPORT_OPTIONS, STEPS, Given, report_files
+from ldbb_bayes.errors import InputError, plain_reason, require
+from ldbb_bayes.files import write_whole
+from ldbb_bayes.units import display_name, display_unit
+
+if TYPE_CHECKING:
+    from ldbb_bayes.analysis.candidates import Space
+    from ldbb_bayes.campaign.importing import Imported
+
+__all__ = ["FIELDS", "FILES", "RESULT", "Field", "answer", "forecast", "main", "plan", "understand", "warm", "worth"]
+
+FILES, RESULT, PLAN = "campaign", "result", "plan"
+_TOML, _DCC = "campaign.toml", ".xml"
+_ALL_DRAWN, _MOST_CIRCLES, _MOST_KINDS = 360, 60, 36
+# Of the largest reductions of a certificate those shown, and the least that is one.
+_MOST_EFFECTS, _LEAST_EFFECT = 4, 0.05
+
+
+# ---- what the page offers to be said: the options of the report
+
+
+class Field(NamedTuple):
+    """One entry of the page: an option of ``ldbb-bayes report``, what is typed, and what may be chosen."""
+
+    name: str
+    group: str
+    flag: str
+    help: str
+    kind: str  #: text, number, lines, choice, or file: the name of one that was dropped
+    choices: tuple[tuple[str, str], ...] = ()
+
+
+_GROUPS: Mapping[str, Mapping[str, Option]] = {
+    "name": {"name": option(str, "Name of the campaign. Default: of the file or its folder.")},
+    "table": options_of("table"), "certificates": options_of("certificates"), "labels": options_of("labels"),
+    "layout": {name: own for name, own in LAYOUT_OPTIONS.options.items() if name != "layout"},
+    "report": REPORT_OPTIONS.options,
+}  # fmt: skip
+_CHOICES: Mapping[str, tuple[str, ...]] = {
+    "plane": ("XY", "YZ", "ZX"), "direction": ("CW", "CCW"), "zero": ("deviation", "distance"), "laps": ("keep", "average"),
+    "sign": ("1", "-1"), "angle_sign": ("1", "-1"), "decimal": (".", ","), "raw": ("yes",),
+}  # fmt: skip
+
+
+def _typed(own: Option) -> Any:
+    return own.kind.typed if isinstance(own.kind, Kind) else own.kind
+
+
+def _kind(name: str, own: Option) -> str:
+    if name in _CHOICES or name == "topology":
+        return "choice"
+    return {int: "number", float: "number", Path: "file", list[str]: "lines"}.get(_typed(own), "text")
+
+
+def _field(name: str, of: str, own: Option) -> Field:
+    choices = tuple((one, one) for one in _CHOICES.get(name, ()))
+    if name == "topology":
+        choices = tuple((one.topology, f"{one.name} ({one.topology}): {one.looks}") for one in MACHINES)
+    return Field(name, of, own.flag(name), own.help, _kind(name, own), choices)
+
+
+FIELDS: Mapping[str, Field] = {
+    name: _field(name, of, own)
+    for of, every in _GROUPS.items()
+    for name, own in every.items()
+    if of != "report" or name in ("force_N", "tolerance", "language")
+}
+
+
+def _value(own: Option, name: str, text: str, folder: Path) -> Any:
+    """What was typed, as the command line would have it."""
+    typed, flag = _typed(own), own.flag(name)
+    if typed is bool:
+        return text == "yes"
+    if typed is Path:
+        held = [path.name for path in (folder / FILES).iterdir()]
+        require(text in held, f"{flag} must be a file that was added, got {text!r}. Add it, or choose none.")
+        return folder / FILES / text
+    if typed == list[str]:
+        return [line.strip() for line in text.splitlines() if line.strip()]
+    if typed not in (int, float):
+        return text
+    try:
+        number = typed(text.replace(",", ".").replace("−", "-"))
+    except ValueError:
+        raise InputError(f"{flag} must be a {'whole ' * (typed is int)}number, got {text!r}. Correct it.") from None
+    low, high = own.more.get("min", -math.inf), own.more.get("max", math.inf)
+    require(low <= number <= high, f"{flag} must be between {low:g} and {high:g}, got {number:g}. Correct it.")
+    return number
+
+
+def _made(of: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path) -> Any:
+    """What a command would make of the options of a group."""
+    every = _GROUPS[of]
+    said = {name: choices.get(name, "").strip() if name in FIELDS else "" for name in every}
+    typed = {name: _value(own, name, said[name], folder) if said[name] else own.default for name, own in every.items()}
+    return group(make, **every).made(typed)
+
+
+def _given(folder: Path, choices: Mapping[str, str]) -> Given:
+    """The files, and what is said of them, as the command line has them."""
+    from ldbb_bayes.campaign.importing import matching
+
+    held = sorted(own for own in (folder / FILES).iterdir() if own.suffix.lower() != _DCC)
+    require(held, "files must be given, got none. Drop a workbook, CSV or text files, or take the example.")
+    # One file is named; of several, as where * is typed, some may hold no readings. A folder is a campaign.
+    named = held if len(held) == 1 else [folder / FILES / f"*{end}" for end in sorted({own.suffix for own in held})]
+    if any(own.name == _TOML for own in held):
+        named = [folder / FILES]
+    said = {key: own for of in ("name", "table", "labels") for key, own in _made(of, dict, choices, folder).items()}
+    layout = LAYOUT_OPTIONS.make(**_made("layout", dict, choices, folder))
+    return Given(named, matching(named), layout, options.campaign_fields(**said), _made("certificates", certified, choices, folder))
+
+
+def _read(folder: Path, choices: Mapping[str, str]) -> tuple[lb.Campaign, Imported | None]:
+    from ldbb_bayes.cli.analyses import with_tolerances
+
+    campaign, imported = _given(folder, choices).campaign(ask=False)
+    asked = _made("report", dict, choices, folder)
+    return with_tolerances(campaign, options.model_from(), asked.get("tolerances", {})), imported
+
+
+def answer(work: Callable[..., dict[str, Any]], folder: str, *more: Any) -> dict[str, Any]:
+    """Return what a function of this module makes of a session's folder, or why not: ``{"refused": message}``."""
+    try:
+        return work(Path(folder), *more)
+    except (OSError, ArithmeticError, ValueError) as error:
+        return {"refused": _reason(error, Path(folder))}
+
+
+def _reason(error: Exception, folder: Path) -> str:
+    """One message, files by the names they were dropped with."""
+    said = plain_reason(error)
+    if said is None:
+        raise error
+    return said.replace(f"{folder / FILES}/", "").replace(f"{folder / FILES}\\", "").replace(str(folder / FILES), "the files")
+
+
+# ---- what was understood
+
+
+def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+    """Return tests, traces, what was assumed and what looks odd, of the files of a session."""
+    from ldbb_bayes.report import wording
+
+    campaign, imported = _read(folder, choices)
+    seen = lb.preview(campaign)
+    tests = [
+        {
+            "name": own.name, "force": f"{own.force_N:.4g}", "pressure": f"{own.pressure_bar:.3g}", "readings": own.readings,
+            "arc": f"{own.arc_deg:.0f}", "direction": own.direction or own.travel or "–", "plane": own.plane,
+            "radius": f"{own.radius_mm:g}", "balls": f"{own.work_ball_deg:g} / {own.tool_ball_deg:g}",
+            "noise": "–" if own.noise_um is None else f"{own.noise_um:.2g}", "peak": f"{own.peak_to_peak_um or 0.0:.3g}",
+            "remarks": [wording.remark_words(remark) for remark in own.remarks],
+        }
+        for own in seen.tests
+    ]  # fmt: skip
+    traces = [*_traces(campaign)]
+    hues = {path["name"]: path["hue"] for trace in traces for path in trace["paths"]}
+    tests = [own | {"hue": hues[own["name"]]} for own in tests]
+    assumed = [_assumed(own, folder) for own in (imported.assumptions if imported else ())]
+    return {
+        "name": campaign.name, "topology": campaign.topology, "planes": campaign.machine().plane, "tests": tests,
+        "readings": campaign.readings, "assumptions": assumed, "remarks": [wording.remark_words(own) for own in seen.remarks],
+        "fit": [wording.remark_words(own) for own in seen.assumptions], "traces": traces,
+        "instrument": _instrument(campaign), "tolerances": dict(campaign.tolerances),
+    }  # fmt: skip
+
+
+def _assumed(own: Any, folder: Path) -> dict[str, Any]:
+    fields = [field.name for field in FIELDS.values() if field.flag in re.findall(r"--[\w-]+", own.option)]
+    shown = {key: str(getattr(own, key)).replace(f"{folder / FILES}/", "") for key in ("place", "what", "value", "because")}
+    return shown | {"fields": fields, "option": own.option}
+
+
+def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
+    """By part of the instrument what is assumed of it, U (k = 2), and whether a certificate says so."""
+    from ldbb_bayes.report.wording import assumed_words
+
+    found: dict[str, list[dict[str, Any]]] = {}
+    for own in lb.uncertainties(campaign).assumed:
+        stem = own.certificate.partition("_")[0] or own.name.partition("_")[0]
+        part = "balls" if stem in ("work", "tool") else stem
+        if part == "balls":
+            ball = getattr(campaign.instrument, stem)
+            words = {"words": stem, "size": ball.grade or f"{ball.stated_sphericity_um or 2.5:g} µm"}
+        else:
+            factor, label = {"1": (100.0, "%"), "rad": (180.0 / math.pi, "°"), "N": (1.0, "N")}.get(own.unit, (1e3, "µm"))
+            label = "µm/bar" if own.unit.endswith("/bar") else label
+            words = {"words": assumed_words(own)[0], "size": f"± {2.0 * own.sd * factor:.2g} {label}"}
+        entry = words | {"stated": own.stated}
+        if entry not in found.setdefault(part, []):
+            found[part].append(entry)
+    return found
+
+
+def _traces(campaign: lb.Campaign) -> Iterator[dict[str, Any]]:
+    """Polar traces of every plane as paths of an SVG, radius 100 at the outermost reading; rings in µm."""
+    import numpy as np
+
+    forces = campaign.forces_N
+    share = (forces - forces.min()) / max(float(np.ptp(forces)), 1e-9)
+    for plane in campaign.machine().planes:
+        here = [k for k, test in enumerate(campaign.tests) if test.plane == plane]
+        readings = [np.asarray(campaign.tests[k].reading_um) for k in here]
+        low, high = min(own.min() for own in readings), max(own.max() for own in readings)
+        scale = 78.0 / max(high - low, 1e-3)
+        power = 10.0 ** np.floor(np.log10(max(high - low, 1e-3) / 4.0))
+        step = power * min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(m * power - (high - low) / 4.0))
+        rings = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step + 0.0
+        paths = []
+        for k, reading in zip(here, readings, strict=True):
+            every = slice(None, None, max(1, len(reading) // _ALL_DRAWN))
+            angle, radius = campaign.tests[k].angles_rad()[every], 22.0 + scale * (reading[every] - low)
+            points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(radius * np.cos(angle), -radius * np.sin(angle), strict=True))
+            paths.append({"points": points, "hue": round(215 - 205 * float(share[k])), "name": campaign.tests[k].name})
+        yield {
+            "plane": plane, "paths": paths,
+            "rings": [{"r": f"{22.0 + scale * (ring - low):.1f}", "um": f"{ring:g}".replace("-", "−")} for ring in rings],
+        }  # fmt: skip
+
+
+# ---- what each assumption costs
+
+
+def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+    """Return U (k = 2) of every parameter that these tests are to leave as things are stated, and what each certificate would
+    make of it: the linear model, before the fit."""
+    from ldbb_bayes.analysis.identifiability import CERTIFICATES, hyper_nodes, worth_of_certificates
+
+    bound = options.model_from().bind(_read(folder, choices)[0])
+    found = worth_of_certificates(bound, *hyper_nodes(bound))
+    today, units = found.pop("none of these"), {own.name: own.unit for own in bound.parameters}
+    parts = {"work": "balls", "bar_U_um": "bar", "mount_U_percent": "mount", "force_U_percent": "force", "angle_U_deg": "angle"}
+    effects = {}
+    for name, left in found.items():
+        part = parts[next(iter(CERTIFICATES[name]))] if name in CERTIFICATES else "all"
+        gains = sorted(((1.0 - left[own] / today[own], own) for own in today if not re.fullmatch(r"C_.*_\d", own)), reverse=True)
+        rows = [_change(own, today[own], left[own], units[own]) for gain, own in gains[:_MOST_EFFECTS] if gain > _LEAST_EFFECT]
+        effects[part] = {"name": name, "rows": rows}
+    shown = [_change(own, sd, sd, units[own]) for own, sd in today.items() if not re.fullmatch(r"C_.*_\d", own)]
+    return {"effects": effects, "today": shown}
+
+
+def _change(name: str, before: float, after: float, unit: str) -> dict[str, Any]:
+    """U (k = 2) of a parameter before and after, in the unit for reading."""
+    from ldbb_bayes.report.text import two_digits
+
+    factor, label = display_unit(unit)
+    u = {key: two_digits(2.0 * own, factor) for key, own in (("before", before), ("after", after))}
+    share = after / before if 0.0 < before < math.inf else 1.0
+    return u | {"name": display_name(name), "unit": label, "share": round(min(share, 2.0), 3)}
+
+
+# ---- the report
+
+
+def main() -> None:
+    """Report what job.json in the folder that is the argument asks for; progress.json and outcome.json say how far it is."""
+    folder = Path(sys.argv[1])
+    choices = json.loads((folder / "job.json").read_text(encoding="utf-8"))
+    outcome = answer(_report, str(folder), choices)
+    write_whole(folder / "outcome.json", json.dumps(outcome).encode())
+
+
+def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+    asked = _made("report", dict, choices, folder)
+    output = options.Output(folder / RESULT, force=True)
+    document, _, converged = report_files(_given(folder, choices), output, asked, options.model_from(), _told(folder))
+    return {"converged": converged, "alerts": list(document.alerts), "state": document.state}
+
+
+@contextmanager
+def _told(folder: Path) -> Iterator[Callable[[str], Callable[..., None] | None]]:
+    """Progress, in a file."""
+
+    def update(share: float, text: str) -> None:
+        write_whole(folder / "progress.json", json.dumps({"share": share, "text": text}).encode())
+
+    yield options.steps_of(update, **STEPS)
+
+
+# ---- which tests next
+
+
+@lru_cache(maxsize=12)
+def _pilot(folder: Path, stamp: int) -> tuple[lb.Campaign, dict[str, float]]:
+    """The campaign of a report, and the standard uncertainty of every parameter of its linear fit; ``stamp``: which report."""
+    summary = json.loads((folder / RESULT / "summary.json").read_text(encoding="utf-8"))
+    today = {name: own["sd"] for name, own in summary["parameters"].items()}
+    return lb.read_campaign(folder / RESULT / "campaign"), today
+
+
+@lru_cache(maxsize=24)
+def _space(
+    folder: Path, stamp: int, clockings: tuple[Any, ...], radii: tuple[float, ...], ways: tuple[Any, ...], augment: bool
+) -> Space:
+    """Everything that the tests have in common, whatever their forces and their number."""
+    from ldbb_bayes.analysis.candidates import Space
+
+    pilot, _ = _pilot(folder, stamp)
+    forces = sorted({float(force) for force in pilot.forces_N})
+    space = Space(options.model_from(), pilot, forces, clockings, radii, ways, augment=augment)
+    _ = space.states
+    return space
+
+
+def _numbers(asked: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
+    """What the sliders say, each within its range."""
+    low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
+    usual = {
+        "circles": (len(pilot.tests), 1, _MOST_CIRCLES), "levels": (min(len(pilot.tests), 6), 1, _MOST_CIRCLES),
+        "low": (low, 1.0, 5 * high), "high": (high, 1.0, 5 * high), "work": (1, 1, 6), "tool": (1, 1, 6), "turn": (45, 1, 180),
+        "radius": (0, 0, 2000), "minutes": (6, 0, 600), "turn_minutes": (5, 0, 600), "radius_minutes": (20, 0, 600),
+        "hourly": (0, 0, 1e5),
+    }  # fmt: skip
+    found = {}
+    for name, (default, least, most) in usual.items():
+        value = asked.get(name, default)
+        fits = isinstance(value, int | float) and math.isfinite(value) and least <= value <= most
+        require(fits, f"{name} must be between {least:g} and {most:g}, got {value!r}. Move its slider.")
+        found[name] = float(value)
+    require(found["low"] <= found["high"], f"the lowest force must not exceed the highest, got {found['low']:g} N. Lower it.")
+    return found
+
+
+def _stamp(folder: Path) -> int:
+    path = folder / RESULT / "summary.json"
+    require(path.is_file(), "a plan must follow a fit, got none yet. Fit first.")
+    return path.stat().st_mtime_ns
+
+
+def _tests(folder: Path, asked: Mapping[str, Any]) -> tuple[Space, tuple[lb.CircularTest, ...], dict[str, float]]:
+    """The tests that the sliders describe: levels of force in equal steps, over clockings, radii and directions in turn; or, where
+    the best are asked for, the forces of the design of most information."""
+    from dataclasses import replace
+
+    from ldbb_bayes.analysis.candidates import Space, grid_of_tests
+
+    stamp = _stamp(folder)
+    pilot, _ = _pilot(folder, stamp)
+    own = _numbers(asked, pilot)
+    ways = {"both": ("CW", "CCW"), "CW": ("CW",), "CCW": ("CCW",)}.get(str(asked.get("directions")), ())
+    turns = [tuple(own["turn"] * k for k in range(int(own[ball]))) for ball in ("work", "tool")]
+    radii = tuple(sorted({float(test.radius_mm or 150.0) for test in pilot.tests} | {own["radius"]} - {0.0}))
+    space = _space(folder, stamp, tuple(product(*turns)), radii, ways, bool(asked.get("augment")))
+    count, levels = int(own["circles"]), int(min(own["levels"], own["circles"]))
+    if asked.get("best"):
+        grid = [float(force) for force in range(math.ceil(own["low"]), math.floor(own["high"]) + 1)] or [own["low"]]
+        grid = sorted({round(force) * 1.0 for force in grid[:: max(1, len(grid) // 150)]} | {grid[-1]})
+        chosen = Space(space.model, pilot, grid, space.clockings_deg, radii, ways, augment=space.augment)
+        tests = chosen.tests_of(chosen.search.of_number(count))
+        return space, tuple(replace(test, name="") for test in tests), own
+    steps = [own["low"] + (own["high"] - own["low"]) * k / max(levels - 1, 1) for k in range(levels)]
+    forces = [round(force, 1) if own["high"] - own["low"] < 20 else float(round(force)) for force in steps]
+    kinds = grid_of_tests(space.templates, [forces[0]], space.clockings_deg, radii)[:_MOST_KINDS]
+    made = []
+    for k in range(count):
+        kind = kinds[(k // levels + k % levels) % len(kinds)]
+        made.append(replace(kind, force_N=forces[k % levels]))
+    return space, tuple(made), own
+
+
+@lru_cache(maxsize=256)
+def _forecast(folder: Path, stamp: int, text: str) -> dict[str, Any]:
+    asked = json.loads(text)
+    space, tests, own = _tests(folder, asked)
+    _, today = _pilot(folder, stamp)
+    found = space.forecast(tests)
+    order = _ordered(tests)
+    turns = sum(a.work_ball_deg != b.work_ball_deg or a.tool_ball_deg != b.tool_ball_deg for a, b in pairwise(order))
+    changes = sum(a.radius_mm != b.radius_mm for a, b in pairwise(order))
+    minutes = own["minutes"] * len(tests) + own["turn_minutes"] * turns + own["radius_minutes"] * changes
+    rows = [
+        _change(name, today.get(name, math.inf), entry.sd, entry.unit)
+        for name, entry in found.expected.items()
+        if not re.fullmatch(r"C_.*_\d", name)
+    ]
+    settle = found.discrimination
+    return {
+        "rows": rows, "asked": own | {"directions": str(asked.get("directions") or ""), "augment": space.augment},
+        "best": bool(asked.get("best")), "settle": None if settle is None else {"linear": settle.decisive_with, "constant": settle.decisive_without},
+        "minutes": round(minutes), "cost": round(minutes / 60.0 * own["hourly"]), "turns": turns, "changes": changes,
+        "tests": [_row(test, space.pilot) for test in order], "pilot": _about(space.pilot),
+    }  # fmt: skip
+
+
+def forecast(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what to expect of the tests that the sliders describe: U of every parameter beside today's, the chances that the
+    evidence settles constant or linear, time and cost; and the tests in their order."""
+    return _forecast(folder, _stamp(folder), json.dumps(dict(asked), sort_keys=True))
+
+
+def _ordered(tests: Sequence[lb.CircularTest]) -> tuple[lb.CircularTest, ...]:
+    import numpy as np
+
+    from ldbb_bayes.analysis.candidates import running_order
+
+    return running_order(tests, np.random.default_rng(1))
+
+
+def _row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:
+    force = float(test.force_N or 0.0)
+    return {
+        "force": f"{force:.4g}", "pressure": f"{pilot.force_law.pressure_bar(force):.3g}", "plane": test.plane,
+        "direction": test.direction or "", "radius": f"{test.radius_mm:g}", "work": f"{test.work_ball_deg or 0:g}",
+        "tool": f"{test.tool_ball_deg or 0:g}",
+    }  # fmt: skip
+
+
+def _about(pilot: lb.Campaign) -> dict[str, Any]:
+    shown = ("name", "machine_type", "serial_number", "place", "ball_bar", "force_device", "topology")
+    low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
+    feed = "" if pilot.feed_mm_per_min is None else f"{pilot.feed_mm_per_min:g}"
+    return {key: getattr(pilot, key) or "" for key in shown} | {"feed": feed, "low": low, "high": high, "tests": len(pilot.tests)}
+
+
+def plan(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the tests as a plan, a campaign folder without readings, and return what `forecast` does."""
+    from dataclasses import replace
+
+    space, tests, _ = _tests(folder, asked)
+    whole = replace(space.pilot, tests=_ordered(tests), foreseen=(), name=f"{space.pilot.name}, next campaign", tolerances={})
+    lb.write_campaign(whole, folder / PLAN, force=True)
+    return forecast(folder, asked)
+
+
+def warm() -> None:
+    """Load what answers need, before they are asked for."""
+    import ldbb_bayes.analysis.candidates
+    import ldbb_bayes.analysis.identifiability
+    import ldbb_bayes.report.wording  # noqa: F401
