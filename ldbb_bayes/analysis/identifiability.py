@@ -50,8 +50,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
-    "CERTIFICATES", "Budget", "Contribution", "DescribedMachine", "Identifiability", "ParameterIdentifiability", "Seen", "Verdict",
-    "budgets", "describe", "hyper_nodes", "identify", "parameters_of", "uncertainty_with", "verdicts", "worth_of_certificates",
+    "CERTIFICATES", "Budget", "Contribution", "DescribedMachine", "Identifiability", "ParameterIdentifiability", "Seen",
+    "Verdict", "budgets", "describe", "hyper_nodes", "identify", "parameters_of", "uncertainty_with", "verdicts",
+    "worth_of_certificates",
 ]  # fmt: skip
 
 _TENTH, _HALF, _CONTRACTED, _NAMED, _QUARTER = 0.1, 0.5, 0.75, 0.05, 0.25

@@ -46,9 +46,10 @@ from ldbb_bayes.jobs import ONE_THREAD, WorkerDied, process_executor
 __all__ = ["Pages", "application", "serve", "words_of_page"]
 
 LOOPBACK = "127.0.0.1"
-MOST_SESSIONS, MOST_FILES, LARGEST_FILE, LARGEST_SESSION, LARGEST_WORDS = 32, 400, LARGEST_TABLE_BYTES, 4 * 2**26, 2**17
-# Seconds: after a tab was closed (a reload comes back at once), without a sign of life (tabs in the background sleep), of an answer.
-CLOSED_S, SILENT_S, ANSWER_S, LOOK_S = 8.0, 3600.0, 120.0, 1.0
+MOST_SESSIONS, MOST_WAITING, MOST_FILES = 32, 100, 400
+LARGEST_FILE, LARGEST_SESSION, LARGEST_WORDS = LARGEST_TABLE_BYTES, 4 * 2**26, 2**17
+# Seconds until a session ends: closed (a reload is back at once), never opened, silent (tabs in the background sleep).
+CLOSED_S, UNOPENED_S, SILENT_S, ANSWER_S, LOOK_S = 8.0, 60.0, 3600.0, 120.0, 1.0
 _PAGES = files("ldbb_bayes.cli") / "pages"
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'"
 _OF_PAGE = f"{_POLICY}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -114,18 +115,23 @@ class Session:
     task: asyncio.Task[None] | None = None
     process: asyncio.subprocess.Process | None = None
     seen: float = field(default_factory=time.monotonic)
-    closed: bool = False
+    tabs: set[str] | None = None  #: that show it; none has asked yet
 
     @property
     def is_over(self) -> bool:
-        """Whether its tab was closed, or is silent for too long."""
+        """Whether its tabs were closed, are silent for too long, or never came."""
         silent = time.monotonic() - self.seen
-        return silent > (CLOSED_S if self.closed else SILENT_S)
+        return silent > (UNOPENED_S if self.tabs is None else SILENT_S if self.tabs else CLOSED_S)
 
     @property
     def held(self) -> dict[str, int]:
         """Sizes of its files [bytes]."""
         return {own.name: own.stat().st_size for own in sorted((self.folder / worker.FILES).iterdir()) if own.suffix != ".part"}
+
+    @property
+    def certificates(self) -> list[str]:
+        """Files that may be certificates."""
+        return [name for name in self.held if name.lower().endswith(".xml")]
 
     @property
     def running(self) -> bool:
@@ -139,9 +145,13 @@ class Session:
             with suppress(OSError, ValueError):
                 progress = json.loads((self.folder / "progress.json").read_text(encoding="utf-8"))
         return {
-            "files": len(self.held), "edition": self.edition, "fitted": self.fitted, "running": self.running, "progress": progress,
-            "outcome": self.outcome, "language": self.language,
+            "files": len(self.held), "edition": self.edition, "fitted": self.fitted, "running": self.running,
+            "progress": progress, "outcome": self.outcome,
         }  # fmt: skip
+
+    def word(self, key: str, **values: object) -> str:
+        """Return what a refusal says."""
+        return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def said(self) -> dict[str, str]:
         """Return what was said on the page, with the language of the sheets."""
@@ -165,36 +175,38 @@ def _kill(process: asyncio.subprocess.Process | None) -> None:
 
 
 class Desk:
-    """One process that answers all pages' short questions in turn; where it dies or hangs it is started again."""
+    """One process that answers all pages' short questions in turn; where it dies or hangs another begins."""
 
     def __init__(self) -> None:
+        self._waiting = 0
+        self._begin()
+
+    def _begin(self) -> None:
         self._stack = ExitStack()
         self._pool = self._stack.enter_context(process_executor(1))
+        self._pool.submit(worker.warm)
 
     async def ask(self, work: Callable[..., dict[str, Any]], session: Session, *more: Any) -> dict[str, Any]:
         """Return the answer of a function of the worker, or why there is none."""
-        for _ in range(2):
-            try:
-                future = self._pool.submit(worker.answer, work, str(session.folder), *more)
-                return await asyncio.wait_for(asyncio.wrap_future(future), ANSWER_S)
-            except WorkerDied:
-                continue
-            except TimeoutError:
-                await asyncio.to_thread(self.restart)
-                break
-        return {"refused": str(words_of_page(session.language)["errors"]["died"])}
-
-    def warm(self) -> None:
-        """Begin to load what answers need."""
-        self._pool.submit(worker.warm)
-
-    def restart(self) -> None:
-        """End the process, whatever it is at, and begin another."""
-        self.stop()
-        self.__init__()  # type: ignore[misc]
+        if self._waiting >= MOST_WAITING:
+            return {"refused": session.word("busy")}
+        self._waiting += 1
+        try:
+            for _ in range(2):
+                with suppress(WorkerDied):
+                    future = self._pool.submit(worker.answer, work, str(session.folder), *more)
+                    return await asyncio.wait_for(asyncio.wrap_future(future), ANSWER_S)
+        except TimeoutError:
+            await asyncio.to_thread(self.stop)
+            self._begin()
+        except Exception as error:  # noqa: BLE001  # whatever it is, the page says so and goes on
+            return {"refused": session.word("unexpected", error=f"{type(error).__name__}: {error}"[:300])}
+        finally:
+            self._waiting -= 1
+        return {"refused": session.word("died")}
 
     def stop(self) -> None:
-        """End the process."""
+        """End the process, whatever it is at."""
         ended = KeyboardInterrupt()
         self._stack.__exit__(type(ended), ended, None)
 
@@ -240,14 +252,13 @@ class House:
                 for name in ("outcome.json", "progress.json"):
                     (session.folder / name).unlink(missing_ok=True)
                 (session.folder / "job.json").write_text(json.dumps(said), encoding="utf-8")
-                quiet = {"stdin": asyncio.subprocess.DEVNULL, "stdout": asyncio.subprocess.DEVNULL}
+                nowhere = asyncio.subprocess.DEVNULL
                 session.process = await asyncio.create_subprocess_exec(
-                    sys.executable, "-P", "-c", _FIT, str(session.folder), **quiet, stderr=asyncio.subprocess.DEVNULL,
+                    sys.executable, "-P", "-c", _FIT, str(session.folder), stdin=nowhere, stdout=nowhere, stderr=nowhere,
                     env={**os.environ, **ONE_THREAD}, start_new_session=True,
                 )  # fmt: skip
                 await session.process.wait()
-            died = {"refused": str(words_of_page(session.language)["errors"]["fit_died"])}
-            session.outcome = died
+            session.outcome = {"refused": session.word("fit_died")}
             with suppress(OSError, ValueError):
                 session.outcome = json.loads((session.folder / "outcome.json").read_text(encoding="utf-8"))
             if "refused" not in session.outcome:
@@ -267,10 +278,6 @@ def _refused(message: str, status: int) -> Response:
     return JSONResponse({"refused": message}, status)
 
 
-def _word(session: Session, key: str, **values: object) -> str:
-    return str(words_of_page(session.language)["errors"][key]).format(**values)
-
-
 async def _page(house: House, session: Session, request: Request) -> Response:
     return HTMLResponse(house.pages.show("page.html.j2", session.language, session=session, languages=LANGUAGES))
 
@@ -285,7 +292,7 @@ async def _part(house: House, session: Session, request: Request) -> Response:
     elif name == "plan":
         values = {"found": await house.desk.ask(worker.forecast, session, session.asked)}
     elif name not in ("files", "fit", "sheets"):
-        return _refused(_word(session, "nothing"), 404)
+        return _refused(session.word("nothing"), 404)
     return HTMLResponse(house.pages.show(f"{name}.html.j2", session.language, session=session, **values))
 
 
@@ -319,11 +326,11 @@ async def _add(house: House, session: Session, request: Request) -> Response:
     """Keep a file: whole, or not at all."""
     name, held = file_name(request.path_params["name"]), session.held
     if not name or name.endswith(".part"):
-        return _refused(_word(session, "name"), 422)
+        return _refused(session.word("name"), 422)
     room = min(LARGEST_FILE, LARGEST_SESSION - sum(size for own, size in held.items() if own != name))
-    too_large = _refused(_word(session, "too_large", name=name, most=max(room, 0) // 2**20), 413)
+    too_large = _refused(session.word("too_large", name=name, most=max(room, 0) // 2**20), 413)
     if name not in held and len(held) >= MOST_FILES:
-        return _refused(_word(session, "too_many", most=MOST_FILES), 413)
+        return _refused(session.word("too_many", most=MOST_FILES), 413)
     if int(request.headers.get("content-length", 0)) > room:
         return too_large
     part, size = session.folder / worker.FILES / f"{secrets.token_hex(8)}.part", 0
@@ -336,7 +343,7 @@ async def _add(house: House, session: Session, request: Request) -> Response:
                 file.write(chunk)
         part.replace(session.folder / worker.FILES / name)
     except ClientDisconnect:
-        return _refused(_word(session, "broken_off", name=name), 400)
+        return _refused(session.word("broken_off", name=name), 400)
     finally:
         part.unlink(missing_ok=True)
     session.edition += 1
@@ -369,7 +376,7 @@ async def _say(house: House, session: Session, request: Request) -> Response:
     """Take what the form says; or the language."""
     sent = await _json(request)
     if sent is None or not all(isinstance(own, str) and len(own) < 20_000 for own in sent.values()):
-        return _refused(_word(session, "form"), 422)
+        return _refused(session.word("form"), 422)
     if "language" in sent:
         session.language = sent["language"] if sent["language"] in LANGUAGES else session.language
         return JSONResponse({})
@@ -394,19 +401,20 @@ async def _cancel(house: House, session: Session, request: Request) -> Response:
 
 
 async def _state(house: House, session: Session, request: Request) -> Response:
+    session.tabs = {*(session.tabs or ()), request.query_params.get("tab", "")}
     return JSONResponse(session.state())
 
 
 async def _leave(house: House, session: Session, request: Request) -> Response:
-    """The tab was closed, or is loaded anew: then it asks again before long."""
-    session.closed = True
+    """A tab was closed, or is loaded anew: then it asks again before long."""
+    session.tabs = (session.tabs or set()) - {request.query_params.get("tab", "")}
     return Response(status_code=204)
 
 
 async def _plan(house: House, session: Session, request: Request) -> Response:
     sent = await _json(request)
     if sent is None:
-        return _refused(_word(session, "form"), 422)
+        return _refused(session.word("form"), 422)
     found = await house.desk.ask(worker.forecast, session, sent)
     if "refused" not in found:
         session.asked = sent
@@ -427,10 +435,10 @@ async def _result(house: House, session: Session, request: Request) -> Response:
         return await _zipped(folder / _FOLDERS[name], name)
     path = folder / (_LOADED.get(name) or name)
     if name not in (*_SHOWN, *_LOADED) or not path.is_file():
-        return _refused(_word(session, "nothing"), 404)
-    shown = {"media_type": _SHOWN[name], "content_disposition_type": "inline"} if name in _SHOWN else {}
+        return _refused(session.word("nothing"), 404)
     policy = {"content-security-policy": _OF_REPORT} if name == "report.html" else {}
-    return FileResponse(path, filename=name, headers=policy, **shown)
+    how = "inline" if name in _SHOWN else "attachment"
+    return FileResponse(path, filename=name, headers=policy, media_type=_SHOWN.get(name), content_disposition_type=how)
 
 
 async def _zipped(folder: Path, name: str) -> Response:
@@ -505,7 +513,6 @@ def application(token: str, port: int) -> ASGIApp:
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         folder, desk = Path(tempfile.mkdtemp(prefix="ldbb-bayes-")), Desk()
         app.state.house = house = House(folder, desk)
-        desk.warm()
         watch = asyncio.create_task(house.look_after())
         try:
             yield
@@ -532,7 +539,6 @@ def application(token: str, port: int) -> ASGIApp:
                 page = house.pages.show("ended.html.j2", LANGUAGES[0], start=f"/{token}/")
                 return HTMLResponse(page, 410)
             session.seen = time.monotonic()
-            session.closed = session.closed and request.method == "POST"
             return await answer(house, session, request)
 
         return inner
@@ -568,7 +574,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         token, port = secrets.token_urlsafe(18), listener.getsockname()[1]
         address = f"http://{LOOPBACK}:{port}/{token}/"
         settings = uvicorn.Config(
-            application(token, port), http="h11", ws="none", log_level="error", access_log=False, server_header=False,
+            application(token, port), http="h11", ws="none", log_level="critical", access_log=False, server_header=False,
             timeout_graceful_shutdown=2, backlog=512,
         )  # fmt: skip
         server = uvicorn.Server(settings)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.campaign import Direction
 from ldbb_bayes.cli import options
 from ldbb_bayes.cli.campaigns import LAYOUT_OPTIONS
 from ldbb_bayes.cli.options import Kind, Option, certified, group, option, options_of
@@ -31,7 +32,8 @@ __all__ = ["FIELDS", "FILES", "RESULT", "Field", "answer", "forecast", "main", "
 
 FILES, RESULT, PLAN = "campaign", "result", "plan"
 _TOML, _DCC = "campaign.toml", ".xml"
-_ALL_DRAWN, _MOST_CIRCLES, _MOST_KINDS = 360, 60, 36
+_WAYS: Mapping[str, tuple[Direction, ...]] = {"both": ("CW", "CCW"), "CW": ("CW",), "CCW": ("CCW",)}
+_ALL_DRAWN, _MOST_CIRCLES, _MOST_KINDS, _FEW = 360, 60, 36, 32
 # Of the largest reductions of a certificate those shown, and the least that is one.
 _MOST_EFFECTS, _LEAST_EFFECT = 4, 0.05
 
@@ -129,7 +131,9 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
         named = [folder / FILES]
     said = {key: own for of in ("name", "table", "labels") for key, own in _made(of, dict, choices, folder).items()}
     layout = LAYOUT_OPTIONS.make(**_made("layout", dict, choices, folder))
-    return Given(named, matching(named), layout, options.campaign_fields(**said), _made("certificates", certified, choices, folder))
+    return Given(
+        named, matching(named), layout, options.campaign_fields(**said), _made("certificates", certified, choices, folder)
+    )
 
 
 def _read(folder: Path, choices: Mapping[str, str]) -> tuple[lb.Campaign, Imported | None]:
@@ -313,16 +317,14 @@ def _pilot(folder: Path, stamp: int) -> tuple[lb.Campaign, dict[str, float]]:
 
 @lru_cache(maxsize=24)
 def _space(
-    folder: Path, stamp: int, clockings: tuple[Any, ...], radii: tuple[float, ...], ways: tuple[Any, ...], augment: bool
+    folder: Path, stamp: int, clockings: tuple[Any, ...], radii: tuple[float, ...], ways: tuple[Direction, ...], augment: bool
 ) -> Space:
     """Everything that the tests have in common, whatever their forces and their number."""
     from ldbb_bayes.analysis.candidates import Space
 
     pilot, _ = _pilot(folder, stamp)
     forces = sorted({float(force) for force in pilot.forces_N})
-    space = Space(options.model_from(), pilot, forces, clockings, radii, ways, augment=augment)
-    _ = space.states
-    return space
+    return Space(options.model_from(), pilot, forces, clockings, radii, ways, augment=augment)
 
 
 def _numbers(asked: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
@@ -351,8 +353,8 @@ def _stamp(folder: Path) -> int:
 
 
 def _tests(folder: Path, asked: Mapping[str, Any]) -> tuple[Space, tuple[lb.CircularTest, ...], dict[str, float]]:
-    """The tests that the sliders describe: levels of force in equal steps, over clockings, radii and directions in turn; or, where
-    the best are asked for, the forces of the design of most information."""
+    """The tests that the sliders describe: levels of force in equal steps, over clockings, radii and directions in turn; where
+    the best are asked for, those of the most expected information."""
     from dataclasses import replace
 
     from ldbb_bayes.analysis.candidates import Space, grid_of_tests
@@ -360,7 +362,7 @@ def _tests(folder: Path, asked: Mapping[str, Any]) -> tuple[Space, tuple[lb.Circ
     stamp = _stamp(folder)
     pilot, _ = _pilot(folder, stamp)
     own = _numbers(asked, pilot)
-    ways = {"both": ("CW", "CCW"), "CW": ("CW",), "CCW": ("CCW",)}.get(str(asked.get("directions")), ())
+    ways = _WAYS.get(str(asked.get("directions")), ())
     turns = [tuple(own["turn"] * k for k in range(int(own[ball]))) for ball in ("work", "tool")]
     radii = tuple(sorted({float(test.radius_mm or 150.0) for test in pilot.tests} | {own["radius"]} - {0.0}))
     space = _space(folder, stamp, tuple(product(*turns)), radii, ways, bool(asked.get("augment")))
@@ -384,9 +386,13 @@ def _tests(folder: Path, asked: Mapping[str, Any]) -> tuple[Space, tuple[lb.Circ
 @lru_cache(maxsize=256)
 def _forecast(folder: Path, stamp: int, text: str) -> dict[str, Any]:
     asked = json.loads(text)
+    from ldbb_bayes.analysis.candidates import states_before
+
     space, tests, own = _tests(folder, asked)
     _, today = _pilot(folder, stamp)
-    found = space.forecast(tests)
+    # While a slider moves, fewer states of the machine will do.
+    few = None if asked.get("fine", True) else states_before(space.model, space.pilot, _FEW, space.seed, augment=space.augment)
+    found = space.forecast(tests, states=few)
     order = _ordered(tests)
     turns = sum(a.work_ball_deg != b.work_ball_deg or a.tool_ball_deg != b.tool_ball_deg for a, b in pairwise(order))
     changes = sum(a.radius_mm != b.radius_mm for a, b in pairwise(order))
@@ -399,7 +405,8 @@ def _forecast(folder: Path, stamp: int, text: str) -> dict[str, Any]:
     settle = found.discrimination
     return {
         "rows": rows, "asked": own | {"directions": str(asked.get("directions") or ""), "augment": space.augment},
-        "best": bool(asked.get("best")), "settle": None if settle is None else {"linear": settle.decisive_with, "constant": settle.decisive_without},
+        "settle": None if settle is None else {"linear": settle.decisive_with, "constant": settle.decisive_without},
+        "best": bool(asked.get("best")),
         "minutes": round(minutes), "cost": round(minutes / 60.0 * own["hourly"]), "turns": turns, "changes": changes,
         "tests": [_row(test, space.pilot) for test in order], "pilot": _about(space.pilot),
     }  # fmt: skip

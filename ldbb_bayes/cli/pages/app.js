@@ -3,8 +3,9 @@
 
 const at = (id) => document.getElementById(id);
 const words = document.body.dataset;
-const SLEEPING_MS = 20000, WORKING_MS = 400, LARGEST = 64 * 2 ** 20;
-let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = false, wanted = null;
+const tab = `tab=${crypto.randomUUID()}`;
+const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, LARGEST = 64 * 2 ** 20;
+let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = false, wanted = null, resting = 0;
 
 const tell = (text) => { at("status").textContent = text; };
 
@@ -56,7 +57,7 @@ function fitFrame() {
 
 async function look() {
   clearTimeout(timer);
-  const found = await (await ask("GET", "state")).json(), before = state;
+  const found = await (await ask("GET", `state?${tab}`)).json(), before = state;
   state = found;
   const changed = found.edition !== before.edition, finished = before.running && !found.running;
   if (changed) await show("files");
@@ -118,9 +119,11 @@ async function dropped(items) {
   return found.filter((file) => !file.name.startsWith("."));
 }
 
-// The plan is drawn once more when the answer comes after the sliders were moved on.
-async function plan(best) {
-  const form = at("sliders"), asked = { best: Boolean(best) };
+// While sliders move the plan is drawn from few states of the machine, from all once they rest; again where they have moved on.
+async function plan(best, fine) {
+  const form = at("sliders"), asked = { best, fine };
+  clearTimeout(resting);
+  if (!fine) resting = setTimeout(() => plan(best, true), RESTING_MS);
   for (const own of form.elements) {
     if (own.type === "range") asked[own.name] = Number(own.value);
     else if (own.type === "checkbox") asked[own.name] = own.checked;
@@ -161,7 +164,7 @@ document.addEventListener("click", async (event) => {
   } else if (own.id === "best") {
     own.setAttribute("aria-busy", "true");
     tell(words.working);
-    await plan(true);
+    await plan(true, true);
     tell(words.ready);
     own.removeAttribute("aria-busy");
   }
@@ -184,7 +187,7 @@ document.addEventListener("input", (event) => {
     other.value = own.value;
     other.nextElementSibling.value = other.value;
   }
-  plan(false);
+  plan(false, false);
 });
 
 document.addEventListener("change", async (event) => {
@@ -201,7 +204,7 @@ for (const kind of ["dragenter", "dragover", "dragleave", "drop"]) {
   });
 }
 
-addEventListener("pagehide", () => navigator.sendBeacon("leave", "{}"));
+addEventListener("pagehide", () => navigator.sendBeacon(`leave?${tab}`, "{}"));
 addEventListener("pageshow", (event) => { if (event.persisted) location.reload(); });
 
 look();
