@@ -59,6 +59,7 @@ _ALWAYS = {
     "x-content-type-options": "nosniff", "referrer-policy": "no-referrer", "cache-control": "no-store",
     "cross-origin-opener-policy": "same-origin", "cross-origin-resource-policy": "same-origin",
 }  # fmt: skip
+_BACKLOG = 512
 _FIT = "from ldbb_bayes.cli.worker import main; main()"
 _SHOWN = {"report.html": "text/html", "report.pdf": "application/pdf"}
 _LOADED = {"report.json": "", "dcc.xml": "", "posterior.nc": "", "results.csv": "tables/results.csv"}
@@ -562,6 +563,7 @@ def _listening(port: int) -> Iterator[socket.socket]:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((LOOPBACK, port))
+            listener.listen(_BACKLOG)
         except OSError as error:
             got = f"got {port} ({error.strerror})"
             raise InputError(f"--port must be one that is free, {got}. Choose another, or leave it out.") from None
@@ -575,7 +577,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         address = f"http://{LOOPBACK}:{port}/{token}/"
         settings = uvicorn.Config(
             application(token, port), http="h11", ws="none", log_level="critical", access_log=False, server_header=False,
-            timeout_graceful_shutdown=2, backlog=512,
+            timeout_graceful_shutdown=2, backlog=_BACKLOG,
         )  # fmt: skip
         server = uvicorn.Server(settings)
         say(address)

@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise, product
 from pathlib import Path
@@ -33,7 +34,7 @@ __all__ = ["FIELDS", "FILES", "RESULT", "Field", "answer", "forecast", "main", "
 FILES, RESULT, PLAN = "campaign", "result", "plan"
 _TOML, _DCC = "campaign.toml", ".xml"
 _WAYS: Mapping[str, tuple[Direction, ...]] = {"both": ("CW", "CCW"), "CW": ("CW",), "CCW": ("CCW",)}
-_ALL_DRAWN, _MOST_CIRCLES, _MOST_KINDS, _FEW = 360, 60, 36, 32
+_ALL_DRAWN, _MOST_CIRCLES, _CANDIDATES, _SEARCHED, _FEW = 360, 60, 240, 12, 32
 # Of the largest reductions of a certificate those shown, and the least that is one.
 _MOST_EFFECTS, _LEAST_EFFECT = 4, 0.05
 
@@ -352,46 +353,64 @@ def _stamp(folder: Path) -> int:
     return path.stat().st_mtime_ns
 
 
-def _tests(folder: Path, asked: Mapping[str, Any]) -> tuple[Space, tuple[lb.CircularTest, ...], dict[str, float]]:
+@lru_cache(maxsize=64)
+def _tests(folder: Path, stamp: int, text: str) -> tuple[Space, tuple[lb.CircularTest, ...], dict[str, float]]:
     """The tests that the sliders describe: levels of force in equal steps, over clockings, radii and directions in turn; where
     the best are asked for, those of the most expected information."""
-    from dataclasses import replace
+    import numpy as np
 
     from ldbb_bayes.analysis.candidates import Space, grid_of_tests
+    from ldbb_bayes.analysis.optimal import efficient_rounding
 
-    stamp = _stamp(folder)
-    pilot, _ = _pilot(folder, stamp)
+    asked, (pilot, _) = json.loads(text), _pilot(folder, stamp)
     own = _numbers(asked, pilot)
     ways = _WAYS.get(str(asked.get("directions")), ())
     turns = [tuple(own["turn"] * k for k in range(int(own[ball]))) for ball in ("work", "tool")]
     radii = tuple(sorted({float(test.radius_mm or 150.0) for test in pilot.tests} | {own["radius"]} - {0.0}))
     space = _space(folder, stamp, tuple(product(*turns)), radii, ways, bool(asked.get("augment")))
     count, levels = int(own["circles"]), int(min(own["levels"], own["circles"]))
+    kinds = grid_of_tests(space.templates, [own["low"]], space.clockings_deg, radii)
     if asked.get("best"):
-        grid = [float(force) for force in range(math.ceil(own["low"]), math.floor(own["high"]) + 1)] or [own["low"]]
-        grid = sorted({round(force) * 1.0 for force in grid[:: max(1, len(grid) // 150)]} | {grid[-1]})
+        steps = max(2, min(round(own["high"] - own["low"]), _CANDIDATES // len(kinds))) if own["high"] > own["low"] else 1
+        grid = _levels(own["low"], own["high"], steps)
         chosen = Space(space.model, pilot, grid, space.clockings_deg, radii, ways, augment=space.augment)
-        tests = chosen.tests_of(chosen.search.of_number(count))
-        return space, tuple(replace(test, name="") for test in tests), own
-    steps = [own["low"] + (own["high"] - own["low"]) * k / max(levels - 1, 1) for k in range(levels)]
-    forces = [round(force, 1) if own["high"] - own["low"] < 20 else float(round(force)) for force in steps]
-    kinds = grid_of_tests(space.templates, [forces[0]], space.clockings_deg, radii)[:_MOST_KINDS]
-    made = []
+        if count <= _SEARCHED:
+            return space, chosen.tests_of(chosen.search.of_number(count)), own
+        counts = efficient_rounding(chosen.search.shares(float(count)).share, count)
+        return space, tuple(chosen.tests[k] for k in np.repeat(np.arange(len(counts)), counts)), own
+    forces, made = _levels(own["low"], own["high"], levels), []
     for k in range(count):
-        kind = kinds[(k // levels + k % levels) % len(kinds)]
-        made.append(replace(kind, force_N=forces[k % levels]))
+        kind = kinds[(k // len(forces) + k % len(forces)) % len(kinds)]
+        made.append(replace(kind, force_N=forces[k % len(forces)]))
     return space, tuple(made), own
 
 
+def _levels(low: float, high: float, count: int) -> list[float]:
+    """Forces in equal steps, in whole newtons where these differ."""
+    steps = [low + (high - low) * k / max(count - 1, 1) for k in range(count)]
+    whole = sorted({float(round(force)) for force in steps})
+    return whole if len(whole) == count else sorted({round(force, 1) for force in steps})
+
+
+def _asked(folder: Path, asked: Mapping[str, Any]) -> tuple[Path, int, str]:
+    """What the sliders say, of which report: as a key, so that nothing is worked out twice."""
+    return folder, _stamp(folder), json.dumps({key: own for key, own in sorted(asked.items()) if key != "fine"})
+
+
+def forecast(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what to expect of the tests that the sliders describe: U of every parameter beside today's, the chances that the
+    evidence settles constant or linear, time and cost; and the tests in their order."""
+    return _forecast(*_asked(folder, asked), fine=bool(asked.get("fine", True)))
+
+
 @lru_cache(maxsize=256)
-def _forecast(folder: Path, stamp: int, text: str) -> dict[str, Any]:
-    asked = json.loads(text)
+def _forecast(folder: Path, stamp: int, text: str, *, fine: bool) -> dict[str, Any]:
     from ldbb_bayes.analysis.candidates import states_before
 
-    space, tests, own = _tests(folder, asked)
+    (space, tests, own), asked = _tests(folder, stamp, text), json.loads(text)
     _, today = _pilot(folder, stamp)
     # While a slider moves, fewer states of the machine will do.
-    few = None if asked.get("fine", True) else states_before(space.model, space.pilot, _FEW, space.seed, augment=space.augment)
+    few = None if fine else states_before(space.model, space.pilot, _FEW, space.seed, augment=space.augment)
     found = space.forecast(tests, states=few)
     order = _ordered(tests)
     turns = sum(a.work_ball_deg != b.work_ball_deg or a.tool_ball_deg != b.tool_ball_deg for a, b in pairwise(order))
@@ -410,12 +429,6 @@ def _forecast(folder: Path, stamp: int, text: str) -> dict[str, Any]:
         "minutes": round(minutes), "cost": round(minutes / 60.0 * own["hourly"]), "turns": turns, "changes": changes,
         "tests": [_row(test, space.pilot) for test in order], "pilot": _about(space.pilot),
     }  # fmt: skip
-
-
-def forecast(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what to expect of the tests that the sliders describe: U of every parameter beside today's, the chances that the
-    evidence settles constant or linear, time and cost; and the tests in their order."""
-    return _forecast(folder, _stamp(folder), json.dumps(dict(asked), sort_keys=True))
 
 
 def _ordered(tests: Sequence[lb.CircularTest]) -> tuple[lb.CircularTest, ...]:
@@ -444,12 +457,10 @@ def _about(pilot: lb.Campaign) -> dict[str, Any]:
 
 def plan(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Write the tests as a plan, a campaign folder without readings, and return what `forecast` does."""
-    from dataclasses import replace
-
-    space, tests, _ = _tests(folder, asked)
+    found, (space, tests, _) = forecast(folder, asked), _tests(*_asked(folder, asked))
     whole = replace(space.pilot, tests=_ordered(tests), foreseen=(), name=f"{space.pilot.name}, next campaign", tolerances={})
     lb.write_campaign(whole, folder / PLAN, force=True)
-    return forecast(folder, asked)
+    return found
 
 
 def warm() -> None:

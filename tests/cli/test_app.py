@@ -1,0 +1,424 @@
+"""The page of ``ldbb-bayes app`` as its server answers: what was dropped is understood, and what should not get in does not."""
+
+from __future__ import annotations
+
+import http.client
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+import uvicorn
+from campaigns import Invoke
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.candidates import DECISIVE
+from ldbb_bayes.cli import server, worker
+
+TOKEN = "a-token-of-the-tests"
+RECOVERED = Path(lb.embedded_campaign())
+
+
+@dataclass
+class Tab:
+    """A session, as its page speaks to the server."""
+
+    port: int
+    base: str = f"/{TOKEN}/"
+
+    def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, str]:
+        """Status and text of an answer; headers of None are left out."""
+        usual = {"Host": f"127.0.0.1:{self.port}"} | ({} if method == "GET" else {"Origin": f"http://127.0.0.1:{self.port}"})
+        given = usual | {name.replace("_", "-"): own for name, own in headers.items()}
+        body = json.dumps(body) if isinstance(body, dict) else body
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)) as link:
+            link.request(method, path if path.startswith("/") else self.base + path, body, {k: v for k, v in given.items() if v})
+            answer = link.getresponse()
+            self.headers = {name.lower(): own for name, own in answer.getheaders()}
+            return answer.status, answer.read().decode("utf-8", "replace")
+
+    def opened(self) -> Tab:
+        """A new session at this server."""
+        status, _ = self.ask("GET", f"/{TOKEN}/")
+        assert status == 303
+        return Tab(self.port, self.headers["location"])
+
+    def holding(self, *paths: Path) -> Tab:
+        """The session, with files."""
+        for path in paths:
+            assert self.ask("PUT", f"files/{path.name}", path.read_bytes())[0] == 200
+        return self
+
+    def state(self) -> dict[str, Any]:
+        return json.loads(self.ask("GET", "state?tab=1")[1])
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Tab, Path]]:
+    """A server, and the folder that holds the files of its sessions."""
+    folder = tmp_path_factory.mktemp("sessions")
+    with pytest.MonkeyPatch.context() as patch, server._listening(0) as listener:
+        patch.setattr(server.tempfile, "tempdir", str(folder))
+        patch.setattr(server, "CLOSED_S", 0.4)
+        patch.setattr(server, "LOOK_S", 0.1)
+        patch.setattr(server, "MOST_SESSIONS", 60)
+        port = listener.getsockname()[1]
+        settings = uvicorn.Config(server.application(TOKEN, port), http="h11", ws="none", log_level="critical", backlog=512)
+        running = uvicorn.Server(settings)
+        thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
+        thread.start()
+        yield Tab(port), until(lambda: [*folder.iterdir()])[0]
+        running.should_exit = True
+        thread.join(30)
+    assert not [*folder.iterdir()]
+
+
+@pytest.fixture
+def tab(house: tuple[Tab, Path]) -> Tab:
+    return house[0].opened()
+
+
+def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
+    end = time.monotonic() + seconds
+    while not (found := holds()):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    return found
+
+
+# ---- what the page shows
+
+
+def test_what_was_dropped_is_understood(tab: Tab) -> None:
+    tab.holding(*sorted(RECOVERED.glob("f*.csv")))
+    page = tab.ask("GET", "part/understood")[1]
+    imported = lb.import_campaign([RECOVERED / "f*.csv"])
+    assert all(test.name in page for test in imported.campaign.tests)
+    for own in imported.assumptions:
+        assert own.value in page.replace("&#39;", "'")
+    assert page.count("<polygon") == 6
+    assert tab.ask("POST", "say", {"bar_U_um": "1,5", "topology": "wXYFZSt", "nonsense": "1"})[0] == 200
+    page = tab.ask("GET", "part/understood")[1]
+    assert "± 1.5 µm" in page
+    assert "machine wXYFZSt" in page
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"radius_mm": "wide"}, "--radius-mm must be a number"),
+        ({"force_U_percent": "1000"}, "--force-U-percent must be between"),
+        ({"balls": "G7"}, "must be one of G3, G5"),
+        ({"tolerance": "C_XXX"}, "--tolerance must be"),
+        ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
+        ({"forces_N": "1,2"}, "must hold one number for each test"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_the_cure(tab: Tab, said: dict[str, str], message: str) -> None:
+    tab.holding(RECOVERED / "f036.csv", RECOVERED / "f742.csv", RECOVERED / "f364.csv").ask("POST", "say", said)
+    page = tab.ask("GET", "part/understood")[1]
+    assert message in page
+    assert 'role="alert"' in page
+    assert str(RECOVERED.parent) not in page
+
+
+def test_certificates_are_worth_what_identify_says(house: tuple[Tab, Path], tab: Tab) -> None:
+    tab.ask("POST", "example")
+    folder = house[1] / tab.base.split("/")[-2]
+    found = worker.answer(worker.worth, str(folder), {})
+    asked = lb.identify(lb.HybridModel.default(degree=1), lb.read_campaign(RECOVERED)).certificates
+    row = next(own for own in found["effects"]["bar"]["rows"] if own["name"] == "E_XX1")
+    assert row["share"] == pytest.approx(asked["bar ± 1 µm"]["E_XX1"] / asked["none of these"]["E_XX1"], abs=1e-3)
+    assert f"→ {row['after']} µm/m" in tab.ask("GET", "part/worth")[1]
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session's folder as a fit leaves it, as far as a plan needs it: the campaign, and uncertainties of its fit."""
+    folder = tmp_path_factory.mktemp("fitted")
+    (folder / worker.RESULT).mkdir()
+    lb.write_campaign(lb.read_campaign(RECOVERED), folder / worker.RESULT / "campaign")
+    (folder / worker.RESULT / "summary.json").write_text(json.dumps({"parameters": {"C_XXX": {"sd": 3.4e-6}}}))
+    return folder
+
+
+def test_a_plan_expects_what_a_design_expects_of_the_same_circles(fitted: Path) -> None:
+    found = worker.answer(worker.forecast, str(fitted), {"circles": 6, "levels": 6})
+    pilot = lb.read_campaign(RECOVERED)
+    designed = lb.design(lb.HybridModel.default(degree=1), pilot=pilot, tests=6)
+    assert sorted(float(own["force"]) for own in found["tests"]) == [36, 177, 318, 460, 601, 742]
+    row = next(own for own in found["rows"] if own["name"] == "C_XXX")
+    assert row["share"] == pytest.approx(designed.baseline["C_XXX"].sd / 3.4e-6, abs=1e-3)
+    settled = designed.compared[0].discrimination
+    assert settled is not None
+    assert (settled.threshold, found["settle"]["linear"]) == (DECISIVE, pytest.approx(settled.decisive_with))
+    quick = worker.answer(worker.forecast, str(fitted), {"circles": 6, "levels": 6, "fine": False})
+    assert quick["settle"]["linear"] == pytest.approx(found["settle"]["linear"], abs=0.05)
+    best = worker.answer(worker.forecast, str(fitted), {"circles": 6, "best": True})
+    assert sorted(float(own["force"]) for own in best["tests"]) != [36, 177, 318, 460, 601, 742]
+
+
+def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
+    asked = {
+        "circles": 8,
+        "work": 2,
+        "turn": 45,
+        "radius": 100,
+        "minutes": 6,
+        "turn_minutes": 5,
+        "radius_minutes": 20,
+        "hourly": 60,
+    }
+    found = worker.answer(worker.plan, str(fitted), asked)
+    assert {(own["work"], own["radius"]) for own in found["tests"]} == {(w, r) for w in ("0", "45") for r in ("100", "150")}
+    work, radius = ([own[key] for own in found["tests"]] for key in ("work", "radius"))
+    turns, changes = (sum(a != b for a, b in pairwise(own)) for own in (work, radius))
+    assert (found["changes"], found["turns"]) == (changes, turns) == (1, 2)
+    assert found["minutes"] == found["cost"] == 8 * 6 + 2 * 5 + 20
+    plan = lb.read_campaign(fitted / "plan")
+    assert plan.is_plan
+    assert [f"{test.force_N:.4g}" for test in plan.tests] == [own["force"] for own in found["tests"]]
+    refused = {"circles": 0}, {"low": 700, "high": 100}, {"turn": "x"}
+    assert all(
+        "Move its slider" in (own := worker.answer(worker.plan, str(fitted), asked)["refused"]) or "Lower it" in own
+        for asked in refused
+    )
+
+
+def test_both_languages_say_the_same_things() -> None:
+    english, german = (server.words_of_page(own) for own in server.LANGUAGES)
+    free = {"labels", "what", "because", "instrument"}
+    assert english.keys() == german.keys()
+    for key in english.keys() - free - {"decimal"}:
+        pairs = [(english[key], german[key])] if isinstance(english[key], str) else [
+            (english[key][own], german[key][own]) for own in english[key] | german[key]
+        ]  # fmt: skip
+        for one, other in pairs:
+            assert set(re.findall(r"\{\w+\}", one)) == set(re.findall(r"\{\w+\}", other))
+    assert worker.FIELDS.keys() - {"language"} <= german["labels"].keys()
+
+
+# ---- who may ask, and for what
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "headers", "status"),
+    [
+        ("GET", "", {"Host": "evil.example"}, 421),
+        ("GET", "", {"Host": "127.0.0.1:1"}, 421),
+        ("GET", "state", {"Origin": "http://evil.example"}, 403),
+        ("GET", "state", {"Origin": "null"}, 403),
+        ("POST", "fit", {"Origin": "http://evil.example"}, 403),
+        ("POST", "fit", {"Origin": ""}, 403),
+        ("GET", "state", {"Sec_Fetch_Site": "cross-site"}, 403),
+        ("GET", "/", {}, 403),
+        ("GET", "/wrong-token/", {}, 403),
+        ("GET", f"/{TOKEN}/s/another/state", {}, 410),
+        ("GET", f"/{TOKEN}/static/worker.py", {}, 404),
+        ("GET", "result/job.json", {}, 404),
+        ("GET", "result/..%2fjob.json", {}, 404),
+        ("GET", "result/%2e%2e/job.json", {}, 404),
+        ("GET", "part/page", {}, 404),
+        ("POST", "say", {"Content_Length": str(2**30)}, 413),
+        ("PUT", "files/large.csv", {"Content_Length": str(2**30)}, 413),
+    ],
+)
+def test_only_the_page_may_ask(tab: Tab, method: str, path: str, headers: dict[str, str], status: int) -> None:
+    got, text = tab.ask(method, path, **headers)
+    assert got == status
+    assert text
+    assert "Traceback" not in text
+    assert tab.headers["x-content-type-options"] == "nosniff"
+    assert tab.state()["running"] is False
+
+
+@pytest.mark.parametrize(
+    ("sent", "kept"),
+    [
+        ("..%2F..%2Fescaped.csv", "escaped.csv"),
+        ("%2Fetc%2Fpasswd", "passwd"),
+        ("C%3A%5Cfolder%5Cx.csv", "x.csv"),
+        ("..%5C..%5Cy.csv", "y.csv"),
+        ("con.csv", "_con.csv"),
+        ("a%00b.csv", "a_b.csv"),
+        ("%3Cscript%3E.csv", "_script_.csv"),
+        ("...", None),
+        ("x.part", None),
+    ],
+)
+def test_names_of_files_lead_nowhere(house: tuple[Tab, Path], tab: Tab, sent: str, kept: str | None) -> None:
+    status, _ = tab.ask("PUT", f"files/{sent}", b"1;2")
+    folder = house[1] / tab.base.split("/")[-2]
+    assert status == (422 if kept is None else 200)
+    assert [own.name for own in folder.rglob("*") if own.is_file()] == ([] if kept is None else [kept])
+    assert not (house[1] / "escaped.csv").exists()
+
+
+def test_what_is_too_large_is_refused_and_nothing_is_kept(tab: Tab) -> None:
+    piece = b"0" * 2**20
+    with suppress(ConnectionError):  # refused while it is still being sent
+        assert tab.ask("PUT", "files/long.csv", (piece for _ in range(70)), Transfer_Encoding="chunked")[0] == 413
+    assert tab.state()["files"] == 0
+    assert tab.ask("POST", "say", "x" * 2**18)[0] == 422
+    assert tab.ask("POST", "say", b"[1]")[0] == 422
+    assert tab.ask("POST", "plan", b"{" * 100_000)[0] == 422
+
+
+def test_a_bomb_is_refused(tab: Tab) -> None:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/worksheets/sheet1.xml", b"0" * (300 * 2**20))
+    assert len(packed.getvalue()) < 2**20
+    assert tab.ask("PUT", "files/bomb.xlsx", packed.getvalue())[0] == 200
+    assert "bomb.xlsx" in (page := tab.ask("GET", "part/understood")[1])
+    assert 'role="alert"' in page
+
+
+def test_no_text_becomes_code(tab: Tab) -> None:
+    script = "<script>alert(1)</script>\"'{{ 7 * 7 }}"
+    head = f"# Machine: {script}\n# Operator: {script}\nangle_deg;reading_um;test\n"
+    rows = "".join(f"{k};{k % 7};{script.replace(';', '')}\n" for k in range(360))
+    tab.ask("PUT", "files/x.csv", (head + rows).encode())
+    tab.ask("POST", "say", {"forces_N": "100"})
+    pages = [tab.ask("GET", f"part/{own}")[1] for own in ("files", "understood")]
+    for name, field in worker.FIELDS.items():
+        if field.kind != "choice":
+            tab.ask("POST", "say", {name: script})
+            pages += [tab.ask("GET", "part/understood")[1]]
+    pages += [tab.ask("POST", "plan", {"circles": script, "directions": script})[1], tab.ask("GET", "")[1]]
+    for page in pages:
+        assert "<script>alert" not in page
+        assert "49" not in re.findall(r"&#39;(\d+)", page)
+    assert any("&lt;script&gt;alert" in page for page in pages)
+    assert "script-src 'self'" in tab.headers["content-security-policy"]
+
+
+def test_two_hundred_at_once_are_answered(tab: Tab) -> None:
+    tab.ask("POST", "example")
+    with ThreadPoolExecutor(200) as pool:
+        ways = ["state", "", "part/files", "part/understood"] * 50
+        answers = [*pool.map(lambda path: Tab(tab.port, tab.base).ask("GET", path), ways)]
+    assert {status for status, _ in answers} == {200}
+    assert sum("f742" in text for _, text in answers) >= 50
+    assert tab.state()["files"] == 7
+
+
+def test_sessions_do_not_meet_and_end_with_their_tabs(house: tuple[Tab, Path], tab: Tab) -> None:
+    other = house[0].opened().holding(RECOVERED / "f036.csv")
+    assert (tab.state()["files"], other.state()["files"]) == (0, 1)
+    assert "f036" not in tab.ask("GET", "part/files")[1]
+    folder = house[1] / other.base.split("/")[-2]
+    other.ask("GET", "state?tab=2")
+    other.ask("POST", "leave?tab=2")
+    time.sleep(1.0)
+    assert folder.exists()  # its other tab is open
+    other.ask("POST", "leave?tab=1")
+    other.ask("GET", "state?tab=3")  # loaded anew
+    time.sleep(1.0)
+    assert folder.exists()
+    other.ask("POST", "leave?tab=3")
+    until(lambda: not folder.exists(), 10)
+    assert other.ask("GET", "")[0] == 410
+    assert tab.ask("GET", "")[0] == 200
+
+
+def test_a_killed_worker_loses_nothing(tab: Tab) -> None:
+    tab.ask("POST", "example")
+    assert "f742" in tab.ask("GET", "part/understood")[1]
+    for process in processes("multiprocessing.spawn"):
+        os.kill(process, signal.SIGKILL)
+    assert "f742" in tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "fit")
+    (fit,) = until(lambda: processes("ldbb_bayes.cli.worker"))
+    os.kill(fit, signal.SIGKILL)
+    until(lambda: not tab.state()["running"])
+    assert "Nothing was lost" in tab.ask("GET", "part/fit")[1]
+    tab.ask("POST", "fit")
+    until(lambda: processes("ldbb_bayes.cli.worker"))
+    assert json.loads(tab.ask("POST", "cancel")[1])["outcome"] == {"cancelled": True}
+    until(lambda: not processes("ldbb_bayes.cli.worker"), 10)
+    assert tab.state()["files"] == 7
+
+
+def processes(word: str) -> list[int]:
+    """Children of this process whose command has a word."""
+    found = []
+    for task in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((task / "stat").read_text().rpartition(")")[2].split()[1])
+            if parent == os.getpid() and word in (task / "cmdline").read_text().replace("\0", " "):
+                found.append(int(task.name))
+        except (OSError, ValueError, IndexError):
+            continue
+    return found
+
+
+# ---- the command
+
+
+def test_the_command_prints_an_address_and_leaves_nothing(tmp_path: Path) -> None:
+    started = [sys.executable, "-m", "ldbb_bayes", "app", "--no-browser"]
+    own = {**os.environ, "TMPDIR": str(tmp_path)}
+    with subprocess.Popen(started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own) as running:
+        assert running.stdout is not None
+        address = running.stdout.readline().strip()
+        port, base = re.fullmatch(r"http://127\.0\.0\.1:(\d+)(/[\w-]{20,}/)", address).groups()  # type: ignore[union-attr]
+        assert Tab(int(port), base).ask("GET", "")[0] == 303
+        assert len([*tmp_path.glob("ldbb-bayes-*/*")]) == 1
+        running.send_signal(signal.SIGINT)
+        _, said = running.communicate(timeout=20)
+    assert (running.returncode, "Traceback" in said, [*tmp_path.iterdir()]) == (0, False, [])
+
+
+def test_a_port_in_use_and_a_missing_library_are_said(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    with server._listening(0) as listener:
+        code, _, said = invoke("app", "--no-browser", "--port", listener.getsockname()[1])
+    assert (code, "Choose another" in said) == (2, True)
+    monkeypatch.setitem(sys.modules, "ldbb_bayes.cli.server", None)
+    code, _, said = invoke("app", "--no-browser")
+    assert (code, "pip install 'ldbb-bayes[app]'" in said) == (2, True)
+
+
+# ---- the same numbers
+
+
+@pytest.mark.slow
+def test_the_sheets_are_those_of_the_command(tab: Tab, invoke: Invoke, tmp_path: Path) -> None:
+    folder = tmp_path / worker.FILES
+    folder.mkdir()
+    for path in RECOVERED.glob("f*.csv"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    tab.holding(*sorted(folder.glob("*.csv")))
+    tab.ask("POST", "say", {"bar_U_um": "2", "balls": "G20", "tolerance": "G=40 µm"})
+    tab.ask("POST", "fit")
+    until(lambda: not tab.state()["running"], 180)
+    options = ("--bar-U-um", 2, "--balls", "G20", "--tolerance", "G=40 µm", "--yes", "--quiet", "--out", tmp_path / "out")
+    code, *_ = invoke("report", folder / "*.csv", *options)
+    assert code == 0
+    ours, theirs = json.loads(tab.ask("GET", "result/report.json")[1]), json.loads((tmp_path / "out/report.json").read_text())
+    for report in (ours, theirs):
+        for key in ("started", "seconds"):
+            report["provenance"].pop(key, None)
+    assert ours["tables"] == theirs["tables"]
+    assert ours["comparison"] == theirs["comparison"]
+    assert ours["design"] == theirs["design"]
+    assert ours["conformity"] == theirs["conformity"]
+    assert ours["state"] == theirs["state"]
+    page, own = tab.ask("GET", "result/report.html")[1], (tmp_path / "out/report.html").read_text()
+    shown = [re.sub(r"<svg.*?</svg>|T\d\d:\d\d:\d\d", "", text, flags=re.S) for text in (page, own)]
+    assert shown[0] == shown[1]
+    assert "script" not in tab.headers["content-security-policy"]

@@ -1,0 +1,200 @@
+"""The page of ``ldbb-bayes app`` in Debian's Chromium, from files to PDF; skipped where none is installed."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pypdfium2 as pdfium
+import pytest
+
+import ldbb_bayes as lb
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
+BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")]
+OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+ROOT = Path(__file__).parents[2]
+AXE = next(ROOT.glob(".venv*/node_modules/axe-core/axe.min.js"), None)
+LONG_MS = 240_000
+CIRCLES = sorted(Path(lb.embedded_campaign()).glob("f*.csv"))
+OVERFLOWING = "() => document.documentElement.scrollWidth > document.documentElement.clientWidth"
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    started = [sys.executable, "-m", "ldbb_bayes", "app", "--no-browser"]
+    with subprocess.Popen(started, stdout=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        yield running.stdout.readline().strip()
+        running.send_signal(signal.SIGINT)
+        running.communicate(timeout=30)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=BROWSER, args=OPTIONS)
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def page(browser: Any, address: str) -> Iterator[Any]:
+    """A tab; nothing may go wrong in it, and nothing leave the machine."""
+    context = browser.new_context(viewport={"width": 1280, "height": 900}, locale="en-GB", bypass_csp=False)
+    opened, wrong = context.new_page(), list[str]()
+    opened.set_default_timeout(60_000)
+    opened.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
+    opened.on("pageerror", lambda error: wrong.append(str(error)))
+    opened.on("request", lambda sent: None if sent.url.startswith((address, "data:")) else wrong.append(sent.url))
+    opened.goto(address)
+    yield opened
+    assert wrong == []
+    context.close()
+
+
+def until(holds: Callable[[], bool], seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def check_accessible(page: Any, browser: Any) -> None:
+    """The rules of axe-core, light and dark; nothing wider than a telephone."""
+    if AXE is None:
+        pytest.skip("axe-core is not installed (npm install --prefix .venv axe-core)")
+    for width, scheme in ((1280, "light"), (1280, "dark"), (390, "light")):
+        context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, bypass_csp=True)
+        other = context.new_page()
+        other.goto(page.url)
+        other.wait_for_selector("#sliders")
+        other.wait_for_selector("#worth-part table")
+        other.add_script_tag(path=str(AXE))
+        found = other.evaluate("() => axe.run(document, {iframes: false})")["violations"]
+        assert [(own["id"], own["impact"], own["nodes"][0]["html"]) for own in found] == []
+        assert not other.evaluate(OVERFLOWING)
+        context.close()
+
+
+def test_example_from_drop_to_pdf(page: Any, browser: Any, tmp_path: Path) -> None:
+    page.click("#example")
+    page.wait_for_selector("#worth-part table")
+    page.click("#start")
+    page.wait_for_selector("#bar")
+    page.reload()  # in mid-fit
+    page.wait_for_selector("#cancel")
+    page.wait_for_selector("#sliders", timeout=LONG_MS)
+    assert page.frame_locator("#report").locator("#certificate").is_visible()
+    with page.expect_download() as loading:
+        page.click("text=Both sheets (PDF)")
+    loading.value.save_as(tmp_path / "report.pdf")
+    with pdfium.PdfDocument(tmp_path / "report.pdf") as paper:
+        sheet = paper[0].get_textpage().get_text_bounded()
+        assert len(paper) == 2
+    stated = page.frame_locator("#report").locator("section.sheet").first.locator("tbody tr").first.inner_text().split("\t")
+    assert stated[2] in sheet
+    for name in ("results.csv", "tables.zip", "report.json", "dcc.xml", "campaign.zip", "posterior.nc", "report.zip"):
+        with page.expect_download() as loading:
+            page.click(f"a[href='result/{name}']")
+        assert Path(loading.value.path()).stat().st_size > 500
+    check_sliders(page)
+    check_accessible(page, browser)
+    page.select_option("#language", "de")
+    page.wait_for_selector("h1:has-text('Kreisformtest')")
+    page.wait_for_selector("#sliders")
+
+
+def check_sliders(page: Any) -> None:
+    """Every slider redraws the plan; its sheet is for the operator."""
+    for slider in page.locator("#sliders input[type=range]").all():
+        before, name = page.inner_html("#forecast"), slider.get_attribute("name")
+        slider.focus()
+        page.keyboard.press("End" if name in ("circles", "turn") else "ArrowRight" if name != "high" else "ArrowLeft")
+        if name not in ("turn", "turn_minutes", "radius_minutes", "hourly"):
+            until(lambda drawn=before: page.inner_html("#forecast") != drawn)
+    page.click("#best")
+    page.wait_for_selector("#forecast p:has-text('The forces were chosen')")
+    circles = int(page.input_value("#plan-circles"))
+    with page.context.expect_page() as opening:
+        page.click("text=Sheet for the operator")
+    opening.value.wait_for_load_state()
+    assert opening.value.locator("tbody tr").count() == circles
+    opening.value.close()
+
+
+def test_a_broken_workbook_is_answered_where_it_is(page: Any, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.xlsx"
+    broken.write_bytes(b"PK\x03\x04 no workbook")
+    page.set_input_files("#chosen", broken)
+    alert = page.locator("#understood-part [role=alert]")
+    alert.wait_for()
+    assert "broken.xlsx" in alert.inner_text()
+    assert page.evaluate("document.activeElement.getAttribute('role')") == "alert"
+    page.click("[data-remove='broken.xlsx']")
+    page.set_input_files("#chosen", CIRCLES)
+    page.wait_for_selector("#understood-part table")
+    page.fill("#say-bar_U_um", "wide")
+    page.keyboard.press("Enter")
+    alert.wait_for()
+    assert "--bar-U-um must be a number" in alert.inner_text()
+
+
+def test_cancel_and_two_sessions_at_once(page: Any, browser: Any, address: str) -> None:
+    context = browser.new_context()
+    other = context.new_page()
+    other.goto(address)
+    other.set_input_files("#chosen", CIRCLES[:3])
+    other.wait_for_selector("#understood-part table")
+    page.click("#example")
+    page.wait_for_selector("#worth-part table")
+    page.click("#start")
+    other.click("#start")
+    other.wait_for_selector("#step:has-text('waits for another fit')")
+    page.click("#cancel")
+    page.wait_for_selector("text=Cancelled. Nothing was lost")
+    other.wait_for_selector("#sliders", timeout=LONG_MS)
+    assert page.locator("#sliders").count() == 0
+    assert other.locator("#files-part li").count() == 3
+    folder = re.search(r"/s/([\w-]+)/", other.url)
+    assert folder is not None
+    context.close()
+    until(lambda: not [*Path(os.environ.get("TMPDIR", "/tmp")).glob(f"ldbb-bayes-*/{folder[1]}")])
+
+
+def test_everything_by_keyboard(page: Any) -> None:
+    def reach(selector: str) -> None:
+        for _ in range(200):
+            if page.evaluate("selector => document.activeElement.matches(selector)", selector):
+                return
+            page.keyboard.press("Tab")
+        raise AssertionError(f"{selector} is not reached")
+
+    reach(".skip")
+    reach("#language")
+    reach("#chosen")
+    reach("#example")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#worth-part table")
+    reach("#say-bar_U_um")
+    page.keyboard.type("1")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#understood-part dl:has-text('± 1 µm (stated)')")
+    page.wait_for_selector("#worth-part table")
+    reach("#start")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#sliders", timeout=LONG_MS)
+    reach("a[href='result/report.pdf']")
+    reach("#plan-circles")
+    page.keyboard.press("End")
+    page.wait_for_selector("#forecast p:has-text('60 circles')")
+    reach("a[href='result/plan.html']")
