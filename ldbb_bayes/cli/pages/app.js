@@ -5,7 +5,7 @@ const at = (id) => document.getElementById(id);
 const words = document.body.dataset;
 const tab = `tab=${crypto.randomUUID()}`;
 const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, LARGEST = 64 * 2 ** 20;
-let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = false, wanted = null, resting = 0;
+let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = false, wanted = null, resting = 0, sending = false, looking = Promise.resolve();
 
 const tell = (text) => { at("status").textContent = text; };
 
@@ -55,8 +55,15 @@ function fitFrame() {
   });
 }
 
-async function look() {
+// One look after the other, none while files are on their way: what is typed meanwhile is not drawn over.
+function look() {
+  looking = looking.then(lookOnce, lookOnce);
+  return looking;
+}
+
+async function lookOnce() {
   clearTimeout(timer);
+  if (sending) return;
   const found = await (await ask("GET", `state?${tab}`)).json(), before = state;
   state = found;
   const changed = found.edition !== before.edition, finished = before.running && !found.running;
@@ -93,16 +100,23 @@ function drawProgress(progress) {
 }
 
 async function send(files) {
-  for (const file of files) {
-    if (file.size > LARGEST) {
-      tell(words.large.replace("{name}", file.name).replace("{most}", String(LARGEST / 2 ** 20)));
-      continue;
+  let refused = "";
+  sending = true;
+  try {
+    for (const file of files) {
+      if (file.size > LARGEST) {
+        refused = words.large.replace("{name}", file.name).replace("{most}", String(LARGEST / 2 ** 20));
+        continue;
+      }
+      tell(words.sending.replace("{name}", file.name));
+      const answer = await ask("PUT", `files/${encodeURIComponent(file.name)}`, file, "application/octet-stream");
+      if (!answer.ok) refused = (await answer.json()).refused;
     }
-    tell(words.sending.replace("{name}", file.name));
-    const answer = await ask("PUT", `files/${encodeURIComponent(file.name)}`, file, "application/octet-stream");
-    if (!answer.ok) { tell((await answer.json()).refused); await look(); return; }
+  } finally {
+    sending = false;
+    await look();
+    if (refused) tell(refused);
   }
-  await look();
 }
 
 // Files of what was dropped, folders opened.
