@@ -16,9 +16,8 @@ from campaigns import HYPER_UM, TRUTH, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import comparison, outliers, sensitivity
-from ldbb_bayes.analysis.comparison import SLOPE_SCALES, Comparison, Sign
-from ldbb_bayes.analysis.outliers import FALSE_ALARMS, _compared
+from ldbb_bayes.analysis import comparison, sensitivity
+from ldbb_bayes.analysis.comparison import FALSE_ALARMS, SLOPE_SCALES, Comparison, Sign, _compared
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, probabilities
@@ -44,7 +43,7 @@ CAMPAIGN = simulated(plan((30,) * 4), seed=1)
 def found() -> Comparison:
     steps: list[tuple[int, int]] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(outliers, "_REPLICATES", 4000)
+        patch.setattr(comparison, "_REPLICATES", 4000)
         found = lb.compare(PAIR, CAMPAIGN, tolerance=0.02, progress=lambda *step: steps.append(step))
     assert steps == [(k + 1, len(steps)) for k in range(len(steps))], "as many as were counted"
     return found
