@@ -97,7 +97,7 @@ def compose(
     lines = (
         f"Machine {seen.topology}, plane {seen.plane}. {len(seen.tests)} circular tests at {min(forces):g} to {max(forces):g} N.",
         f"Fitted {started} with ldbb_bayes {version}.",
-        wording.annex_words(result["model"]["degree"], averaged=bool(found.probabilities)),
+        wording.annex_words(result["model"]["degree"], bool(found.probabilities)),
     )
     alerts = list(wording.alert_sentences(fit_of(found.posterior), result))
     for other in others:

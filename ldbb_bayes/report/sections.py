@@ -267,7 +267,7 @@ def glossary(_: Findings) -> Iterator[Part]:
 def beside(first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float) -> Iterator[Part]:
     """Differences of every parameter with intervals and probabilities; ``first`` is the JSON of the fit they are to."""
     name = str(first["campaign"]["name"])
-    yield wording.instrument_words(first["model"]["reference_force_N"], same=same_instrument)
+    yield wording.instrument_words(first["model"]["reference_force_N"], same_instrument)
     yield tuple(wording.change_sentence(name, other.name, other.differences, ci_prob) for other in others)
     yield from (_differences(name, other, f"{100 * ci_prob:g} %") for other in others)
 

@@ -256,7 +256,11 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     others = {name: own for name, own in result["nuisances"].items() if not Term.kinds.get(own["term"], Term).instrument}
     nuisances = [nuisance_table(others)] if others else []
     tables = [parameter_table(result), *nuisances, *([conformity_table(own)] if (own := result.get("conformity")) else [])]
-    return (*wording.fit_head(result), *tables, *wording.fit_sentences(result))
+    campaign, quality = result["campaign"], result["fit"]
+    head = f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings."
+    went = (wording.quality_words(quality), wording.sampler_words(result["sampler"]))
+    notes = (f"Note: {warning}" for warning in quality["warnings"])
+    return (f"Verdict: {quality['verdict']}", head, *tables, *went, *notes, wording.model_words(result["model"]))
 
 
 def conformity_table(found: Mapping[str, Mapping[str, Any]]) -> Table:
@@ -423,15 +427,13 @@ def _size_of_one(line: Any) -> tuple[float, str]:
 # ---- comparison
 
 
-@parts_of.register
-def _(result: Comparison) -> tuple[Passage, ...]:
-    return comparison_parts(result)
-
-
 def comparison_parts(result: Comparison, *, rmse: bool = True) -> tuple[Passage, ...]:
     """Return the tables and sentences of a comparison, with or without the RMSE of its models."""
     tables = (_models_table(result, rmse), _assumption_table(result), _slopes_table(result), _left_out_table(result))
     return (*(table for table in tables if table.rows), *wording.comparison_sentences(result))
+
+
+parts_of.register(comparison_parts)
 
 
 def _models_table(comparison: Comparison, rmse: bool) -> Table:
