@@ -99,9 +99,9 @@ from .model.terms import Unit as Unit
 from .model.terms import uncertainties as uncertainties
 from .report import figures as figures
 from .report.figures import save_figures as save_figures
-from .report.findings import fit_in_words as fit_in_words
 from .report.page import write_dcc as write_dcc
 from .report.page import write_report as write_report
+from .report.text import fit_in_words as fit_in_words
 from .report.wording import with_words as with_words
 
 __version__: str

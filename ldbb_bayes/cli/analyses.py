@@ -215,7 +215,7 @@ def fit(
 ) -> None:
     """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the sampler missed its target."""
     from ldbb_bayes.inference.posterior import check_probability
-    from ldbb_bayes.report.findings import full_result
+    from ldbb_bayes.report.text import full_result
 
     check_probability(asked["ci_prob"])
     chosen, population = _with_population(model, prior_from, campaign)
@@ -260,7 +260,7 @@ def summarize(
     ci: Annotated[float, options.CI],
 ) -> None:
     """Table or JSON of a stored posterior, with intervals of any probability."""
-    from ldbb_bayes.report.findings import full_result
+    from ldbb_bayes.report.text import full_result
 
     numbers = full_result(lb.load(result), ci)
     Output(as_json=as_json).deliver(numbers, _parts_of_fit(numbers))
@@ -302,8 +302,7 @@ def demo(
 
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.report import wording
-    from ldbb_bayes.report.findings import full_result
-    from ldbb_bayes.report.text import results_table
+    from ldbb_bayes.report.text import full_result, results_table
 
     check_target(out, force=force, ours=DEMO_FILES)
     source = lb.embedded_campaign()

@@ -28,9 +28,9 @@ from ldbb_bayes.analysis.differences import differences
 from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of, result_json
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.findings import Compared, Findings, Recommended, find, fit_in_words
-from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
+from ldbb_bayes.report.sections import SECTIONS, Beside, Compared, Findings, Picture, Recommended, Section, beside, find
 from ldbb_bayes.report.sheets import Banner, Pair, ReportSheet, pdf_of, sheets, words_of
+from ldbb_bayes.report.text import fit_in_words
 from ldbb_bayes.result import Array, Shown, json_text
 from ldbb_bayes.units import display_name, display_unit, typeset
 

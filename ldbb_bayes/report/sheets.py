@@ -24,7 +24,7 @@ from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, curves_of, draws_of, numbers_of
 from ldbb_bayes.model.fourier import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength, Term, uncertainties
-from ldbb_bayes.report.sections import Picture, picture
+from ldbb_bayes.report.sections import Findings, Picture, picture
 from ldbb_bayes.report.text import two_digits
 from ldbb_bayes.result import Array, Table
 from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value_and_uncertainty
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.identifiability import ParameterIdentifiability
     from ldbb_bayes.campaign.campaign import Ball
     from ldbb_bayes.model.hybrid import BoundModel
-    from ldbb_bayes.report.findings import Findings
 
 __all__ = ["Banner", "Block", "Fields", "Pair", "ReportSheet", "Words", "languages", "pdf_of", "sheets", "words_of"]
 

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import IN_FORCE
-from ldbb_bayes.result import ByClass, ByName, Table, brief, entries_of, table_of, wrapped
+from ldbb_bayes.result import ByClass, ByName, Shown, Table, brief, entries_of, table_of, wrapped
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -26,24 +28,24 @@ from ldbb_bayes.units import (
 )
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.design import Design
     from ldbb_bayes.analysis.identifiability import Budget, DescribedMachine, Identifiability, ParameterIdentifiability, Seen
     from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.campaign.importing import Imported
-    from ldbb_bayes.campaign.preview import CampaignPreview
     from ldbb_bayes.campaign.renishaw import BallbarRecord
     from ldbb_bayes.inference.density import LogDensity
     from ldbb_bayes.inference.posterior import Fit
     from ldbb_bayes.inference.predictive import LeastSquares
     from ldbb_bayes.model.hybrid import HybridModel, Simulation
     from ldbb_bayes.model.terms import Uncertainties
-    from ldbb_bayes.report.findings import FitWords
 
 __all__ = [
-    "Passage", "comparison_parts", "conformity_table", "html_of", "lines_of", "nuisance_table", "parameter_table", "parts_of",
-    "parts_of_fit", "results_table", "text_of", "two_digits",
+    "FitWords", "Passage", "comparison_parts", "conformity_table", "fit_in_words", "full_result", "further_remarks", "html_of",
+    "lines_of", "nuisance_table", "parameter_table", "parts_of", "parts_of_fit", "results_table", "text_of", "two_digits",
 ]  # fmt: skip
 
 Passage: TypeAlias = Table | str | tuple[str, ...]
@@ -249,6 +251,50 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
         rows.append((display_name(str(name)), *value_and_uncertainty(row["estimate"] * factor, row["u"] * factor), unit))
     caption = f"Least squares (Eq. 31), RMSE {result.quality.rmse_um:.3g} µm; u from the scatter of the readings alone"
     return (Table.of(caption, ("parameter", "estimate", "u (1 sd)", "unit"), rows, text=("unit",)),)
+
+
+def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
+    """The JSON of a fit, with nuisances, and what a look at the readings finds among its warnings."""
+    from ldbb_bayes.inference.posterior import campaign_of, nuisances, result_json  # ArviZ's: what shows no fit starts without it
+
+    result = result_json(posterior, ci_prob=ci_prob)
+    result["nuisances"] = nuisances(posterior).to_dict(orient="index")
+    result["fit"] |= fit_in_words(posterior)
+    if campaign_of(posterior).tolerances:
+        result["conformity"] = {name: own.as_dict() for name, own in lb.conformity(posterior).items()}
+    return result
+
+
+class FitWords(Shown, dict[str, Any]):
+    """A fit in words, by key; printed as the verdict and what to mind."""
+
+    def __repr__(self) -> str:
+        return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
+
+
+def fit_in_words(posterior: xr.DataTree) -> FitWords:
+    """Return a fit's state, the kinds of what to mind, and verdict, misfits and warnings in words; it prints as sentences."""
+    from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
+    from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
+
+    fit, bound = fit_of(posterior), bound_of(posterior)
+    alike, seen = degeneracies(bound), preview(bound.campaign)
+    concerns = wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"])
+    standing = map(wording.standing_words, standing_degeneracies(bound, alike))
+    return FitWords(
+        state=str(fit.state), kinds=list(fit.kinds), verdict=wording.fit_verdict(fit),
+        misfits=[wording.check_words(check) for check in fit.misfits],
+        warnings=[
+            *concerns, *wording.check_notes(fit), *wording.alias_sentences(alike), *standing, *wording.look_sentences(seen),
+            *further_remarks(seen),
+        ],
+    )  # fmt: skip
+
+
+def further_remarks(seen: CampaignPreview) -> list[str]:
+    """Remarks on a campaign that a fit does not make itself."""
+    own = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
+    return [wording.remark_words(remark) for remark in seen.remarks if remark.kind not in own]
 
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:

@@ -19,8 +19,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.cli.analyses import write_result
 from ldbb_bayes.cli.reporting import figure_names
-from ldbb_bayes.report.findings import full_result
 from ldbb_bayes.report.page import REPORT_FILES
+from ldbb_bayes.report.text import full_result
 from ldbb_bayes.result import json_text
 
 

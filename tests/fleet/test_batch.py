@@ -28,7 +28,7 @@ from ldbb_bayes.fleet.statistics import fleet_statistics, sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.jobs import WorkerDied
 from ldbb_bayes.model.specification import model_to_toml
-from ldbb_bayes.report.findings import full_result
+from ldbb_bayes.report.text import full_result
 
 pytest.importorskip("pyarrow")
 ESS = 150.0

@@ -22,9 +22,8 @@ import ldbb_bayes as lb
 from ldbb_bayes import units
 from ldbb_bayes.inference.posterior import curves_of, record_of
 from ldbb_bayes.report.figures.style import new_figure
-from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, compose, html_page
-from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section
+from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section, find
 from ldbb_bayes.report.sheets import Banner, Fields, Pair, ReportSheet, languages, sheets, words_of
 from ldbb_bayes.report.text import nuisance_table
 from ldbb_bayes.result import Table

@@ -31,9 +31,8 @@ from ldbb_bayes.fleet.dataset import CaveatKind, choose
 from ldbb_bayes.inference.posterior import ConcernKind
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import compose
-from ldbb_bayes.report.sections import Details, Picture
+from ldbb_bayes.report.sections import Details, Picture, find
 from ldbb_bayes.result import Table, json_text
 
 MODEL = lb.HybridModel.first(1)
