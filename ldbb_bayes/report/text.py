@@ -123,15 +123,16 @@ def _(campaign: Campaign) -> tuple[Passage, ...]:
 @parts_of.register
 def _(result: Imported) -> tuple[Passage, ...]:
     campaign = result.campaign
-    head = f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings"
+    head = (
+        f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed (change it with the option named):"
+    )
     beside: list[Passage] = []
     for own in result.records:
         from ldbb_bayes.analysis.circularity import compare_record  # what shows no record starts without it
 
         alike = own.plane in campaign.machine().planes
         beside += [table_of(compare_record(own, campaign))] if alike else parts_of(own)
-    assumed = tuple(map(wording.assumption_words, result.assumptions))
-    return (f"{head}. Assumed (change it with the option named):", assumed, *beside)
+    return (head, tuple(map(wording.assumption_words, result.assumptions)), *beside)
 
 
 @parts_of.register
@@ -175,12 +176,7 @@ def _(found: Uncertainties) -> tuple[Passage, ...]:
         rows.append((words, nominal, spread, label, "certificate" if own.stated else "the model", where))
     heads = ("assumed", "nominal", "u (1 sd)", "unit", "source", "in campaign.toml")
     table = Table.of("What a fit assumes of the instrument", heads, rows, text=heads[3:])
-    named = (f"Certificate of the {what}: {name}" for what, name in found.certificates.items())
-    return (
-        table,
-        *named,
-        "Assumed lobes come on top of the form expected from higher orders; certified harmonics or turned balls replace both.",
-    )
+    return (table, *(f"Certificate of the {what}: {name}" for what, name in found.certificates.items()), wording.PAGE["lobes"])
 
 
 @parts_of.register
@@ -356,10 +352,8 @@ def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIde
     for name, entry in result["parameters"].items():
         own = state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
         stiff = stiffness(entry["median"], wording.interval_of(entry)) if is_direct(name) else ""
-        cells = (
-            own.value, own.u, own.expanded, own.interval, own.unit, stiff, wording.verdict_words(verdicts[name], shares=shares),
-        )  # fmt: skip
-        rows.append((display_name(name), *cells))
+        verdict = wording.verdict_words(verdicts[name], shares=shares)
+        rows.append((display_name(name), own.value, own.u, own.expanded, own.interval, own.unit, stiff, verdict))
     interval = f"{wording.percent_of(result)} interval"
     heads = ("parameter", "value", "u", "U (k = 2)", interval, "unit", "stiffness (N/µm)", "verdict")
     return Table.of("Compliances, their slopes, geometric errors", heads, rows, text=("unit", "verdict"))
@@ -443,11 +437,11 @@ def _(budget: Budget) -> tuple[Passage, ...]:
     rows: list[tuple[str, ...]] = []
     for line in budget.contributions:
         if line.share >= _SMALL:
-            one, one_unit = _size_of_one(line)
+            source, one, one_unit = _source(line)
             own = ("", "") if line.u is None else (two_digits(line.u * one), one_unit)
             sensitivity = "" if line.sensitivity is None else two_digits(line.sensitivity * factor / one)
             share = f"{100 * line.share:.1f} %"
-            rows.append((_source(line), line.kind, *own, sensitivity, two_digits(line.contribution * factor), share))
+            rows.append((source, line.kind, *own, sensitivity, two_digits(line.contribution * factor), share))
     if abs(small) >= 5e-4:
         contribution = two_digits(max(small, 0.0) ** 0.5 * budget.u * factor)
         rows.append(("all smaller ones", "", "", "", "", contribution, f"{100 * small:.1f} %"))
@@ -456,18 +450,13 @@ def _(budget: Budget) -> tuple[Passage, ...]:
     return (Table.of(f"Budget of {display_name(budget.parameter)}", heads, rows, text=("type", "its unit")),)
 
 
-def _source(line: Any) -> str:
-    if line.source.startswith("other "):
-        return f"other {wording.source_words(line.term)}"
-    return wording.source_words(line.term) if line.source == line.term else wording.nuisance_words(line.source)
-
-
-def _size_of_one(line: Any) -> tuple[float, str]:
-    """Factor and label that the source's own uncertainty is read in."""
+def _source(line: Any) -> tuple[str, float, str]:
+    """What a line of a budget is called, and factor and label that its own uncertainty is read in."""
     if line.source == line.term:
-        return (1.0, "N") if line.unit == "N" else (1e3, "µm")
+        return wording.source_words(line.term), *((1.0, "N") if line.unit == "N" else (1e3, "µm"))
     one, label = wording.unit_words(line.source)
-    return 1.0 / one, label
+    other = line.source.startswith("other ")
+    return f"other {wording.source_words(line.term)}" if other else wording.nuisance_words(line.source), 1.0 / one, label
 
 
 # ---- comparison
@@ -475,7 +464,9 @@ def _size_of_one(line: Any) -> tuple[float, str]:
 
 def comparison_parts(result: Comparison, *, rmse: bool = True) -> tuple[Passage, ...]:
     """Return the tables and sentences of a comparison, with or without the RMSE of its models."""
-    tables = (_models_table(result, rmse), _assumption_table(result), _slopes_table(result), _left_out_table(result))
+    slopes = [(display_name(name), f"{slope.inclusion_probability:.2f}") for name, slope in result.slopes.items()]
+    one_by_one = Table.of("Slopes one by one", ("compliance", "varies with probability"), slopes)
+    tables = (_models_table(result, rmse), _assumption_table(result), one_by_one, _left_out_table(result))
     return (*(table for table in tables if table.rows), *wording.comparison_sentences(result))
 
 
@@ -512,12 +503,6 @@ def _assumption_table(comparison: Comparison) -> Table:
     return Table.of(f"ln B({comparison.sensitivity_of}) under other assumptions", heads, shown)
 
 
-def _slopes_table(comparison: Comparison) -> Table:
-    """The probability that each compliance varies with force."""
-    rows = [(display_name(name), f"{slope.inclusion_probability:.2f}") for name, slope in comparison.slopes.items()]
-    return Table.of("Slopes one by one", ("compliance", "varies with probability"), rows)
-
-
 def _left_out_table(comparison: Comparison) -> Table:
     """Every test left out: p-values, and what tells the models apart."""
     first, second = comparison.pair
@@ -540,15 +525,11 @@ _HEADS = {
 
 @parts_of.register
 def _(design: Design) -> tuple[Passage, ...]:
-    """With the different tests and how often to run each."""
-    heads = [_HEADS.get(name, name) for name in ("force_N", *design.columns)]
+    """With the different tests and how often to run each, and the expected standard uncertainty of every parameter beside that of
+    baseline and others, floor and prior."""
     every = design.table.to_numpy(dtype=object).tolist()
     rows = [[value if isinstance(value, str) else f"{value:.4g}" for value in row] for row in every]
-    return (Table.of("Tests to run", [*heads, "circles"], rows), _expected_table(design), *wording.design_sentences(design))
-
-
-def _expected_table(design: Design) -> Table:
-    """The expected standard uncertainty of every parameter beside that of baseline and others, floor and prior."""
+    run = Table.of("Tests to run", [*(_HEADS.get(name, name) for name in ("force_N", *design.columns)), "circles"], rows)
     rows = []
     for name, entry in design.expected.items():
         factor, unit = display_unit(entry.unit)
@@ -556,10 +537,5 @@ def _expected_table(design: Design) -> Table:
         mark = "" if name in design.parameters else " (other effect)"
         rows.append([f"{display_name(name)}{mark}", *(two_digits(size, factor) for size in sizes), unit])
     heads = ["expected u", "recommended", *(own.name for own in design.compared), "no less than", "prior", "unit"]
-    return Table.of(
-        "Expected standard uncertainties before the circles are run: to be compared with one another, not with u of a fit; no "
-        "less than: what a million circles would leave",
-        heads,
-        rows,
-        text=("unit",),
-    )
+    expected = Table.of(wording.PAGE["expected"], heads, rows, text=("unit",))
+    return (run, expected, *wording.design_sentences(design))
