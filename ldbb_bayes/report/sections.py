@@ -6,7 +6,7 @@ import html
 import io
 import re
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib.resources import files
@@ -22,7 +22,6 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import cures, degeneracies, standing_degeneracies
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squareness_name
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.conformity import state_of
 from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.identifiability import describe
 from ldbb_bayes.campaign.preview import CampaignPreview, preview
@@ -35,7 +34,7 @@ from ldbb_bayes.result import Table
 from ldbb_bayes.units import display_name, display_unit, ranked, round_like, round_uncertainty, state
 
 if TYPE_CHECKING:
-    from ldbb_bayes.analysis.conformity import Conformity, Judgement
+    from ldbb_bayes.analysis.conformity import Conformity
     from ldbb_bayes.analysis.identifiability import Budget, ParameterIdentifiability
 
 __all__ = [
@@ -171,11 +170,6 @@ class Findings:
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
         """With the tolerances given or else those of the campaign."""
         return lb.conformity(self.numbers, self.tolerances or None, force_N=force_N)
-
-    def judged(self, stated: Collection[str]) -> Judgement:
-        """Whether a certificate that states these parameters can be used."""
-        compared = None if isinstance(self.comparison, str) else self.comparison
-        return state_of(fit_of(self.posterior), self.verdicts, stated, comparison=compared)
 
     @property
     def flat(self) -> bool:

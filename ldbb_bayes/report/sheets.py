@@ -19,9 +19,9 @@ import matplotlib as mpl
 import numpy as np
 
 from ldbb_bayes.analysis.circularity import circularity
-from ldbb_bayes.analysis.conformity import Use, is_determined
+from ldbb_bayes.analysis.conformity import Use, is_determined, state_of
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, curves_of, draws_of, numbers_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, curves_of, draws_of, fit_of, numbers_of
 from ldbb_bayes.model.fourier import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength, Term, uncertainties
 from ldbb_bayes.report.sections import Findings, Picture, picture
@@ -384,7 +384,8 @@ def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) ->
 def _banner(own: Numbers) -> Banner:
     """Whether the numbers can be used, with the gravest reasons."""
     words, found, stated = own.words, own.found, own.stiffnesses | own.further
-    judged = found.judged(stated)
+    compared = None if isinstance(found.comparison, str) else found.comparison
+    judged = state_of(fit_of(found.posterior), found.verdicts, stated, comparison=compared)
     by_kind: dict[str, list[str]] = {}
     for reason in judged.reasons:
         names = [stated[name].words if name in stated else name for name in reason.names]
