@@ -358,24 +358,21 @@ def _models(weighed: Mapping[str, Nodes], densities: Mapping[str, Array], seed: 
     share = probabilities(np.array([nodes.evidence.log_value for nodes in weighed.values()]))
     compared = {}
     for (name, nodes), probability in zip(weighed.items(), share, strict=True):
-        bound = nodes.bound
+        bound, model, campaign = nodes.bound, nodes.bound.model, nodes.bound.campaign
+        options: Any = {"reference_force_N": model.reference_force_N, "fixed": model.fixed}
+        enough = campaign.force_levels >= model.degree + 2
+        squares = least_squares(campaign, model.degree, **options).quality.rmse_um if enough else np.nan
         beta, phi = nodes.draw(_QUALITY_DRAWS, np.random.default_rng(seed))
         elpd, elpd_se = _sum_over_tests(densities[name])
         moments = zip(bound.parameters, *nodes.moments(spare=_SPARE, points=_POINTS), strict=True)
         compared[name] = ComparedModel(
             log_evidence=nodes.evidence.log_value, log_evidence_error=nodes.evidence.error,
             posterior_probability=float(probability), elpd_lofo=elpd, elpd_lofo_se=elpd_se,
-            rmse_um=fit_quality(bound, phi, beta).rmse_um, least_squares_rmse_um=_least_squares_rmse(bound.model, bound.campaign),
-            degree=bound.model.degree, parameters={p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments},
+            rmse_um=fit_quality(bound, phi, beta).rmse_um, least_squares_rmse_um=squares, degree=model.degree,
+            parameters={p.name: Estimate(p.unit, float(mean), float(sd)) for p, mean, sd in moments},
             compliance_against_force=sensitivity.averaged_curves([nodes], np.ones(1), seed, ci_prob),
         )  # fmt: skip
     return compared
-
-
-def _least_squares_rmse(model: HybridModel, campaign: Campaign) -> float:
-    options: Any = {"reference_force_N": model.reference_force_N, "fixed": model.fixed}
-    enough = campaign.force_levels >= model.degree + 2
-    return least_squares(campaign, model.degree, **options).quality.rmse_um if enough else np.nan
 
 
 def _tests(
@@ -573,7 +570,7 @@ def average(
     require(len(models) > 0, "models must be given, got none. Average for example constant and linear compliance.")
     require(draws >= _FEWEST, f"draws must be at least {_FEWEST}, got {draws}. The default is 4000.")
     evidences = (evidences or Evidences(campaign)).of_campaign(campaign)
-    kinds = [(name, rivals) for name, model in models.items() for rivals in _subsets(model.rivals)]
+    kinds = [(name, rivals) for name, model in models.items() for rivals in sensitivity.subsets(model.rivals)]
     weighed = evidences.of(*(models[name].with_rivals(*rivals) for name, rivals in kinds))
     largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
     bound = evidences.of(largest)[0].bound
@@ -628,10 +625,6 @@ def _averaged(kinds: Sequence[tuple[str, tuple[str, ...]]], weighed: Sequence[No
         ],
         "probability": {name: float(share[[name in (kind, *rivals) for kind, rivals in kinds]].sum()) for name in names},
     }
-
-
-def _subsets(rivals: Sequence[str]) -> list[tuple[str, ...]]:
-    return [tuple(itertools.compress(rivals, there)) for there in itertools.product((True, False), repeat=len(rivals))]
 
 
 def _check_nested(bounds: Sequence[BoundModel], largest: BoundModel) -> None:
