@@ -163,7 +163,10 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     found = []
     space = NullSpace(scaled, p, limit)
     for pivot, sparse in space.sparse():
-        vector = sparse if pivot >= p else _of_parameters_alone(space, sparse)
+        alone = np.where(np.arange(len(sparse)) < p, sparse, 0.0)
+        good = min(limit * np.linalg.norm(alone), EXACTLY * (space.largest * np.abs(alone)).max())
+        # Of parameters the vector without its nuisances, where it is as good so.
+        vector = alone if pivot < p and np.abs(scaled @ alone).max() <= good else sparse
         effect = space.largest * np.abs(vector)
         moving = np.flatnonzero(effect > _ROUNDING * effect.max())
         own = [i for i in moving if i < p]
@@ -185,14 +188,6 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
             None not in terms.values(), all(stated), float(np.linalg.norm(change / sd)), float(moved * together / _MICROMETRE),
         ))  # fmt: skip
     return tuple(found)
-
-
-def _of_parameters_alone(space: NullSpace, vector: Array) -> Array:
-    """The vector without its nuisances, where it is as good so."""
-    alone = np.where(np.arange(len(vector)) < space.p, vector, 0.0)
-    change = np.abs(space.scaled @ alone).max()
-    good = change <= min(space.limit * np.linalg.norm(alone), EXACTLY * (space.largest * np.abs(alone)).max())
-    return alone if good else vector
 
 
 def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[Standing, ...]:

@@ -364,11 +364,6 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
-    for (row,) in journal.execute("SELECT row FROM campaigns ORDER BY number"):
-        yield json.loads(row)
-
-
 # ---- the batch
 
 
@@ -461,7 +456,9 @@ def batch(
         started = time.perf_counter()
         fitted = _fit(journal, settings, pool, retry, progress)
         seconds = time.perf_counter() - started
-        write_dataset(partial(_rows, journal), folder / DATASET, {"campaigns": len(jobs), "model": settings.model_toml})
+        rows = "SELECT row FROM campaigns ORDER BY number"
+        about = {"campaigns": len(jobs), "model": settings.model_toml}
+        write_dataset(lambda: (json.loads(row) for (row,) in journal.execute(rows)), folder / DATASET, about)
         return _finished(journal, folder, len(jobs), fitted, seconds, resumed)
 
 

@@ -127,6 +127,12 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
     verdicts = [wording.verdict_words(found.verdicts[name]) if name in found.verdicts else "" for name in summary.index]
     factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
     results = summary.assign(U_k2=2.0 * summary["sd"], verdict=verdicts, reading_unit=labels, reading_factor=factors)
+    heads = {"kind": "type", "unit": "u_unit"}
+    lines = [
+        {"parameter": name, "unit": budget.unit, **{heads.get(key, key): value for key, value in asdict(line).items()}}
+        for name, budget in found.budgets.items()
+        for line in budget.contributions
+    ]
     beta, phi = draws_of(found.posterior, bound)
     names = [*bound.names, *map(str, bound.hyper_prior.names)]
     draws = np.concatenate([beta, phi], axis=1)
@@ -134,7 +140,7 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
         "results": results.rename_axis("parameter"),
         "covariance": pd.DataFrame(np.cov(draws.T), names, names).rename_axis("parameter"),
         "correlation": pd.DataFrame(np.corrcoef(draws.T), names, names).rename_axis("parameter"),
-        "budget": _budget_lines(found).set_index("parameter"),
+        "budget": pd.DataFrame(lines).set_index("parameter"),
         "circularity": found.path.set_index("plane"),
         "measured_circularity": _with_units(measured).rename_axis("test"),
         "contributions": _with_units(contributions(found.posterior, ci_prob=found.ci_prob)).set_index("plane"),
@@ -145,17 +151,6 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
         side_by_side = pd.concat({other.name: other.differences for other in others}, names=["campaign", "parameter"])
         every["differences"] = side_by_side.reset_index().set_index("campaign")
     return every
-
-
-def _budget_lines(found: Findings) -> pd.DataFrame:
-    """Every line of every budget."""
-    names = {"kind": "type", "unit": "u_unit"}
-    rows = [
-        {"parameter": name, "unit": budget.unit, **{names.get(key, key): value for key, value in asdict(line).items()}}
-        for name, budget in found.budgets.items()
-        for line in budget.contributions
-    ]
-    return pd.DataFrame(rows)
 
 
 def _with_units(frame: pd.DataFrame) -> pd.DataFrame:

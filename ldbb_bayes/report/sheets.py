@@ -163,13 +163,7 @@ class Stated:
     hangs_on: tuple[str, ...] = ()  # what its parts are confounded with
 
     @property
-    def with_u(self) -> tuple[str, str, str, str]:
-        """Value and u to the same place, and the ends of the interval."""
-        own = state(self.mean, self.sd, self.interval, self.unit)
-        return own.value, own.u, *own.ends
-
-    @property
-    def with_U(self) -> tuple[str, str]:
+    def with_U(self) -> tuple[str, ...]:
         """Value and U (k = 2) to the same place."""
         if self.limit:
             return self.limit, "–"
@@ -347,7 +341,9 @@ def _second(own: Numbers) -> Iterator[Block]:
     yield _table(own, "", [*own.parameters.values(), *own.path.values()], "u")
     percent = words.number(f"{100 * found.ci_prob:g}")
     yield words("notes.u", percent=percent, force=words.number(f"{own.force_N:.4g}"))
-    yield words("notes.words", names="; ".join(_partners(own)))
+    partners = dict.fromkeys(partner for one in own.parameters.values() if one.entry for partner in one.entry.partners)
+    meant = [f"{words.term(name)}: {words.table['means'][name]}" for name in partners if name in words.table["means"]]
+    yield words("notes.words", names="; ".join(meant))
     yield picture("compliance_against_force", found.numbers, words("sheet.curve"), words=words.table["figures"])
     provenance = found.result["provenance"]
     yield words(
@@ -356,22 +352,13 @@ def _second(own: Numbers) -> Iterator[Block]:
     )  # fmt: skip
 
 
-def _partners(own: Numbers) -> Iterator[str]:
-    """What the remarks name, in a line each."""
-    entries = [one.entry for one in own.parameters.values() if one.entry is not None]
-    for name in dict.fromkeys(partner for entry in entries for partner in entry.partners):
-        if name in (lines := own.words.table["means"]):
-            yield f"{own.words.term(name)}: {lines[name]}"
-
-
 def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) -> Table:
     words, rows = own.words, []
     for one in stated:
-        if spread == "U":
-            numbers = list(one.with_U)
-        else:
-            *numbers, low, high = one.with_u
-            numbers.append(words("interval", low=low, high=high))
+        numbers = one.with_U
+        if spread == "u":
+            shown = state(one.mean, one.sd, one.interval, one.unit)
+            numbers = shown.value, shown.u, words("interval", low=shown.ends[0], high=shown.ends[1])
         unit = words.unit(display_unit(one.unit)[1])
         rows.append((one.words, one.symbol, *map(words.number, numbers), unit, remark(one, words)))
     percent = words.number(f"{100 * own.found.ci_prob:g}")
