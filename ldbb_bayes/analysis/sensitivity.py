@@ -201,12 +201,8 @@ def slope_subsets(
     def of(there: tuple[bool, ...]) -> Nodes:
         return evidences.of(model.fixing(*(slope for slope, own in zip(slopes.values(), there, strict=True) if not own)))[0]
 
-    few = 2 ** len(slopes) <= _EVERY
-    weighed = (
-        {there: of(there) for there in itertools.product((False, True), repeat=len(slopes))}
-        if few
-        else _best_first(len(slopes), of)
-    )
+    every = itertools.product((False, True), repeat=len(slopes))
+    weighed = {there: of(there) for there in every} if 2 ** len(slopes) <= _EVERY else _best_first(len(slopes), of)
     log_evidence = np.array([nodes.evidence.log_value for nodes in weighed.values()])
     share = probabilities(log_evidence)
     found = [

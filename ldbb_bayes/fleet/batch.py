@@ -13,13 +13,14 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
+from pydantic_core import to_jsonable_python
 
 from ldbb_bayes.analysis.conformity import conformity
 from ldbb_bayes.campaign.campaign import Campaign
@@ -266,17 +267,11 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
 
 def _record(settings: Settings) -> dict[str, Any]:
     """What makes a batch what it is."""
-    table = {
-        f"{kind} {name}": asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-        for kind, given in (
-            ("table option", settings.table), ("certificate", settings.certificates), ("tolerance", settings.tolerances),
-        )
-        for name, value in given.items()
-    }  # fmt: skip
+    given = {"table option": settings.table, "certificate": settings.certificates, "tolerance": settings.tolerances}
     return {
         "model": model_sha256(settings.model)[:12],
         **{name: getattr(settings, name) for name in ("sampler", "seed", "ess", "ci_prob", "compare")},
-        **table,
+        **{f"{kind} {name}": to_jsonable_python(value) for kind, own in given.items() for name, value in own.items()},
         **{f"version of {name}": value for name, value in versions().items()},
     }
 

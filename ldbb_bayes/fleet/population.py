@@ -44,7 +44,7 @@ from ldbb_bayes.model import gaussian
 from ldbb_bayes.model.gaussian import Gaussian, eliminate, holm, mixture_moments, mixture_quantiles, weighted_quantiles
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.text import parts_of
-from ldbb_bayes.report.wording import caveat_words, nuisance_words, population_doubts, population_sentences, with_words
+from ldbb_bayes.report.wording import PAGE, caveat_words, nuisance_words, population_doubts, population_sentences, with_words
 from ldbb_bayes.result import Array, Result, Shown, Table, json_text, read_result, readable
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state
 
@@ -379,12 +379,8 @@ def _parts(found: Population) -> tuple[Table | str, ...]:
         spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
         rows.append((display_name(name), unit, mean, common, spread.value, spread.interval, following))
     heads = ("parameter", "unit", "mean", "U of the bar", "spread", f"spread, {100 * found.ci_prob:g} %", "next machine")
-    meant = (
-        "± U = 2u, or the interval where it is skewed. U of the bar: what more machines do not make less. Next machine: one "
-        "not yet measured."
-    )
     table = Table.of("Population", heads, rows, text=("unit",))
-    return (table, meant, "", *population_sentences(found), *population_doubts(found))
+    return (table, PAGE["population"], "", *population_sentences(found), *population_doubts(found))
 
 
 def _summaries(scale: Array, mean: Array, sd: Array, ends: Array) -> list[Summary]:
@@ -602,16 +598,10 @@ class PopulationPrior(Shown):
         self._check_machine(campaign)
         doubts = []
         if campaign.machine_id in self.machine_ids:
-            doubts.append(
-                f"The population has campaigns of this machine ({campaign.machine_id}): its prior is that of a machine not seen "
-                "before, and wider than what is known of this one."
-            )
+            doubts.append(PAGE["own_machine"].format(machine=campaign.machine_id))
         low, high = float(campaign.forces_N.min()), float(campaign.forces_N.max())
         if not low <= self.reference_force_N <= high:
-            doubts.append(
-                f"The population's compliances are meant at {self.reference_force_N:g} N, outside this campaign's forces "
-                f"({low:g} to {high:g} N): only the model's slopes carry them there."
-            )
+            doubts.append(PAGE["other_forces"].format(force=self.reference_force_N, low=low, high=high))
         return (*doubts, *(f"The population says: {doubt}" for doubt in self.own_doubts))
 
     def _check_machine(self, campaign: Campaign) -> None:

@@ -384,12 +384,8 @@ def trend(
     ci_prob : float
     """
     check_probability(ci_prob)
-    for name, value, most in (
-        ("change_scale", change_scale, np.inf),
-        ("repeatability", repeatability, np.inf),
-        ("probability", probability, 1.0),
-        ("threshold", threshold, 1.0),
-    ):
+    believed = {"change_scale": change_scale, "repeatability": repeatability, "probability": probability, "threshold": threshold}
+    for (name, value), most in zip(believed.items(), (np.inf, np.inf, 1.0, 1.0), strict=True):
         if not 0.0 < value < most:
             raise InputError(f"{name} must be above 0{' and below 1' * (most == 1.0)}, got {value:g}. Correct it.")
     chosen, machine, caveats = _of_one_machine(rows, machine)
@@ -418,10 +414,9 @@ def trend(
     numbers = np.stack([level, level_sd, *ends, chart.common_sd], axis=1)
     steps = [_parameter(statistics, j, found, change[:, :, j], numbers[j], ci_prob) for j in range(p)]
     total = 1.0 - float(weights[:, -1].sum())
-    believed = {"change_scale": change_scale, "repeatability": repeatability, "probability": probability}
     return Trend(
         machine=machine, reference_force_N=statistics.reference_force_N,
-        assumptions=believed | {"threshold": threshold, "ci": ci_prob, "one_instrument": bool(statistics.instrument)},
+        assumptions=believed | {"ci": ci_prob, "one_instrument": bool(statistics.instrument)},
         probability=total, changed=total > threshold,
         false_alarm=min(1.0, (1.0 - threshold) / threshold * probability / (1.0 - probability)), campaigns=visits,
         parameters=dict(zip(statistics.parameters, steps, strict=True)),

@@ -24,7 +24,7 @@ from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squarenes
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.identifiability import describe
-from ldbb_bayes.campaign.preview import CampaignPreview, preview
+from ldbb_bayes.campaign.preview import preview
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_of, record_of
 from ldbb_bayes.report import figures, text, wording
@@ -35,7 +35,6 @@ from ldbb_bayes.units import display_name, display_unit, ranked, round_like, rou
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.conformity import Conformity
-    from ldbb_bayes.analysis.identifiability import Budget, ParameterIdentifiability
 
 __all__ = [
     "PICTURES", "SECTIONS", "Beside", "Compared", "Details", "Findings", "Part", "Picture", "Recommended", "Section", "beside",
@@ -132,40 +131,15 @@ class Findings:
         """Probability that compliance changes with force; one where that is what was fitted."""
         return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
 
-    @cached_property
-    def design(self) -> Recommended:
-        """The tests to run next."""
-        return self.recommended()
-
-    @cached_property
-    def result(self) -> dict[str, Any]:
-        """The JSON of the fit."""
-        return text.full_result(self.posterior, self.ci_prob)
-
-    @cached_property
-    def summary(self) -> pd.DataFrame:
-        """Of the draws."""
-        return lb.summarize(self.posterior, ci_prob=self.ci_prob)
-
-    @cached_property
-    def seen(self) -> CampaignPreview:
-        """The campaign without a model."""
-        return preview(campaign_of(self.posterior))
-
-    @cached_property
-    def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """What the readings tell of every parameter."""
-        return lb.verdicts(self.posterior)
-
-    @cached_property
-    def budgets(self) -> Mapping[str, Budget]:
-        """Of every parameter."""
-        return lb.budgets(self.posterior)
-
-    @cached_property
-    def path(self) -> pd.DataFrame:
-        """Circular-test quantities of the machine."""
-        return lb.circularity(self.posterior, ci_prob=self.ci_prob)
+    # The tests to run next; the JSON of the fit; of the draws; the campaign without a model; what the readings tell of every
+    # parameter, and the budget of each; circular-test quantities of the machine.
+    design = cached_property(lambda self: self.recommended())
+    result = cached_property(lambda self: text.full_result(self.posterior, self.ci_prob))
+    summary = cached_property(lambda self: lb.summarize(self.posterior, ci_prob=self.ci_prob))
+    seen = cached_property(lambda self: preview(campaign_of(self.posterior)))
+    verdicts = cached_property(lambda self: lb.verdicts(self.posterior))
+    budgets = cached_property(lambda self: lb.budgets(self.posterior))
+    path = cached_property(lambda self: lb.circularity(self.posterior, ci_prob=self.ci_prob))
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
         """With the tolerances given or else those of the campaign."""

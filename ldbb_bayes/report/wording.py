@@ -47,14 +47,15 @@ def _environment() -> jinja2.Environment:
     filters = (joined, display_name, typeset, term_words, nuisance_words, check_words, remark_words, caveat_words, repr)
     environment.filters |= {own.__name__: own for own in (*filters, look_sentences, probability_words, strength_words)}
     environment.filters |= {"as_": format, "lines": _lines, "point": lambda at: f"({', '.join(f'{x:g}' for x in at)})"}
-    names = {"IN_FORCE": IN_FORCE, "DEGREES": DEGREES, "FEW": _FEW, "BARE": _STRENGTHS[0][0], "SIGNS": _SENTENCES["signs"]}
-    environment.globals |= names | {
-        "PAGE": PAGE,
-        "SURE": _SURE,
-        "JOINED": _JOINED,
-        "CONFLICT": _CONFLICT,
-        "plus_minus": plus_minus,
+    names: dict[str, Any] = {
+        "IN_FORCE": IN_FORCE,
+        "DEGREES": DEGREES,
+        "FEW": _FEW,
+        "BARE": _STRENGTHS[0][0],
+        "SIGNS": _SENTENCES["signs"],
     }
+    names |= {"PAGE": PAGE, "SURE": _SURE, "JOINED": _JOINED, "CONFLICT": _CONFLICT, "plus_minus": plus_minus}
+    environment.globals |= names
     return environment
 
 
@@ -192,10 +193,7 @@ def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
             alike[own.modelled].setdefault(own.term, {}).update(dict.fromkeys(own.parameters))
         else:
             yield f"These readings cannot separate {_shown(own.parameters)}."
-    covers = {
-        False: "The model leaves these out: no interval covers them",
-        True: "The intervals rest on what was assumed of these",
-    }
+    covers = ("The model leaves these out: no interval covers them", "The intervals rest on what was assumed of these")
     for modelled, terms in alike.items():
         if terms:
             pairs = "; ".join(f"{term_words(term)} with {_shown([*names])}" for term, names in terms.items())

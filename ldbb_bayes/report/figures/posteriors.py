@@ -424,15 +424,8 @@ def _atlas(columns: Mapping[str, Array], colour: Mapping[str, str], bold: set[st
     return figure
 
 
-FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
-    {
-        draw.__name__: draw
-        for draw in (
-            *(traces, residuals, forest, compliance_against_force, corner),
-            *(contributions, parameter_contributions, circularity),
-        )
-    }
-)
+_DRAWN = (traces, residuals, forest, compliance_against_force, corner, contributions, parameter_contributions, circularity)
+FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType({draw.__name__: draw for draw in _DRAWN})
 
 
 def save_figures(
