@@ -36,7 +36,7 @@ from scipy import special
 from ldbb_bayes.analysis import sensitivity
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed, Curve, Explanations, SlopeSubset, VaryingSlope
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import (
     Evidences,
     check_comparable,
@@ -319,16 +319,14 @@ def compare(
 
 def _checked(models: Mapping[str, HybridModel], campaign: Campaign, evidences: Evidences) -> Evidences:
     check_campaign(campaign)
-    if len(models) < 2:
-        raise InputError(f"models must be at least two, got {len(models)}. Give for example constant and linear compliance.")
-    if not _FINEST <= evidences.tolerance <= _COARSEST:
-        got = f"got {evidences.tolerance}: evidences are hundreds. For one model log_evidence goes further."
-        raise InputError(f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, {got}")
-    alike = next(((a, b) for a, b in itertools.combinations(models, 2) if models[a] == models[b]), None)
-    if alike is not None:
-        raise InputError(
-            f"models must differ, got {alike[0]!r} and {alike[1]!r} alike. Leave one out, or change its degree or terms."
-        )
+    cure = "Give for example constant and linear compliance."
+    require(len(models) > 1, f"models must be at least two, got {len(models)}. {cure}")
+    got = f"got {evidences.tolerance}: evidences are hundreds. For one model log_evidence goes further."
+    fine = _FINEST <= evidences.tolerance <= _COARSEST
+    require(fine, f"tolerance must lie between {_FINEST:g} and {_COARSEST:g} nats, {got}")
+    for one, other in itertools.combinations(models, 2):
+        cure = "Leave one out, or change its degree or terms."
+        require(models[one] != models[other], f"models must differ, got {one!r} and {other!r} alike. {cure}")
     for model in models.values():
         check_comparable(model, campaign)
     return evidences.of_campaign(campaign)

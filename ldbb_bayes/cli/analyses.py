@@ -15,7 +15,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.cli import options
 from ldbb_bayes.cli.campaigns import ATLAS_FILES, write_atlases
 from ldbb_bayes.cli.options import Kind, Output, command, group, option, options_of
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,14 +80,11 @@ def compare(
 
     Compares constant with linear compliance; with --degree 2 also quadratic. Exit code 1: an evidence is less exact than asked.
     """
-    if model.degree == 0:
-        raise InputError(
-            "compare must have a degree of at least 1, got 0: there is nothing to compare with. Use --degree 1 or 2."
-        )
+    got = "got 0: there is nothing to compare with. Use --degree 1 or 2."
+    require(model.degree > 0, f"compare must have a degree of at least 1, {got}")
     models = {name: model.with_degree(k) for k, name in enumerate(_DEGREES[: model.degree + 1])}
     for name, file in asked.pop("also", {}).items():
-        if name in models:
-            raise InputError(f"--also must give a new name, got {name!r} again. Choose another.")
+        require(name not in models, f"--also must give a new name, got {name!r} again. Choose another.")
         models[name] = lb.read_model(file, degree=model.degree)
     names = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
     output.check("comparison.json", "local_fits.csv", figures=names)
@@ -215,7 +212,7 @@ def fit(
 ) -> None:
     """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the sampler missed its target."""
     from ldbb_bayes.inference.posterior import check_probability
-    from ldbb_bayes.report.text import full_result
+    from ldbb_bayes.report.text import full_result, parts_of_fit
 
     check_probability(asked["ci_prob"])
     chosen, population = _with_population(model, prior_from, campaign)
@@ -225,7 +222,7 @@ def fit(
     with options.sampling_progress(output.quiet, "sampling") as progress:
         posterior = lb.sample(chosen, campaign, sampler=asked["sampler"], seed=asked["seed"], rule=rule, progress=progress)
     result = full_result(posterior, asked["ci_prob"]) | population
-    output.deliver(result, _parts_of_fit(result), also=partial(write_result, posterior, result))
+    output.deliver(result, parts_of_fit(result), also=partial(write_result, posterior, result))
     if not result["sampler"]["converged"]:
         raise typer.Exit(options.EXIT_MISSED)
 
@@ -260,10 +257,10 @@ def summarize(
     ci: Annotated[float, options.CI],
 ) -> None:
     """Table or JSON of a stored posterior, with intervals of any probability."""
-    from ldbb_bayes.report.text import full_result
+    from ldbb_bayes.report.text import full_result, parts_of_fit
 
     numbers = full_result(lb.load(result), ci)
-    Output(as_json=as_json).deliver(numbers, _parts_of_fit(numbers))
+    Output(as_json=as_json).deliver(numbers, parts_of_fit(numbers))
 
 
 def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:
@@ -273,14 +270,6 @@ def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path
     folder.mkdir(exist_ok=True)
     lb.save(posterior, folder / "posterior.nc")
     options.write_files(folder, {"summary.json": result, "model.toml": record_of(posterior)["model"]["toml"]})
-
-
-def _parts_of_fit(result: Mapping[str, Any]) -> tuple[Any, ...]:
-    from ldbb_bayes.report.text import parts_of_fit
-
-    own = result.get("prior_from")
-    said = own and f"population of {own['machines']} machines, {own['campaigns']} campaigns ({own['path']})"
-    return (*parts_of_fit(result), *([f"Prior of the compliances: {said}."] if own else []))
 
 
 DEMO_FILES = ("campaign", "constant", "linear", "figures")

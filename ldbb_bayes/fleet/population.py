@@ -24,7 +24,7 @@ from pydantic import Field
 from scipy.special import gammaincinv, ndtr, ndtri
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import require
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose, labels
 from ldbb_bayes.fleet.statistics import (
     FleetStatistics,
@@ -495,15 +495,15 @@ def population(
     progress : told of machines that are left out by drawing anew: done and total.
     """
     check_probability(ci_prob)
-    if not 0.0 < spread_scale < np.inf:
-        raise InputError(f"spread_scale must be a finite number above zero, got {spread_scale}. The default is 0.3.")
+    said = f"spread_scale must be a finite number above zero, got {spread_scale}. The default is 0.3."
+    require(0.0 < spread_scale < np.inf, said)
     relied, caveats = choose(rows, exclude, since, include_misfits)
     statistics = fleet_statistics(
         relied, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
     )
-    if len(set(statistics.machines)) < 2:
-        why = " ".join(("Add campaigns of others.", *map(caveat_words, caveats)))
-        raise InputError(f"a population must have at least two machines, got only {statistics.machines[0]}. {why}")
+    why = " ".join(("Add campaigns of others.", *map(caveat_words, caveats)))
+    several = len(set(statistics.machines)) > 1
+    require(several, f"a population must have at least two machines, got only {statistics.machines[0]}. {why}")
     found = pool(statistics, spread_scale=spread_scale, ci_prob=ci_prob, seed=seed, progress=progress)
     nameless = ~relied["machine_id"].map(lambda own: isinstance(own, str)).astype(bool)
     if nameless.any():
@@ -583,12 +583,12 @@ class PopulationPrior(Shown):
             require(free, f"{name} must be free to have the population's prior, got one fixed at zero. Free it.")
             two = name in prior.overrides or name in prior.means
             require(not two, f"{name} must have one prior, got the population's and the model's own. Remove one of them.")
-        own = model.reference_force_N
-        if own is not None and not np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE):
-            raise InputError(
-                f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, "
-                f"got {own:g} N. Leave reference_force_N out of the model."
-            )
+        own = self.reference_force_N if model.reference_force_N is None else model.reference_force_N
+        got = f"got {own:g} N. Leave reference_force_N out of the model."
+        said = (
+            f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, {got}"
+        )
+        require(np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE), said)
         prior = replace(prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means})
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, moment
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.jobs import one_blas_thread
@@ -188,26 +188,22 @@ def fleet_statistics(
     """Return the statistics of a batch's rows, those to rely on (`choose`); by default of all constant compliances. Compliances
     are meant at ``reference_force_N``, by default the median of the campaigns' own. With ``one_instrument`` mount and force gain
     are those of one bar, so that their errors do not average out; else each campaign has its own."""
-    topologies = sorted(set(rows["topology"]))
-    if len(topologies) > 1:
-        raise InputError(
-            f"campaigns must be of machines with the same joints, got {topologies[0]} and {topologies[1]}. Take one kind."
-        )
+    topology, *others = sorted(set(rows["topology"]))
+    got = f"got {' and '.join([topology, *others[:1]])}. Take one kind."
+    require(not others, f"campaigns must be of machines with the same joints, {got}")
     names = [list(own) for own in rows["gaussian_names"]]
     free = [name for name in names[0] if Term.owner(name) is Term and not _SLOPE.fullmatch(name)]
     free = [name for name in free if all(name in own for own in names)]
     parameters = (parameters,) if isinstance(parameters, str) else parameters
     chosen = tuple(name for name in free if name.startswith("C_")) if parameters is None else tuple(map(inside_name, parameters))
     check_known("parameter", chosen, free)
-    if len(set(chosen)) < len(chosen) or not chosen:
-        raise InputError(
-            f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of {', '.join(free)}."
-        )
+    said = f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of {', '.join(free)}."
+    require(0 < len(chosen) == len(set(chosen)), said)
     errors = {name for own in names for name in own if Term.owner(name) is not Term and one_instrument}
     shared = tuple(sorted(errors, key=lambda name: list(Term.kinds.values()).index(Term.owner(name))))
     force = float(np.median(rows["reference_force_N"])) if reference_force_N is None else float(reference_force_N)
-    if not 0.0 <= force < np.inf:
-        raise InputError(f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force in N.")
+    said = f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force in N."
+    require(0.0 <= force < np.inf, said)
     parts = [_likelihood(row, (*chosen, *shared), force) for row in rows.to_dict("records")]
     information, weighted, prior_mean, prior_sd = (np.array(part) for part in zip(*parts, strict=True))
     units, c = dict(zip(names[0], rows.iloc[0]["gaussian_units"], strict=True)), len(chosen)
@@ -220,7 +216,7 @@ def fleet_statistics(
         dates=tuple(moment(own) if isinstance(own, str) else None for own in rows["date"]), parameters=chosen, units=own_units,
         instrument=shared, prior_sd=scale, likelihood=Gaussian(information * (scale[:, None] * scale), weighted * scale),
         reference_force_N=force, forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
-        topology=topologies[0], compliances=_meanings(rows, chosen),
+        topology=topology, compliances=_meanings(rows, chosen),
     )  # fmt: skip
 
 
@@ -262,11 +258,11 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
         said = json.loads(text) if isinstance(text, str) else {}
         for name in (name for name in chosen if name in said):
             meaning, first = found.setdefault(name, (said[name], campaign))
-            if not same_meaning(name, meaning, said[name]):
-                raise InputError(
-                    f"campaigns must mean the same by {name}, got {first} and {campaign}: circles or joints' frames stand "
-                    "elsewhere, so that it is the sum of other compliances. Take those of one place."
-                )
+            other = (
+                "circles or joints' frames stand elsewhere, so that it is the sum of other compliances. Take those of one place."
+            )
+            refused = f"campaigns must mean the same by {name}, got {first} and {campaign}: {other}"
+            require(same_meaning(name, meaning, said[name]), refused)
     return {name: meaning for name, (meaning, _) in found.items()}
 
 

@@ -31,7 +31,7 @@ from pydantic import Field, PlainSerializer
 from scipy.special import erf, logsumexp, ndtri
 
 from ldbb_bayes.analysis.conformity import Conformity, Tolerance, normal_conformity, quantities, tolerances_in
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, check_rows, choose, labels
 from ldbb_bayes.fleet.statistics import FleetStatistics, Summary, alone, deviating, fleet_statistics, keyed, mixture_covariance
 from ldbb_bayes.inference.posterior import check_probability
@@ -394,11 +394,9 @@ def trend(
     statistics = fleet_statistics(
         relied, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
     )
-    if len(statistics) < 2:
-        raise InputError(
-            f"a trend must have at least 2 campaigns of one machine to rely on, got {len(statistics)}. "
-            + " ".join(("Measure again.", *map(caveat_words, caveats)))
-        )
+    why = " ".join(("Measure again.", *map(caveat_words, caveats)))
+    got = f"got {len(statistics)}. {why}"
+    require(len(statistics) > 1, f"a trend must have at least 2 campaigns of one machine to rely on, {got}")
     order, p = _in_time(statistics), len(statistics.parameters)
     series = Gaussian(statistics.likelihood.precision[order], statistics.likelihood.shift[order])
     scatter, prior = scatter_rule(repeatability)

@@ -302,7 +302,8 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     head = f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings."
     went = (wording.quality_words(quality), wording.sampler_words(result["sampler"]))
     notes = (f"Note: {warning}" for warning in quality["warnings"])
-    return (f"Verdict: {quality['verdict']}", head, *tables, *went, *notes, wording.model_words(result["model"]))
+    prior = [wording.PAGE["prior_from"].format(**own)] if (own := result.get("prior_from")) else []
+    return (f"Verdict: {quality['verdict']}", head, *tables, *went, *notes, wording.model_words(result["model"]), *prior)
 
 
 def conformity_table(found: Mapping[str, Mapping[str, Any]]) -> Table:
