@@ -167,11 +167,7 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
 # ---- which campaigns count
 
 # The columns of a batch's table that a trend or a population asks for.
-FLEET_COLUMNS = (
-    *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances", "tolerances"),
-    *("force_min_N", "force_max_N", "reference_force_N", "converged", "kinds"),
-    *("gaussian_names", "gaussian_units", "gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"),
-)
+FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 
 
 class CaveatKind(StrEnum):

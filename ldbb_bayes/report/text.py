@@ -518,11 +518,6 @@ def _left_out_table(comparison: Comparison) -> Table:
 
 # ---- design
 
-_HEADS = {
-    "force_N": "force (N)", "work_ball_deg": "work ball (°)", "tool_ball_deg": "tool ball (°)", "radius_mm": "radius (mm)",
-    "setup": "set-up",
-}  # fmt: skip
-
 
 @parts_of.register
 def _(design: Design) -> tuple[Passage, ...]:
@@ -530,7 +525,8 @@ def _(design: Design) -> tuple[Passage, ...]:
     baseline and others, floor and prior."""
     every = design.table.to_numpy(dtype=object).tolist()
     rows = [[value if isinstance(value, str) else f"{value:.4g}" for value in row] for row in every]
-    run = Table.of("Tests to run", [*(_HEADS.get(name, name) for name in ("force_N", *design.columns)), "circles"], rows)
+    heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]
+    run = Table.of("Tests to run", [*heads, "circles"], rows)
     rows = []
     for name, entry in design.expected.items():
         factor, unit = display_unit(entry.unit)
