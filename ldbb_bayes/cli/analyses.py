@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["compare", "demo", "design", "fit", "identify", "summarize", "validate", "with_tolerances", "write_result"]
 
 _DEGREES = ("constant", "linear", "quadratic")
-
-
 _COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
 
 
@@ -62,11 +60,8 @@ def _with_oddities(result: object, campaign: lb.Campaign) -> tuple[Any, ...]:
     return (*text.parts_of(result), *wording.look_sentences(seen), *odd)
 
 
-def _models(entries: list[str], flag: str) -> dict[str, Path]:
-    return {name: Path(file) for name, file in options.pairs_in(entries, flag, "NAME=FILE.toml").items()}
-
-
-_COMPARE = group(**options_of("compare", models=Kind(list[str], _models)))
+_MODELS = Kind(list[str], lambda entries, flag: options.pairs_in(entries, flag, "NAME=FILE.toml"))
+_COMPARE = group(**options_of("compare", models=_MODELS))
 
 
 @command

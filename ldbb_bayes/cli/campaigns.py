@@ -174,17 +174,13 @@ def machine(
 _SHOWN = 10
 
 
+_CAMPAIGNS = "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of them, one a line: "
+_CAMPAIGNS += "@FILE or a .txt file."
+
+
 @command
 def batch(
-    campaigns: Annotated[
-        list[str],
-        typer.Argument(
-            help="Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of them, one a line: "
-            "@FILE or a .txt file.",
-            metavar="CAMPAIGNS...",
-            show_default=False,
-        ),
-    ],
+    campaigns: Annotated[list[str], typer.Argument(help=_CAMPAIGNS, metavar="CAMPAIGNS...", show_default=False)],
     out: Annotated[Path, option(Path, "Folder for the journal and the table.", options.REQUIRED, metavar="DIR")],
     model: options.ChosenModel,
     table: options.TableFields,

@@ -605,26 +605,22 @@ class PopulationPrior(Shown):
         return (*doubts, *(f"The population says: {doubt}" for doubt in self.own_doubts))
 
     def _check_machine(self, campaign: Campaign) -> None:
-        require(
-            campaign.topology == self.topology,
-            f"topology must be the population's {self.topology!r} to use its prior, got {campaign.topology!r}. "
-            "Use a population of such machines, or no --prior-from.",
-        )
+        got = f"got {campaign.topology!r}. Use a population of such machines, or no --prior-from."
+        same = campaign.topology == self.topology
+        require(same, f"topology must be the population's {self.topology!r} to use its prior, {got}")
         sums = stands_for(campaign)
         missing = [name for name in self.means if name not in sums]
         got = f"got {', '.join(sums)} without {', '.join(missing)}. Use a population whose circles lie in the same planes."
         require(not missing, f"the campaign must have the population's compliances, {got}")
         for name in self.means:
-            require(
-                name not in self.compliances or same_meaning(name, self.compliances[name], sums[name]),
-                f"the campaign must mean by {name} what the population does, got circles or joints' frames that stand "
-                "elsewhere, so that it is the sum of other compliances. Use a population measured in the same place.",
-            )
-        require(
-            campaign.sha256 not in self.readings,
-            "the campaign must not be in the population that gives its prior, got readings that it was made from: they would "
-            "count twice. Make the population without it (--exclude), or fit without --prior-from.",
-        )
+            got = "got circles or joints' frames that stand elsewhere, so that it is the sum of other compliances"
+            same = name not in self.compliances or same_meaning(name, self.compliances[name], sums[name])
+            cure = "Use a population measured in the same place."
+            require(same, f"the campaign must mean by {name} what the population does, {got}. {cure}")
+        got = "got readings that it was made from: they would count twice"
+        cure = "Make the population without it (--exclude), or fit without --prior-from."
+        apart = campaign.sha256 not in self.readings
+        require(apart, f"the campaign must not be in the population that gives its prior, {got}. {cure}")
 
 
 def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:

@@ -168,10 +168,7 @@ REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 def check_folder(folder: Path) -> None:
     """Refuse a folder that a report cannot be written to, before any work is done."""
-    if folder.is_dir():
-        check_target(folder / "tables", force=True, ours=_TABLES)
-    else:
-        check_target(folder, force=True)
+    check_target(folder / "tables" if folder.is_dir() else folder, force=True, ours=_TABLES)
 
 
 def write_report(
