@@ -19,14 +19,15 @@ import matplotlib as mpl
 import numpy as np
 
 from ldbb_bayes.analysis.circularity import circularity
-from ldbb_bayes.analysis.conformity import Use, is_determined, state_of
+from ldbb_bayes.analysis.conformity import Use, draws_at, is_determined, state_of
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, curves_of, draws_of, fit_of, numbers_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, numbers_of
 from ldbb_bayes.model.fourier import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength, Term, uncertainties
 from ldbb_bayes.report.sections import Findings, Picture, picture
 from ldbb_bayes.report.text import two_digits
-from ldbb_bayes.result import Array, Table
+from ldbb_bayes.report.wording import joined
+from ldbb_bayes.result import Table
 from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value_and_uncertainty
 
 if TYPE_CHECKING:
@@ -67,8 +68,7 @@ class Words:
 
     def joined(self, parts: Sequence[str]) -> str:
         """Return a, b and c."""
-        word = str(self.table["and"])
-        return word.join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])}{word}{parts[-1]}"
+        return joined(parts, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
         """Return a unit's label."""
@@ -214,23 +214,9 @@ class Numbers:
                 stated[own.name] = Stated(words, display_name(own.name), row["mean"], row["sd"], interval, own.unit, entry)
         return stated
 
-    @cached_property
-    def _of(self) -> dict[str, Any]:
-        """Mean, sd, median and interval of every parameter, of compliances at the force [inside units]."""
-        group = self.found.numbers["posterior"].dataset
-        every = {str(name): numbers_of(own.values, self.found.ci_prob) for name, own in group.data_vars.items()}
-        return every | {name: numbers_of(draws, self.found.ci_prob) for name, draws in self._compliances.items()}
-
-    @cached_property
-    def _compliances(self) -> dict[str, Array]:
-        """Draws of every compliance at the force [inside units]."""
-        posterior = self.found.numbers
-        bound = bound_of(posterior)
-        if self.force_N == bound.setting.reference_force_N:
-            beta, _ = draws_of(posterior, bound)
-            return {own.label: beta[:, bound.names.index(own.label)] for own in bound.compliances}
-        curves = curves_of(posterior, np.array([self.force_N]))[:, 0]
-        return {own.label: curves[:, j] for j, own in enumerate(bound.compliances)}
+    # Draws of every parameter, of compliances at the force [inside units]; their mean, sd, median and interval.
+    _draws = cached_property(lambda self: draws_at(self.found.numbers, self.force_N))
+    _of = cached_property(lambda self: {name: numbers_of(own, self.found.ci_prob) for name, own in self._draws.items()})
 
     def _quantity(self, name: Any, degree: int = 0) -> str:
         key = "slope" if degree == 1 else "curvature" if degree else str(name.kind)
@@ -246,7 +232,7 @@ class Numbers:
         every = {}
         for own in bound_of(self.found.numbers).compliances:
             if own.kind == "direct":
-                row, draws = self._of[own.label], self._compliances[own.label]
+                row, draws = self._of[own.label], self._draws[own.label]
                 middle, low, high = (row[key] for key in ("median", "ci_low", "ci_high"))
                 ends, limit = (1.0 / high, 1.0 / low), ""
                 if not low > _HARDLY * middle > 0.0:
