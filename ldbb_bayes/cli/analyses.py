@@ -210,12 +210,18 @@ def fit(
     from ldbb_bayes.report.text import full_result, parts_of_fit
 
     check_probability(asked["ci_prob"])
-    chosen, population = _with_population(model, prior_from, campaign)
-    campaign = with_tolerances(campaign, chosen, tolerances)
+    population: dict[str, Any] = {}
+    if prior_from is not None:
+        prior = lb.prior_from(prior_from)
+        doubts, said = prior.doubts(campaign), {key: getattr(prior, key) for key in ("machines", "campaigns", "sha256")}
+        for doubt in doubts:
+            typer.echo(f"--prior-from: {doubt}", err=True)
+        model, population = prior.model(model), {"prior_from": {"path": str(prior_from), **said, "doubts": list(doubts)}}
+    campaign = with_tolerances(campaign, model, tolerances)
     output.check(*RESULT_FILES)
     rule = lb.StoppingRule(ess=asked["ess"], max_steps=asked["max_steps"])
     with options.sampling_progress(output.quiet, "sampling") as progress:
-        posterior = lb.sample(chosen, campaign, sampler=asked["sampler"], seed=asked["seed"], rule=rule, progress=progress)
+        posterior = lb.sample(model, campaign, sampler=asked["sampler"], seed=asked["seed"], rule=rule, progress=progress)
     result = full_result(posterior, asked["ci_prob"]) | population
     output.deliver(result, parts_of_fit(result), also=partial(write_result, posterior, result))
     if not result["sampler"]["converged"]:
@@ -231,18 +237,6 @@ def with_tolerances(campaign: lb.Campaign, model: lb.HybridModel, given: Mapping
     if campaign.tolerances:
         tolerances_in(quantities_of(model.bind(campaign)), campaign.tolerances)
     return campaign
-
-
-def _with_population(model: lb.HybridModel, path: Path | None, campaign: lb.Campaign) -> tuple[lb.HybridModel, dict[str, Any]]:
-    """The model with the prior that --prior-from names, and what a result says of it; its doubts go to stderr."""
-    if path is None:
-        return model, {}
-    prior = lb.prior_from(path)
-    doubts = prior.doubts(campaign)
-    for doubt in doubts:
-        typer.echo(f"--prior-from: {doubt}", err=True)
-    said = {"path": str(path), "machines": prior.machines, "campaigns": prior.campaigns}
-    return prior.model(model), {"prior_from": said | {"sha256": prior.sha256, "doubts": list(doubts)}}
 
 
 @command

@@ -358,18 +358,6 @@ def _(result: Comparison) -> dict[str, Any]:
 # ---- design
 
 
-def place_words(row: Mapping[str, Any]) -> str:
-    """Return where a test is run, from one row of a design's table or a part of it."""
-    parts = (
-        f"plane {row['plane']}" if row.get("plane") else "",
-        str(row.get("direction") or ""),
-        f"set-up {row['setup']}" if row.get("setup") else "",
-        f"work ball {row['work_ball_deg']:g}°, tool ball {row['tool_ball_deg']:g}°" if "work_ball_deg" in row else "",
-        f"R {row['radius_mm']:g} mm" if "radius_mm" in row else "",
-    )
-    return ", ".join(filter(None, parts))
-
-
 def design_sentences(design: Design) -> tuple[str, ...]:
     """Return the recommendation in words, its notes last."""
     ratio = {name: design.expected[name].sd / design.baseline[name].sd for name in design.parameters}
@@ -396,8 +384,8 @@ def _tests_to_run(design: Design) -> str:
     named = [name for name in columns if (clocked if name in columns[:2] else table[name].nunique() > 1)]
     words = []
     for row in table.to_dict(orient="records"):
-        place = f" ({place_words({name: row[name] for name in named})})" if named else ""
-        words.append(f"{row['count']} × {row['force_N']:.4g} N{place}")
+        places = [form.format(row[name]) for name, form in _SENTENCES["places"].items() if name in named and row[name] != ""]
+        words.append(f"{row['count']} × {row['force_N']:.4g} N{' (' * bool(named)}{', '.join(places)}{')' * bool(named)}")
     listed = joined(words) if len(words) <= 12 else "see the table"
     return f"{table['count'].sum()}{' more' if design.augment else ''} circles: {listed}"
 
