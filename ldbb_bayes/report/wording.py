@@ -385,7 +385,7 @@ def _tests_to_run(design: Design) -> str:
     words = []
     for row in table.to_dict(orient="records"):
         places = [form.format(row[name]) for name, form in _SENTENCES["places"].items() if name in named and row[name] != ""]
-        words.append(f"{row['count']} × {row['force_N']:.4g} N{' (' * bool(named)}{', '.join(places)}{')' * bool(named)}")
+        words.append(f"{row['count']} × {row['force_N']:.4g} N" + (f" ({', '.join(places)})" if named else ""))
     listed = joined(words) if len(words) <= 12 else "see the table"
     return f"{table['count'].sum()}{' more' if design.augment else ''} circles: {listed}"
 
