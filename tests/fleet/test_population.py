@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import plan
+from campaigns import plan, refuses
 from fleets import dense, doubts, fleet, of_campaigns, telling
 from scipy.stats import halfnorm, kstest, norm
 
@@ -368,16 +368,14 @@ def test_an_edited_file_is_refused(tmp_path: Path) -> None:
     assert lb.prior_from(file).sds["C_XXX"] == 4e-6
     record["next"]["C_XXX"]["sd"] = 4.1e-6
     file.write_text(json.dumps(record))
-    with pytest.raises(InputError, match=r"its sha256 is not that of its contents: it was edited"):
-        lb.prior_from(file)
+    refuses(r"its sha256 is not that of its contents: it was edited", lb.prior_from, file)
 
 
 def test_other_machines_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"topology must be the population's 'wCAFYXZSt' to use its prior, got 'wXFYZt'\. Use a"):
         lb.prior_from(written(tmp_path)).doubts(replace(plan(), topology="wXFYZt"))
     other = lb.prior_from(written(tmp_path, next={"C_ZZZ": {"unit": "mm/N", "mean": 5e-5, "sd": 1e-6}}))
-    with pytest.raises(InputError, match=r"must have the population's compliances, got C_XXX, .* without C_ZZZ\."):
-        other.doubts(plan())
+    refuses(r"must have the population's compliances, got C_XXX, .* without C_ZZZ\.", other.doubts, plan())
 
 
 def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
@@ -386,16 +384,14 @@ def test_compliances_of_another_place_are_refused(tmp_path: Path) -> None:
     assert prior.compliances == told
     assert prior.doubts(plan()) == ()
     higher = replace(plan(), tests=tuple(replace(test, centre_z_mm=100.0) for test in plan().tests))
-    with pytest.raises(InputError, match=r"must mean by C_XXX what the population does, got circles or joints' frames"):
-        prior.doubts(higher)
+    refuses(r"must mean by C_XXX what the population does, got circles or joints' frames", prior.doubts, higher)
 
 
 def test_models_it_does_not_go_with(tmp_path: Path) -> None:
     prior, model = lb.prior_from(written(tmp_path)), lb.HybridModel.first(1)
     with pytest.raises(InputError, match=r"must have proper priors to take a population's, got flat ones\. Use the default"):
         prior.model(lb.HybridModel.paper(0))
-    with pytest.raises(InputError, match=r"C_XYX must be free to have the population's prior, got one fixed at zero"):
-        prior.model(model.fixing("C_XYX"))
+    refuses(r"C_XYX must be free to have the population's prior, got one fixed at zero", prior.model, model.fixing("C_XYX"))
     for own in ({"overrides": {"C_XXX": 1e-5}}, {"means": {"C_XXX": 1e-5}}):
         with pytest.raises(InputError, match="C_XXX must have one prior, got the population's and the model's own"):
             prior.model(replace(model, prior=replace(model.prior, **own)))
@@ -405,12 +401,10 @@ def test_models_it_does_not_go_with(tmp_path: Path) -> None:
 
 def test_what_is_no_population(tmp_path: Path) -> None:
     for changes in ({"schema": 2}, {"kind": "fit"}):
-        with pytest.raises(InputError, match=r"must be a population written by .*, got a damaged one"):
-            lb.prior_from(written(tmp_path, **changes))
+        refuses(r"must be a population written by .*, got a damaged one", lb.prior_from, written(tmp_path, **changes))
     for content in (b"{", b"\xff\xfe\x00", b"[" * 100_000, b"[]"):
         (tmp_path / "population.json").write_bytes(content)
-        with pytest.raises(InputError, match=r"must be a population written by|must be a population, got"):
-            lb.prior_from(tmp_path)
+        refuses(r"must be a population written by|must be a population, got", lb.prior_from, tmp_path)
 
 
 # ---- what a compliance stands for
