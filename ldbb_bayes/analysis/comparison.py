@@ -37,14 +37,8 @@ from ldbb_bayes.analysis import sensitivity
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed, Curve, Explanations, SlopeSubset, VaryingSlope
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.evidence import (
-    Evidences,
-    check_comparable,
-    leave_one_out,
-    log_bayes_factor,
-    log_prob_truncation,
-    probabilities,
-)
+from ldbb_bayes.inference import evidence
+from ldbb_bayes.inference.evidence import Evidences, check_comparable, leave_one_out, log_bayes_factor, probabilities
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, build_tree, check_probability
@@ -590,7 +584,7 @@ def average(
     error = float(np.array([nodes.evidence.error for nodes in weighed])[share > _NEGLIGIBLE].max())
     missed = [] if error <= _ROUGH else [Concern(ConcernKind.NOT_CONVERGED, each, draws)]
     near, likeliest = weighed[0].posterior.plain.mode, weighed[int(np.argmax(share))].bound
-    truncation = log_prob_truncation(HyperPosterior(likeliest, truncated=True, near=near))
+    truncation = evidence.log_prob_truncation(HyperPosterior(likeliest, truncated=True, near=near))
     level = np.array([part.bound.log_prior(part.beta).mean() for part in believed])[model[order]]
     fit = fit_of_parts(bound, parts, groups, truncation, missed, checking, level)
     drawn = np.concatenate([beta, phi], axis=2)

@@ -25,19 +25,9 @@ from scipy.special import gammaincinv, ndtr, ndtri
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
 from ldbb_bayes.errors import require
+from ldbb_bayes.fleet import statistics as stats
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose, labels
-from ldbb_bayes.fleet.statistics import (
-    FleetStatistics,
-    Meaning,
-    Summary,
-    alone,
-    fleet_statistics,
-    keyed,
-    mixture_covariance,
-    same_meaning,
-    stands_for,
-    whitened,
-)
+from ldbb_bayes.fleet.statistics import FleetStatistics, Meaning, Summary, alone, fleet_statistics, whitened
 from ldbb_bayes.inference.posterior import check_probability, pareto_smooth
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model import gaussian
@@ -178,7 +168,7 @@ def draw_spreads(density: SpreadDensity, parameters: int, *, seed: int, size: in
     found = _weighed(density, mode, mode, inverse, seed=seed, size=size)
     if found.trusted and found.effective > _GOOD_SHARE * size:
         return found
-    middle, covariance = mixture_covariance(found.weight, np.log(found.spread))
+    middle, covariance = stats.mixture_covariance(found.weight, np.log(found.spread))
     other = _weighed(density, mode, middle, covariance + _LEAST_VARIANCE * inverse, seed=seed + 1, size=size)
     return min(found, other, key=lambda own: (not own.trusted, own.pareto_k if not own.trusted else -own.effective))
 
@@ -345,7 +335,7 @@ class Population(Result):
             for name, own in self.parameters.items()
             if _CONSTANT.fullmatch(name)
         }
-        found = {"schema": 1, "kind": "population", "machines": len(self.machine), **keyed(super().as_dict(), self.ci_prob)}
+        found = {"schema": 1, "kind": "population", "machines": len(self.machine), **stats.keyed(super().as_dict(), self.ci_prob)}
         return found | {"next": following, "not_belonging": list(self.not_belonging)}
 
     def machines_table(self) -> pd.DataFrame:
@@ -422,7 +412,7 @@ def _pooled_machines(
     """Every machine with the population, alone, and against the others."""
     names, c, weight = statistics.parameters, len(statistics.parameters), spreads.weight
     mean, sd, _, _ = estimates_of(likelihood, spreads.spread, common)
-    b, covariance = mixture_covariance(weight, common.mean[:, c:], common.covariance[:, c:, c:])
+    b, covariance = stats.mixture_covariance(weight, common.mean[:, c:], common.covariance[:, c:, c:])
     inverse, seen, estimate = alone(likelihood, c)
     gain = seen[..., c:]
     middle = estimate - gain @ b
@@ -608,13 +598,13 @@ class PopulationPrior(Shown):
         got = f"got {campaign.topology!r}. Use a population of such machines, or no --prior-from."
         same = campaign.topology == self.topology
         require(same, f"topology must be the population's {self.topology!r} to use its prior, {got}")
-        sums = stands_for(campaign)
+        sums = stats.stands_for(campaign)
         missing = [name for name in self.means if name not in sums]
         got = f"got {', '.join(sums)} without {', '.join(missing)}. Use a population whose circles lie in the same planes."
         require(not missing, f"the campaign must have the population's compliances, {got}")
         for name in self.means:
             got = "got circles or joints' frames that stand elsewhere, so that it is the sum of other compliances"
-            same = name not in self.compliances or same_meaning(name, self.compliances[name], sums[name])
+            same = name not in self.compliances or stats.same_meaning(name, self.compliances[name], sums[name])
             cure = "Use a population measured in the same place."
             require(same, f"the campaign must mean by {name} what the population does, {got}. {cure}")
         got = "got readings that it was made from: they would count twice"

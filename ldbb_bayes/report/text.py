@@ -9,23 +9,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 import ldbb_bayes as lb
+from ldbb_bayes import units
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import IN_FORCE
 from ldbb_bayes.result import ByClass, ByName, Shown, Table, brief, entries_of, table_of, wrapped
-from ldbb_bayes.units import (
-    display_name,
-    display_unit,
-    is_direct,
-    ranked,
-    round_like,
-    round_uncertainty,
-    state,
-    stiffness,
-    typeset,
-    value_and_uncertainty,
-)
+from ldbb_bayes.units import display_name, display_unit, round_like, round_uncertainty, typeset, value_and_uncertainty
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -351,8 +341,8 @@ def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIde
     the variance that every partner holds, where no budget stands beside it."""
     rows = []
     for name, entry in result["parameters"].items():
-        own = state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
-        stiff = stiffness(entry["median"], wording.interval_of(entry)) if is_direct(name) else ""
+        own = units.state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
+        stiff = units.stiffness(entry["median"], wording.interval_of(entry)) if units.is_direct(name) else ""
         verdict = wording.verdict_words(verdicts[name], shares=shares)
         rows.append((display_name(name), own.value, own.u, own.expanded, own.interval, own.unit, stiff, verdict))
     interval = f"{wording.percent_of(result)} interval"
@@ -423,7 +413,7 @@ def _(found: ByName[Any]) -> tuple[Passage, ...]:
     for name, budget in found.items():
         factor, unit = display_unit(budget.unit)
         shares = {line.term: budget.share(line.term) for line in budget.contributions}
-        heavy = ranked([item for item in shares.items() if item[1] >= _RUNNERS], lambda item: item[1])[:3]
+        heavy = units.ranked([item for item in shares.items() if item[1] >= _RUNNERS], lambda item: item[1])[:3]
         largest = ", ".join(f"{wording.source_words(term)} {100 * share:.0f} %" for term, share in heavy)
         u, then = (two_digits(size, factor) for size in (budget.u, budget.u_if_known))
         rows.append((display_name(name), u, unit, largest, wording.remedy_words(budget), then))

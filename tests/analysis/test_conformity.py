@@ -14,16 +14,8 @@ from campaigns import plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import (
-    Decision,
-    Reason,
-    ReasonKind,
-    Use,
-    normal_conformity,
-    quantities_of,
-    state_of,
-    tolerances_in,
-)
+from ldbb_bayes.analysis import conformity
+from ldbb_bayes.analysis.conformity import Decision, Reason, ReasonKind, Use, normal_conformity, state_of
 from ldbb_bayes.analysis.identifiability import Verdict
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import Concern, ConcernKind, campaign_of, curves_of, fit_of
@@ -81,7 +73,7 @@ def test_texts_are_limits_with_their_units() -> None:
         "E_YY1": (None, 1e-4), "stiffness_X": (18e3, None), "stiffness_Y": (18e3, 30e3), "G": (None, 0.02),
         "F_min": (-0.009, None),
     }  # fmt: skip
-    found = tolerances_in(quantities_of(MODEL.bind(CAMPAIGN)), given)
+    found = conformity.tolerances_in(conformity.quantities_of(MODEL.bind(CAMPAIGN)), given)
     assert found.keys() == expected.keys()
     for name, (lower, upper) in expected.items():
         assert (found[name].lower, found[name].upper) == (pytest.approx(lower), pytest.approx(upper)), name

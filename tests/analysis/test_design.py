@@ -15,17 +15,7 @@ from oracle import Oracle, OracleTest
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import candidates
-from ldbb_bayes.analysis.candidates import (
-    Space,
-    States,
-    bind_tests,
-    discrimination_of,
-    foreseen_by,
-    grid_of_tests,
-    narrowed,
-    running_order,
-    templates,
-)
+from ldbb_bayes.analysis.candidates import Space, States, bind_tests, foreseen_by, grid_of_tests, running_order, templates
 from ldbb_bayes.analysis.design import _limits
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.gaussian import Gaussian
@@ -440,7 +430,7 @@ def test_evidence_of_old_and_new_readings_together() -> None:
     run = three.observe(old, y).marginal([1, 2])
     before = Gaussian.of(run.mean[None], run.covariance[None])
     after = three.observe(every, np.zeros(11)).covariance[None, 1:, 1:]
-    found = discrimination_of(after, ("a", "b"), size=1.0, before=before, threshold=1.0)
+    found = candidates.discrimination_of(after, ("a", "b"), size=1.0, before=before, threshold=1.0)
     assert found.augmented
     for value, sample in ((found.expected_with, drawn[True]), (found.expected_without, drawn[False])):
         assert value == pytest.approx(sample.mean(), abs=0.1)
@@ -468,8 +458,8 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
     states = 100
     beta = np.tile([truth.get(name, 0.0) for name in bound.names], (states, 1))
     known = States(np.tile(PHI, (states, 1)), beta, Gaussian.of(np.zeros_like(beta), np.tile(bound.prior_sd**2, (states, 1))))
-    expected, error = narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 1)
-    again, _ = narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 2)
+    expected, error = candidates.narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 1)
+    again, _ = candidates.narrowed(bound, known, np.tile(covariance, (states, 1, 1)), 2)
     assert (np.abs(again - expected) <= 4.0 * np.sqrt(2.0) * error + 1e-12 * expected).all()
     assert (error < 0.1 * expected).all()
     np.testing.assert_allclose(np.sqrt(expected), np.sqrt(np.mean(found, axis=0)), rtol=0.05)
