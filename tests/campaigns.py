@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +59,13 @@ def refuses(said: str, call: Callable[..., object], /, *given: object, **options
     """A call does not take what it is given, and says so in words that match."""
     with pytest.raises(InputError, match=said):
         call(*given, **options)
+
+
+def written(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Files of these names and contents in a folder."""
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return [folder / name for name in files]
 
 
 def tidy(campaign: Campaign, path: Path) -> Path:

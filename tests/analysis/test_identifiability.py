@@ -228,14 +228,9 @@ def test_patterns_say_what_the_columns_are() -> None:
     kept = kept_compliances(machine, *circles)
     for plane in planes:
         small = lb.Circle(80.0, centre, plane)
-        columns = {
-            name.label: column
-            for name, column in zip(kept.names, compliance_jacobian(machine, small, AT, kept.names).T, strict=True)
-        }
-        columns |= {
-            entry.name: column
-            for entry, column in zip(found.geometric_errors, geometric_jacobian(machine, small, AT).T, strict=True)
-        }
+        names = [*(name.label for name in kept.names), *(entry.name for entry in found.geometric_errors)]
+        every = compliance_jacobian(machine, small, AT, kept.names), geometric_jacobian(machine, small, AT)
+        columns = dict(zip(names, np.hstack(every).T, strict=True))
         for entry in (*found.compliances, *found.geometric_errors):
             shown = entry.pattern.get(plane)
             expected = np.zeros_like(AT) if shown is None else value_of(shown, 80.0, AT)

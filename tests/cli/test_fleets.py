@@ -151,12 +151,8 @@ def test_a_trend_and_its_files(tmp_path: Path, invoke: Invoke, monkeypatch: pyte
     out = tmp_path / "out"
     given = ("--out", out, "--parameters", "C_XXX, C_YYY", "--threshold", "0.9", "--ci", 0.9)
     record = json.loads(invoke("trend", tmp_path, *given, "--json")[1])
-    assert (record["schema"], record["machine"], record["changed"], list(record["parameters"])) == (
-        1,
-        "M1",
-        True,
-        ["C_XXX", "C_YYY"],
-    )
+    assert [record[name] for name in ("schema", "machine", "changed")] == [1, "M1", True]
+    assert list(record["parameters"]) == ["C_XXX", "C_YYY"]
     assert [record["assumptions"][name] for name in ("threshold", "ci")] == [0.9, 0.9]
     assert sorted(path.name for path in out.iterdir()) == ["control_chart.png", "control_chart.svg", "trend.csv", "trend.json"]
     assert json.loads((out / "trend.json").read_text()) == record

@@ -54,10 +54,8 @@ def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invo
     code, shown, _ = invoke("report", result, "--out", out, "--comparison", comparison, *limits, "--quiet", "--json")
     record = json.loads(shown)
     assert code == 0
-    conform = {
-        name: own.as_dict()
-        for name, own in lb.conformity(lb.load(result), {"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm"}).items()
-    }
+    decided = lb.conformity(lb.load(result), {"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm"})
+    conform = {name: own.as_dict() for name, own in decided.items()}
     assert record["conformity"] == conform
     filed = pd.read_csv(out / "tables" / "conformity.csv", index_col="quantity")
     assert filed["probability"].to_dict() == {name: pytest.approx(own["probability"]) for name, own in conform.items()}
@@ -181,10 +179,8 @@ def test_a_failure_leaves_the_old_page(
     code, _, error = invoke("report", result, "--comparison", comparison, "--out", out, "--force", "--quiet")
     monkeypatch.undo()
     assert (code, "No space left on device" in error) == (2, True)
-    assert {path.name: path.read_text() for path in out.rglob("*") if path.is_file()} == {
-        "report.html": "old",
-        "budget.csv": "old",
-    }
+    found = {path.name: path.read_text() for path in out.rglob("*") if path.is_file()}
+    assert found == {"report.html": "old", "budget.csv": "old"}
 
 
 @pytest.mark.parametrize("change", ["no digest", "unit"])

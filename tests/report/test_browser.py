@@ -22,6 +22,7 @@ BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browse
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
 OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 A4_PX = 794 - 2 * 53
+VIEWS = ((1280, "light", "screen"), (1280, "dark", "screen"), (390, "light", "screen"), (A4_PX, "light", "print"))
 # Elements whose text reaches outside themselves, or out of the page; what scrolls on purpose may.
 OVERFLOWING = SCRIPTS["overflowing"]
 # Where nothing can scroll, what stands in a scrolling box must fit as well.
@@ -49,12 +50,7 @@ def browser() -> Iterator[Any]:
 
 def look(browser: Any, page: Path) -> None:
     """At 1280 px light and dark, at 390 px, and as printed on A4."""
-    for width, scheme, medium in (
-        (1280, "light", "screen"),
-        (1280, "dark", "screen"),
-        (390, "light", "screen"),
-        (A4_PX, "light", "print"),
-    ):
+    for width, scheme, medium in VIEWS:
         context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
         opened = context.new_page()
         said: list[str] = []

@@ -135,12 +135,8 @@ def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, 
 
 def drawn(page: str, known: Collection[tuple[str, str]]) -> Iterator[tuple[tuple[str, str], str]]:
     """What figures write beside their dots and bars: quantity and what is stated of it, as known from tables, and the number."""
-    for key, number, what in (
-        ("forest", r"(−?[\d.]+) (?:±|\[).*", "value"),
-        ("forest", r"−?[\d.]+ (?:± ([\d.]+)|\[.*\]) .*", "U"),
-        ("budget", r"([\d.]+) [^\d].*", "u"),
-        ("expected_widths", r"([\d.]+)", "u"),
-    ):
+    of_forest = ("forest", r"(−?[\d.]+) (?:±|\[).*", "value"), ("forest", r"−?[\d.]+ (?:± ([\d.]+)|\[.*\]) .*", "U")
+    for key, number, what in (*of_forest, ("budget", r"([\d.]+) [^\d].*", "u"), ("expected_widths", r"([\d.]+)", "u")):
         drawing = page[page.index(f'aria-labelledby="title-{key}"') :].partition("</svg>")[0]
         texts = [html.unescape(re.sub("<[^>]+>", "", own)) for own in re.findall("<text.*?</text>", drawing, re.S)]
         names = [(name, what) for text in texts if ((name := text.partition(" ")[0]), what) in known]

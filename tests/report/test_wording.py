@@ -121,13 +121,9 @@ def page_of(posterior: xr.DataTree) -> Any:
 
 def analyses_of(campaign: lb.Campaign) -> Any:
     models = {"constant": MODEL.with_degree(0), "linear": MODEL}
-    every = {
-        "preview": lb.preview(campaign),
-        "identify": lb.identify(MODEL, campaign),
-        "compare": lb.compare(models, campaign, evidence_only=True),
-        "design": lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N),
-    }
-    return plain_json({name: wording.with_words(own) for name, own in every.items()})
+    every = [lb.preview(campaign), lb.identify(MODEL, campaign), lb.compare(models, campaign, evidence_only=True)]
+    every.append(lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N))
+    return plain_json(list(map(wording.with_words, every)))
 
 
 def rows_of(folders: dict[str, Path]) -> Any:
