@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import HYPER_UM, TRUTH, plan
+from campaigns import HYPER_UM, TRUTH, plan, refuses
 from scipy.optimize import minimize
 
 import ldbb_bayes as lb
@@ -186,5 +186,4 @@ def test_minimum_zone_by_search() -> None:
 
 
 def test_zone_refused() -> None:
-    with pytest.raises(lb.InputError, match="at least 3 angles"):
-        circularity.minimum_zone_width(ANGLE[:2], ANGLE[:2])
+    refuses("at least 3 angles", circularity.minimum_zone_width, ANGLE[:2], ANGLE[:2])

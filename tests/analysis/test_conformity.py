@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import plan, simulated
+from campaigns import plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -94,8 +94,7 @@ def test_texts_are_limits_with_their_units() -> None:
     ],
 )
 def test_refused(posterior: Any, given: dict[str, str], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        lb.conformity(posterior, given)
+    refuses(message, lb.conformity, posterior, given)
 
 
 def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
@@ -127,8 +126,7 @@ def test_campaigns_have_tolerances(tmp_path: Path) -> None:
     assert lb.conformity(fitted).keys() == campaign.tolerances.keys()
     toml = (tmp_path / "campaign" / "campaign.toml").read_text(encoding="utf-8").replace('"60 nm/N"', "60")
     (tmp_path / "campaign" / "campaign.toml").write_text(toml, encoding="utf-8")
-    with pytest.raises(InputError, match=r"campaign\.toml: 'C_XXX' in \[tolerance\] must be a valid string, got 60"):
-        lb.read_campaign(tmp_path / "campaign")
+    refuses(r"campaign\.toml: 'C_XXX' in \[tolerance\] must be a valid string, got 60", lb.read_campaign, tmp_path / "campaign")
 
 
 def test_may_the_numbers_be_used(posterior: Any) -> None:

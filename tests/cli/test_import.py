@@ -35,13 +35,9 @@ def test_every_option_that_is_named_exists(tmp_path: Path, invoke: Invoke) -> No
     """Of awkward files, as JSON."""
     known = invoke("import", "--help")[1]
     for name in ("14_words", "20_no_header", "24_log", "19_distances", "22_tidy_psi", "09_windows"):
-        (tmp_path / name).mkdir()
-        given = (
-            *written(tmp_path / name, awkward.CASES[name].files),
-            "--out",
-            tmp_path / name / "c",
-            *awkward.CASES[name].options,
-        )
+        case, folder = awkward.CASES[name], tmp_path / name
+        folder.mkdir()
+        given = (*written(folder, case.files), "--out", folder / "c", *case.options)
         record = json.loads(invoke("import", *given, "--json")[1])
         assert (record["schema"], record["campaign"]["tests"], bool(record["layout"]["columns"])) == (1, 3, True)
         for assumed in record["assumptions"]:

@@ -59,15 +59,9 @@ def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
     assert json.loads(row["tolerances"]) == LIMITS
     for name, own in lb.conformity(posterior, LIMITS).items():
         assert (row[f"{name}.probability"], row[f"{name}.decision"]) == (own.probability, own.decision)
-    fields = {
-        "sha256": campaign.sha256,
-        "tests": 3,
-        "readings": 180,
-        "force_max_N": 742.0,
-        "reference_force_N": 389.0,
-        "degree": 1,
-    }
-    fields |= {"planes": "XY", "model_sha256": result["model"]["sha256"], "converged": result["sampler"]["converged"]}
+    fields = {"sha256": campaign.sha256, "tests": 3, "readings": 180, "force_max_N": 742.0, "reference_force_N": 389.0}
+    fields |= {"degree": 1, "planes": "XY", "model_sha256": result["model"]["sha256"]}
+    fields |= {"converged": result["sampler"]["converged"]}
     fields |= {name: result["fit"][name] for name in ("state", "verdict", "log_prob_truncation", "rmse_um")}
     for column, value in fields.items():
         assert row[column] == value, column

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pypdfium2 as pdfium
 import pytest
-from campaigns import plan, simulated
+from campaigns import plan, refuses, simulated
 from reports import NOT_COMPARED, SCRIPT, awkward, fitted, undrawn
 
 import ldbb_bayes as lb
@@ -168,8 +168,7 @@ def test_catalogues_say_the_same() -> None:
     assert set(languages()) >= {"en", "de"}
     every = [leaves(dict(words_of(language).table)) for language in languages()]
     assert all(own == every[0] for own in every)
-    with pytest.raises(lb.InputError, match="language"):
-        words_of("xx")
+    refuses("language", words_of, "xx")
 
 
 def test_paper(tmp_path: Path) -> None:
