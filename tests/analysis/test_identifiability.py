@@ -202,22 +202,10 @@ def test_certificates_by_the_oracle() -> None:
 
 
 def value_of(pattern: str, radius: float, angle: np.ndarray) -> np.ndarray:
-    """A printed pattern as numbers, by reading it back."""
-    text = pattern.replace("−", "-").replace(" - ", " + -").removeprefix("+")
-    total = np.zeros_like(angle)
-    for term in text.split(" + "):
-        sign, body = (-1.0, term[1:]) if term.startswith("-") else (1.0, term)
-        value = np.full_like(angle, sign)
-        for word in body.split():
-            if word[0] in "0123456789.":
-                value = value * float(word)
-                continue
-            for letter, power in zip(word, (*word[1:], ""), strict=True):
-                base = {"R": radius, "c": np.cos(angle), "s": np.sin(angle)}.get(letter)
-                if base is not None:
-                    value = value * base ** {"²": 2, "³": 3, "⁴": 4}.get(power, 1)
-        total = total + value
-    return total
+    """A printed pattern as numbers, by having Python read it."""
+    powers = re.sub("[²³⁴]", lambda found: f"**{'²³⁴'.index(found[0]) + 2}", pattern.replace("−", "-"))
+    product = re.sub(r"(?<=\w) ?(?=[Rcs])", "*", powers)
+    return eval(product, {"R": radius, "c": np.cos(angle), "s": np.sin(angle)}) + np.zeros_like(angle)
 
 
 def test_patterns_say_what_the_columns_are() -> None:
