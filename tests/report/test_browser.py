@@ -26,18 +26,12 @@ VIEWS = ((1280, "light", "screen"), (1280, "dark", "screen"), (390, "light", "sc
 # Elements whose text reaches outside themselves, or out of the page; what scrolls on purpose may.
 OVERFLOWING = SCRIPTS["overflowing"]
 # Where nothing can scroll, what stands in a scrolling box must fit as well.
-CUT_OFF = """() => [...document.querySelectorAll('.scroll, .picture')]
-  .filter(box => box.scrollWidth > box.clientWidth + 1)
-  .map(box => box.getAttribute('aria-label') || box.textContent.slice(0, 60))"""
+CUT_OFF = SCRIPTS["cut_off"]
 # Sheets whose text does not fit their page.
-SPILT = """() => [...document.querySelectorAll('.sheet')]
-  .filter(sheet => sheet.scrollHeight > sheet.clientHeight + 1).map(sheet => [sheet.scrollHeight, sheet.clientHeight])"""
+SPILT = SCRIPTS["spilt"]
 # Text of less contrast than WCAG's AA asks for, 4.5 to 1.
 FAINT = SCRIPTS["faint"]
-UNNAMED = """() => [...document.querySelectorAll('figure svg')].filter(svg => {
-  const title = document.getElementById(svg.getAttribute('aria-labelledby'));
-  return svg.getAttribute('role') !== 'img' || !title || !title.textContent.trim();
-}).length"""
+UNNAMED = SCRIPTS["unnamed"]
 
 
 @pytest.fixture(scope="module")
