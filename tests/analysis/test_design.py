@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations_with_replacement, pairwise, product
@@ -24,6 +25,7 @@ from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
 from ldbb_bayes.result import json_text
 
 LINEAR = lb.HybridModel.first(1)
+REFUSALS: list[list[object]] = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text("utf-8"))["design"]
 LEVELS = tuple(np.linspace(36.0, 742.0, 13))
 THREE = (36.0, 389.0, 742.0)
 BOTH = tuple(product((0.0, 45.0, 90.0), repeat=2))
@@ -468,25 +470,12 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"tests": 0}, "tests must be between 1 and 300, got 0"),
-        ({"tests": 1}, "tests must be at 2 different forces at least for this degree, got 1"),
-        ({"forces_N": (100.0,)}, "tests must be at 2 different forces at least for this degree, got 1"),
-        ({"forces_N": ()}, "a design must choose among 1 to 5000 candidates, got 0"),
-        ({"against": {"it": "folder"}}, "campaign must be a Campaign, got str"),
-        ({"criterion": "dd"}, "criterion must be one of eig, d, a, c, i, discriminate, got 'dd'"),
-        ({"criterion": "c"}, "criterion c must be given one parameter, got 19"),
-        ({"criterion": "i", "parameters": ("E_XX1",)}, "criterion i must be about compliances"),
-        ({"criterion": "discriminate", "parameters": ("C_XXX",)}, "criterion discriminate must be about slopes"),
+        *REFUSALS,
         ({"model": lb.HybridModel.paper(1), "criterion": "discriminate"}, "criterion discriminate must have proper priors"),
         ({"model": lb.HybridModel.paper(1), "tests": 2}, "tests must be enough to determine the parameters, got 2"),
-        ({"parameters": ("C_ZZZ",)}, "parameter must be one of"),
-        ({"forces_N": (0.0, 100.0)}, "forces must be finite and > 0, got 0"),
-        ({"slope_size": -1.0}, "slope_size must be finite and > 0, got -1"),
         ({"forces_N": range(36, 743), "clockings_deg": BOTH}, "a design must choose among 1 to 5000 candidates, got 6363"),
-        ({"pilot": "folder"}, "campaign must be a Campaign, got str"),
         ({"against": {"equal steps": plan()}}, "against must not use the name 'equal steps'"),
         ({"against": {"it": replace(plan(), topology="wXYFZt")}}, "it must be of the pilot's machine wCAFYXZSt"),
-        ({"directions": ("left",)}, "direction must be one of CW, CCW"),
     ],
 )
 def test_refused(pilot: lb.Campaign, options: dict[str, object], message: str) -> None:
