@@ -1,6 +1,5 @@
 """Public names; `__init__.py` imports each when it is first asked for."""
 
-from .analysis.averaging import average as average
 from .analysis.calibration import Validation as Validation
 from .analysis.calibration import validate as validate
 from .analysis.circularity import circularity as circularity
@@ -8,6 +7,8 @@ from .analysis.circularity import compare_record as compare_record
 from .analysis.circularity import contributions as contributions
 from .analysis.circularity import measured_circularity as measured_circularity
 from .analysis.comparison import Comparison as Comparison
+from .analysis.comparison import average as average
+from .analysis.comparison import belonging as belonging
 from .analysis.comparison import compare as compare
 from .analysis.comparison import read_comparison as read_comparison
 from .analysis.conformity import Conformity as Conformity
@@ -23,7 +24,6 @@ from .analysis.identifiability import budgets as budgets
 from .analysis.identifiability import describe as describe
 from .analysis.identifiability import identify as identify
 from .analysis.identifiability import verdicts as verdicts
-from .analysis.outliers import belonging as belonging
 from .analysis.sensitivity import local_fits as local_fits
 from .campaign.campaign import Ball as Ball
 from .campaign.campaign import Campaign as Campaign
@@ -99,9 +99,9 @@ from .model.terms import Unit as Unit
 from .model.terms import uncertainties as uncertainties
 from .report import figures as figures
 from .report.figures import save_figures as save_figures
-from .report.findings import fit_in_words as fit_in_words
 from .report.page import write_dcc as write_dcc
 from .report.page import write_report as write_report
+from .report.text import fit_in_words as fit_in_words
 from .report.wording import with_words as with_words
 
 __version__: str

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 from oracle import Oracle, OracleTest
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.hybrid import HybridModel
 
 # A command in this process: exit code, stdout, stderr.
@@ -51,6 +53,19 @@ def simulated(planned: Campaign, *, seed: int = 1) -> Campaign:
     """Readings of a plan under plain truths."""
     model = HybridModel.first(0)
     return model.simulate(planned, seed=seed, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+
+
+def refuses(said: str, call: Callable[..., object], /, *given: object, **options: object) -> None:
+    """A call does not take what it is given, and says so in words that match."""
+    with pytest.raises(InputError, match=said):
+        call(*given, **options)
+
+
+def written(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Files of these names and contents in a folder."""
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return [folder / name for name in files]
 
 
 def tidy(campaign: Campaign, path: Path) -> Path:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from campaigns import plan, simulated
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from ldbb_bayes.fleet.statistics import FleetStatistics, SufficientStatistics, sufficient_statistics
@@ -87,13 +88,8 @@ def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.nd
     information, weighted = statistics.likelihood.precision, statistics.likelihood.shift
     names = list(dict.fromkeys(statistics.machines))
     c, q, n = len(statistics.parameters), weighted.shape[1], len(names)
-    prior = np.zeros((n * c + q, n * c + q))
-    prior[n * c :, n * c :] = np.eye(q)
-    for m in range(n):
-        own = slice(m * c, (m + 1) * c)
-        prior[own, n * c : n * c + c] = prior[n * c : n * c + c, own] = np.eye(c)
-        for k in range(n):
-            prior[own, k * c : (k + 1) * c] = np.eye(c) + (np.diag(spread**2) if k == m else 0.0)
+    common = np.kron(np.ones((n, 1)), np.eye(c, q))
+    prior = np.block([[common @ common.T + np.kron(np.eye(n), np.diag(spread**2)), common], [common.T, np.eye(q)]])
     rows, readings, noise = [], [], []
     for machine, precision, weight in zip(statistics.machines, information, weighted, strict=True):
         row = np.zeros((q, n * c + q))
@@ -103,9 +99,7 @@ def dense(statistics: FleetStatistics, spread: np.ndarray) -> tuple[float, np.nd
         readings.append(np.linalg.solve(precision, weight))
         noise.append(np.linalg.inv(precision))
     design, reading = np.concatenate(rows), np.concatenate(readings)
-    covariance = design @ prior @ design.T
-    for k, own in enumerate(noise):
-        covariance[k * q : (k + 1) * q, k * q : (k + 1) * q] += own
+    covariance = design @ prior @ design.T + block_diag(*noise)
     gain = np.linalg.solve(covariance, design @ prior).T
     log_density = float(multivariate_normal(np.zeros(len(reading)), covariance).logpdf(reading))
     return log_density, gain @ reading, prior - gain @ design @ prior

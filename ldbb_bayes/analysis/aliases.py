@@ -67,8 +67,10 @@ class NullSpace:
         return vectors
 
     def _imitation(self, target: int, others: NDArray[np.intp]) -> Array | None:
-        """One of the target and the least of the others that undo it, or None when they cannot."""
-        solved = self._undone(target, others)
+        """One of the target and, by least squares, the least of the others that undo it, or None when they cannot."""
+        solved = np.zeros(self.scaled.shape[1])
+        solved[others] = -np.linalg.lstsq(self._triangle[:, others], self._triangle[:, target], rcond=1e-12)[0]
+        solved[target] = 1.0
         change = np.abs(self.scaled @ solved).max()
         effect = self.largest * np.abs(solved)
         if change > self.limit * np.linalg.norm(solved) or change > EXACTLY * effect[target]:
@@ -78,13 +80,6 @@ class NullSpace:
             if np.abs(self.scaled @ vector).max() <= min(_STRICT * self.limit, EXACTLY * effect[target]):
                 return vector
         return solved
-
-    def _undone(self, target: int, others: NDArray[np.intp]) -> Array:
-        """One of the target with the others by least squares."""
-        vector = np.zeros(self.scaled.shape[1])
-        vector[others] = -np.linalg.lstsq(self._triangle[:, others], self._triangle[:, target], rcond=1e-12)[0]
-        vector[target] = 1.0
-        return vector
 
 
 def _pivots(null: Array, preferred: NDArray[np.bool_]) -> list[int]:
@@ -161,14 +156,17 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """The sparse null space of a campaign's or plan's design, as far as it holds parameters of interest."""
     names, owners, values, sd = _coefficients(bound)
     modelled = {type(term).__name__: term for term in bound.model.nuisances}
-    edited = {type(term).__name__ for term in bound.model.nuisances if _usual(bound).get(type(term)) != term}
+    edited = {type(term) for term in bound.model.nuisances if _usual(bound).get(type(term)) != term}
     scaled = _effects(bound, values) * sd
     limit = 0.1 * bound.campaign.resolution_um * _MICROMETRE
     p = len(bound.names)
     found = []
     space = NullSpace(scaled, p, limit)
     for pivot, sparse in space.sparse():
-        vector = sparse if pivot >= p else _of_parameters_alone(space, sparse)
+        alone = np.where(np.arange(len(sparse)) < p, sparse, 0.0)
+        good = min(limit * np.linalg.norm(alone), EXACTLY * (space.largest * np.abs(alone)).max())
+        # Of parameters the vector without its nuisances, where it is as good so.
+        vector = alone if pivot < p and np.abs(scaled @ alone).max() <= good else sparse
         effect = space.largest * np.abs(vector)
         moving = np.flatnonzero(effect > _ROUNDING * effect.max())
         own = [i for i in moving if i < p]
@@ -182,38 +180,19 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         amount = Term.owner(names[lead]).unit_of(names[lead]).one if term else change[lead]
         change *= amount / change[lead]
         together = np.abs(scaled @ (change / sd)).max()
-        found.append(
-            Degeneracy(
-                term,
-                {names[i]: float(change[i]) for i in (*others, *own)},
-                main,
-                {names[i]: bound.parameters[i].unit for i in own},
-                all(owners[i] in modelled for i in others),
-                all(
-                    owners[i] in edited or (owners[i] in modelled and modelled[owners[i]].is_stated(names[i], bound.campaign))
-                    for i in others
-                ),
-                float(np.linalg.norm(change / sd)),
-                float(together / _MICROMETRE) if together > _ROUNDING * (space.largest * np.abs(change / sd)).max() else 0.0,
-            )
-        )
+        terms = {names[i]: modelled.get(owners[i]) for i in others}
+        stated = [one and (type(one) in edited or one.is_stated(name, bound.campaign)) for name, one in terms.items()]
+        moved = together > _ROUNDING * (space.largest * np.abs(change / sd)).max()
+        found.append(Degeneracy(
+            term, {names[i]: float(change[i]) for i in (*others, *own)}, main, {names[i]: bound.parameters[i].unit for i in own},
+            None not in terms.values(), all(stated), float(np.linalg.norm(change / sd)), float(moved * together / _MICROMETRE),
+        ))  # fmt: skip
     return tuple(found)
-
-
-def _of_parameters_alone(space: NullSpace, vector: Array) -> Array:
-    """The vector without its nuisances, where it is as good so."""
-    alone = np.where(np.arange(len(vector)) < space.p, vector, 0.0)
-    change = np.abs(space.scaled @ alone).max()
-    good = change <= min(space.limit * np.linalg.norm(alone), EXACTLY * (space.largest * np.abs(alone)).max())
-    return alone if good else vector
 
 
 def standing_degeneracies(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[Standing, ...]:
     """Return degeneracies with effects that are not terms of the model, and what force alone separates."""
-    standing = []
-    hidden = _like_friction(bound)
-    if hidden:
-        standing.append(Standing(StandingKind.FRICTION, hidden))
+    standing = [Standing(StandingKind.FRICTION, hidden)] if (hidden := _like_friction(bound)) else []
     direct = tuple(name.label for name in bound.compliances if name.kind == "direct")
     modelled = {type(term).__name__ for term in bound.model.nuisances}
     if "Drift" not in modelled and not bound.campaign.is_plan and in_order_of_force(bound):
@@ -277,8 +256,7 @@ def _effects(bound: BoundModel, values: Array) -> Array:
     rows = []
     by_name = {test.name: test for test in bound.campaign.tests}
     for r, name in enumerate(bound.test_names):
-        angle = by_name[name].angles_rad()
-        angle = np.unique(np.round(np.remainder(angle, 2.0 * np.pi), 9))
+        angle = np.unique(np.round(np.remainder(by_name[name].angles_rad(), 2.0 * np.pi), 9))
         if len(angle) > _ANGLES:
             angle = angle[np.linspace(0, len(angle) - 1, _ANGLES).astype(int)]
         rows.append(basis(angle) @ values[r])
@@ -291,21 +269,16 @@ _MANY = 36
 
 def cures(bound: BoundModel, found: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
     """Return for each degeneracy what would end it: tests tried by adding them to the plan, and the nuisance's calibration."""
-    tried = {cure: degeneracies(_with_tests(bound, tests)) for cure, tests in _further_tests(bound.campaign.plan()).items()}
-    every = []
+    plan, tried, every = bound.campaign.plan(), {}, []
+    for cure, tests in _further_tests(plan).items():
+        more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
+        tried[cure] = degeneracies(BoundModel(bound.model, more, pilot=bound.pilot))
     for degeneracy in found:
         helping = [cure for cure, left in tried.items() if not any(_same(degeneracy, other) for other in left)]
         if {Cure.WORK_BALL, Cure.TOOL_BALL} & set(helping):
             helping = [cure for cure in helping if cure != Cure.BOTH_BALLS]
         every.append((*helping, *([Cure.CALIBRATION] if degeneracy.term else [])))
     return tuple(every)
-
-
-def _with_tests(bound: BoundModel, tests: Sequence[CircularTest]) -> BoundModel:
-    """The same model bound to a plan with further tests."""
-    plan = bound.campaign.plan()
-    more = replace(plan, tests=(*plan.tests, *(replace(test, name="") for test in tests)))
-    return BoundModel(bound.model, more, pilot=bound.pilot)
 
 
 def _same(one: Degeneracy, other: Degeneracy) -> bool:

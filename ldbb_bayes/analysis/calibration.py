@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from pydantic import model_serializer
-from scipy.special import bdtr, bdtrc, gammaln, xlog1py, xlogy
+from scipy.special import bdtr, bdtrc
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, require
@@ -58,21 +58,14 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
 def _coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
     """P(lower ≤ counts ≤ upper at every level): from each level to the next a binomial share of the numbers not yet passed."""
+    from scipy.stats import binom  # figures start without it
+
     before, origin, probability = 0.0, np.zeros(1, dtype=int), np.ones(1)
     for point, least, most in zip(level, lower, upper, strict=True):
         now = np.arange(least, most + 1)
-        share = (point - before) / (1.0 - before)
-        probability = probability @ _binomial(now - origin[:, None], replicates - origin[:, None], share)
-        before, origin = point, now
+        passed = binom.pmf(now - origin[:, None], replicates - origin[:, None], (point - before) / (1.0 - before))
+        before, origin, probability = point, now, probability @ passed
     return float(probability.sum())
-
-
-def _binomial(count: Array, number: Array, share: float) -> Array:
-    """P(count of so many); zero below none."""
-    most = np.maximum(count, 0)
-    log_ways = gammaln(number + 1.0) - gammaln(most + 1.0) - gammaln(np.maximum(number - most, 0) + 1.0)
-    log_probability = log_ways + xlogy(most, share) + xlog1py(number - most, -share)
-    return np.where((count >= 0) & (count <= number), np.exp(log_probability), 0.0)
 
 
 LOG_LIKELIHOOD = "log_likelihood"

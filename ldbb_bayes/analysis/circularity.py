@@ -230,11 +230,14 @@ def path_draws(
         r = first_circle(bound, plane)
         for force in map(float, forces):
             path = beta @ np.add(*_machine_columns(bound, r, force)).T * 1e3
-            found = _of_paths(path, _per_second_order(bound, r))
+            centred, (of_cos, of_sin) = np.where(_CENTRED, path, 0.0), _per_second_order(bound, r)
+            trace = centred @ basis(_ANGLE).T
+            found = {"G": np.ptp(trace, axis=1), "F_max": trace.max(axis=1), "F_min": trace.min(axis=1)}
+            found |= {"squareness": path[:, _SIN2] * of_sin, "scale_mismatch": path[:, _COS2] * of_cos}
             if plane in travel:
                 constant, proportional = travel[plane]
                 # The least-squares centre common to both paths, path ± half of their difference, is that of their mean.
-                half, centred = (constant + force * proportional) * 1e3, np.where(_CENTRED, path, 0.0)
+                half = (constant + force * proportional) * 1e3
                 traces = np.concatenate([(centred + way * half) @ basis(_ANGLE).T for way in (1.0, -1.0)], axis=1)
                 found |= {"G_b": np.ptp(traces, axis=1), "D": path[:, 0]}
             yield {"plane": plane, "radius_mm": float(bound.setting.radius_mm[r]), "force_N": force}, found
@@ -243,16 +246,6 @@ def path_draws(
 def _spread(values: Array, ci_prob: float) -> dict[str, float]:
     low, median, high = np.quantile(values, [0.5 - 0.5 * ci_prob, 0.5, 0.5 + 0.5 * ci_prob])
     return {"sd": float(values.std()), "median": float(median), "ci_low": float(low), "ci_high": float(high)}
-
-
-def _of_paths(path: Array, per_second_order: Array) -> dict[str, Array]:
-    """Of many paths, basis coefficients (draws, 25) [µm]."""
-    trace = np.where(_CENTRED, path, 0.0) @ basis(_ANGLE).T
-    upper, lower = trace.max(axis=1), trace.min(axis=1)
-    return {
-        "G": upper - lower, "F_max": upper, "F_min": lower, "squareness": path[:, _SIN2] * per_second_order[1],
-        "scale_mismatch": path[:, _COS2] * per_second_order[0],
-    }  # fmt: skip
 
 
 def _travel_draws(bound: BoundModel, phi: Array, beta: Array) -> dict[str, tuple[Array, Array]]:

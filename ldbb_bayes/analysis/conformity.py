@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Conformity", "Decision", "Judgement", "Quantity", "Reason", "ReasonKind", "Tolerance", "Use", "check_force", "conformity",
-    "is_determined", "normal_conformity", "quantities", "quantities_of", "state_of", "tolerances_in",
+    "draws_at", "is_determined", "normal_conformity", "quantities", "quantities_of", "state_of", "tolerances_in",
 ]  # fmt: skip
 
 _PATHS = {"G": ("upper",), "F_max": ("upper",), "F_min": ("lower",)}
@@ -188,16 +188,21 @@ def conformity(
     return ByName({name: _decided(known[name].unit, own, read[name], confidence, at) for name, (own, at) in draws.items()})
 
 
+def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
+    """Return the draws of every parameter, of compliances at a force [inside units]."""
+    bound = bound_of(posterior)
+    values = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
+    if force_N == bound.setting.reference_force_N:
+        return values
+    curves = curves_of(posterior, np.array([force_N]))[:, 0]
+    return values | {own.label: curves[:, j] for j, own in enumerate(bound.compliances)}
+
+
 def _draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
 ) -> Iterable[tuple[str, tuple[Array, float | None]]]:
     """Draws of what is named, and the force at which it is stated."""
-    parameters = dict(zip(bound.names, bound.parameters, strict=True))
-    beta, _ = draws_of(posterior, bound)
-    values = dict(zip(bound.names, beta.T, strict=True))
-    if force != bound.setting.reference_force_N:
-        curves = curves_of(posterior, np.array([force]))[:, 0]
-        values |= {own.label: curves[:, j] for j, own in enumerate(bound.compliances)}
+    parameters, values = dict(zip(bound.names, bound.parameters, strict=True)), draws_at(posterior, force)
     along = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
     paths: dict[str, Array] = {}
     if any(name.startswith(tuple(_PATHS)) for name in names):

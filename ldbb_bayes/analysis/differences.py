@@ -16,7 +16,7 @@ import xarray as xr
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import offsets
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, record_of
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.model.gaussian import Gaussian
@@ -28,7 +28,7 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["differences"]
 
-_LEARNT = 0.05
+_LEARNT, _DRAWS = 0.05, 20_000
 
 
 class _Together(NamedTuple):
@@ -51,8 +51,8 @@ def _of_one_instrument(bounds: Sequence[BoundModel], phi: Sequence[Array], read:
         at = [bound.hyper_prior.names.index(name) for bound in bounds]
         phi[0][at[0]] = phi[1][at[1]] = 0.5 * (phi[0][at[0]] + phi[1][at[1]])
     information = [information_of(bound, values) for bound, values in zip(bounds, phi, strict=True)]
-    if any(own.flat for own in information):
-        raise InputError("same_instrument must go with proper priors, got flat ones. Fit with the default preset.")
+    said = "same_instrument must go with proper priors, got flat ones. Fit with the default preset."
+    require(not any(own.flat for own in information), said)
     # Bar lengths are the same only of the same radius.
     lengths = [{"bar_length": f"bar_length_{bound.setting.radii_mm[0]:g}"} for bound in bounds]
     names = [[own.get(name, name) for name in found.names] for own, found in zip(lengths, information, strict=True)]
@@ -107,9 +107,6 @@ def _mean(bound: BoundModel, phi: Array) -> Array:
     return np.concatenate([beta, nuisances.mean[0]])
 
 
-_DRAWS = 20_000
-
-
 @one_blas_thread
 def differences(
     posterior: xr.DataTree, other: xr.DataTree, *, same_instrument: bool = False, ci_prob: float = 0.95
@@ -162,19 +159,15 @@ def differences(
 
 def _check(one: BoundModel, two: BoundModel, name: str) -> None:
     first, second = one.campaign, two.campaign
-    require(
-        first.sha256 != second.sha256,
-        f"results must be of different readings, got {name!r} twice (SHA-256 {first.sha256[:12]}…). Name another campaign; "
-        "to compare models of one campaign use compare.",
-    )
+    cure = "Name another campaign; to compare models of one campaign use compare."
+    got = f"got {name!r} twice (SHA-256 {first.sha256[:12]}…). {cure}"
+    require(first.sha256 != second.sha256, f"results must be of different readings, {got}")
     for what, own, others in (("topology", first.topology, second.topology), ("frames_mm", first.frames_mm, second.frames_mm)):
         cure = "Compare campaigns of one kind of machine."
         require(own == others, f"results must be of machines with the same {what}, got {own!r} and {others!r} ({name!r}). {cure}")
-    require(
-        set(one.setting.planes) == set(two.setting.planes),
-        f"results must be of the same planes, got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} "
-        f"({name!r}): a compliance would stand for other sets. Compare campaigns of the same planes.",
-    )
+    got = f"got {', '.join(one.setting.planes)} and {', '.join(two.setting.planes)} ({name!r})"
+    cure = "a compliance would stand for other sets. Compare campaigns of the same planes."
+    require({*one.setting.planes} == {*two.setting.planes}, f"results must be of the same planes, {got}: {cure}")
 
 
 def _reading(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:

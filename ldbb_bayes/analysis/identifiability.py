@@ -29,15 +29,8 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.predictive import centre_shift
 from ldbb_bayes.jobs import one_blas_thread
-from ldbb_bayes.machine.chain import (
-    LARGEST_MM,
-    Circle,
-    Machine,
-    compliance_jacobian,
-    geometric_jacobian,
-    geometric_names,
-    kept_compliances,
-)
+from ldbb_bayes.machine import chain
+from ldbb_bayes.machine.chain import Circle, Machine
 from ldbb_bayes.model.gaussian import least_squares
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, information_of
 from ldbb_bayes.model.likelihood import NOISE, Information
@@ -336,15 +329,16 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
     """
     circles = tuple(circles) or tuple(Circle(plane=plane) for plane in machine.planes)
     largest = max(abs(x) for circle in circles for x in circle.centre_mm)
-    require(largest <= LARGEST_MM, f"centres must lie within {LARGEST_MM:g} mm, got {largest:g} mm. Check the unit.")
+    require(largest <= chain.LARGEST_MM, f"centres must lie within {chain.LARGEST_MM:g} mm, got {largest:g} mm. Check the unit.")
     stranger = next(iter(sorted({circle.plane for circle in circles} - set(machine.planes))), None)
     require(not stranger, f"circles must lie in the machine's planes {machine.plane}, got {stranger}. Add the plane.")
-    kept = kept_compliances(machine, *circles)
+    kept = chain.kept_compliances(machine, *circles)
     first = {circle.plane: circle for circle in reversed(circles)}
 
     at = {plane: [replace(first[plane], radius_mm=float(r)) for r in _RADII] for plane in machine.planes if plane in first}
-    elastic = {p: np.stack([compliance_jacobian(machine, own, _ANGLE, kept.names) for own in each]) for p, each in at.items()}
-    rigid = {p: np.stack([geometric_jacobian(machine, own, _ANGLE) for own in each]) for p, each in at.items()}
+    seen = chain.compliance_jacobian
+    elastic = {p: np.stack([seen(machine, own, _ANGLE, kept.names) for own in each]) for p, each in at.items()}
+    rigid = {p: np.stack([chain.geometric_jacobian(machine, own, _ANGLE) for own in each]) for p, each in at.items()}
     compliances = []
     for k, name in enumerate(kept.names):
         members = dict(zip(kept.sets[k], kept.weights[k], strict=True)) | {n.label: w for n, w in kept.absorbed[k].items()}
@@ -352,7 +346,7 @@ def describe(machine: Machine, circles: Sequence[Circle] = ()) -> DescribedMachi
         compliances.append(Seen(name.label, compliance_unit(name), name.meaning, pattern, kept.not_negative[k], stands_for))
     errors = [
         Seen(name.label, geometric_unit(name.kind), name.meaning, _patterns(rigid, k, 1), False, {})
-        for k, name in enumerate(geometric_names(machine))
+        for k, name in enumerate(chain.geometric_names(machine))
     ]
     joints = [(joint.axis, joint.branch, ", ".join(f"{x:g}" for x in joint.frame_mm)) for joint in machine.joints]
     return DescribedMachine(

@@ -37,7 +37,7 @@ from ldbb_bayes.units import ranked
 
 __all__ = [
     "WHITE_NOISE", "Assumed", "Curve", "Explanations", "SlopeSubset", "VaryingSlope", "averaged_curves", "changed",
-    "count_subsets", "discrepancy_assumptions", "explanations", "local_fits", "slope_subsets", "under",
+    "count_subsets", "discrepancy_assumptions", "explanations", "local_fits", "slope_subsets", "subsets", "under",
 ]  # fmt: skip
 
 Change = Callable[[HybridModel], HybridModel]
@@ -128,11 +128,16 @@ class Explanations:
         return next(own.by for own in self.models if _SLOPES not in own.by) if asked else ()
 
 
+def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return every combination of names, all of them first."""
+    return [tuple(itertools.compress(names, there)) for there in itertools.product((True, False), repeat=len(names))]
+
+
 def explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
     """Weigh every combination of slopes, the difference of two models, and of the rivals of slopes that both have."""
     constant, linear = pair.values()
     names = (_SLOPES, *linear.rivals)
-    combined = [tuple(itertools.compress(names, there)) for there in itertools.product((True, False), repeat=len(names))]
+    combined = subsets(names)
     weighed = evidences.of(*((linear if _SLOPES in by else constant).with_rivals(*by) for by in combined))
     value, error = (np.array([getattr(nodes.evidence, part) for nodes in weighed]) for part in ("log_value", "error"))
     share = probabilities(value)
@@ -196,22 +201,18 @@ def slope_subsets(
     def of(there: tuple[bool, ...]) -> Nodes:
         return evidences.of(model.fixing(*(slope for slope, own in zip(slopes.values(), there, strict=True) if not own)))[0]
 
-    few = 2 ** len(slopes) <= _EVERY
-    weighed = (
-        {there: of(there) for there in itertools.product((False, True), repeat=len(slopes))}
-        if few
-        else _best_first(len(slopes), of)
-    )
+    every = itertools.product((False, True), repeat=len(slopes))
+    weighed = {there: of(there) for there in every} if 2 ** len(slopes) <= _EVERY else _best_first(len(slopes), of)
     log_evidence = np.array([nodes.evidence.log_value for nodes in weighed.values()])
     share = probabilities(log_evidence)
-    subsets = [
+    found = [
         SlopeSubset(tuple(itertools.compress(slopes, there)), *values)
         for there, *values in zip(weighed, log_evidence.tolist(), share.tolist(), strict=True)
     ]
     inclusion = (share @ np.array(list(weighed))).tolist()
     return (
         {name: VaryingSlope(probability) for name, probability in zip(slopes, inclusion, strict=True)},
-        tuple(ranked(subsets, lambda subset: subset.probability)),
+        tuple(ranked(found, lambda subset: subset.probability)),
         averaged_curves(list(weighed.values()), share, seed, ci_prob),
     )
 

@@ -15,7 +15,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.cli import options
 from ldbb_bayes.cli.campaigns import ATLAS_FILES, write_atlases
 from ldbb_bayes.cli.options import Kind, Output, command, group, option, options_of
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["compare", "demo", "design", "fit", "identify", "summarize", "validate", "with_tolerances", "write_result"]
 
 _DEGREES = ("constant", "linear", "quadratic")
-
-
 _COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
 
 
@@ -62,11 +60,8 @@ def _with_oddities(result: object, campaign: lb.Campaign) -> tuple[Any, ...]:
     return (*text.parts_of(result), *wording.look_sentences(seen), *odd)
 
 
-def _models(entries: list[str], flag: str) -> dict[str, Path]:
-    return {name: Path(file) for name, file in options.pairs_in(entries, flag, "NAME=FILE.toml").items()}
-
-
-_COMPARE = group(**options_of("compare", models=Kind(list[str], _models)))
+_MODELS = Kind(list[str], lambda entries, flag: options.pairs_in(entries, flag, "NAME=FILE.toml"))
+_COMPARE = group(**options_of("compare", models=_MODELS))
 
 
 @command
@@ -80,14 +75,11 @@ def compare(
 
     Compares constant with linear compliance; with --degree 2 also quadratic. Exit code 1: an evidence is less exact than asked.
     """
-    if model.degree == 0:
-        raise InputError(
-            "compare must have a degree of at least 1, got 0: there is nothing to compare with. Use --degree 1 or 2."
-        )
+    got = "got 0: there is nothing to compare with. Use --degree 1 or 2."
+    require(model.degree > 0, f"compare must have a degree of at least 1, {got}")
     models = {name: model.with_degree(k) for k, name in enumerate(_DEGREES[: model.degree + 1])}
     for name, file in asked.pop("also", {}).items():
-        if name in models:
-            raise InputError(f"--also must give a new name, got {name!r} again. Choose another.")
+        require(name not in models, f"--also must give a new name, got {name!r} again. Choose another.")
         models[name] = lb.read_model(file, degree=model.degree)
     names = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
     output.check("comparison.json", "local_fits.csv", figures=names)
@@ -215,17 +207,23 @@ def fit(
 ) -> None:
     """Credible intervals on compliances, force slopes and geometric errors. Exit code 1 when the sampler missed its target."""
     from ldbb_bayes.inference.posterior import check_probability
-    from ldbb_bayes.report.findings import full_result
+    from ldbb_bayes.report.text import full_result, parts_of_fit
 
     check_probability(asked["ci_prob"])
-    chosen, population = _with_population(model, prior_from, campaign)
-    campaign = with_tolerances(campaign, chosen, tolerances)
+    population: dict[str, Any] = {}
+    if prior_from is not None:
+        prior = lb.prior_from(prior_from)
+        doubts, said = prior.doubts(campaign), {key: getattr(prior, key) for key in ("machines", "campaigns", "sha256")}
+        for doubt in doubts:
+            typer.echo(f"--prior-from: {doubt}", err=True)
+        model, population = prior.model(model), {"prior_from": {"path": str(prior_from), **said, "doubts": list(doubts)}}
+    campaign = with_tolerances(campaign, model, tolerances)
     output.check(*RESULT_FILES)
     rule = lb.StoppingRule(ess=asked["ess"], max_steps=asked["max_steps"])
     with options.sampling_progress(output.quiet, "sampling") as progress:
-        posterior = lb.sample(chosen, campaign, sampler=asked["sampler"], seed=asked["seed"], rule=rule, progress=progress)
+        posterior = lb.sample(model, campaign, sampler=asked["sampler"], seed=asked["seed"], rule=rule, progress=progress)
     result = full_result(posterior, asked["ci_prob"]) | population
-    output.deliver(result, _parts_of_fit(result), also=partial(write_result, posterior, result))
+    output.deliver(result, parts_of_fit(result), also=partial(write_result, posterior, result))
     if not result["sampler"]["converged"]:
         raise typer.Exit(options.EXIT_MISSED)
 
@@ -241,18 +239,6 @@ def with_tolerances(campaign: lb.Campaign, model: lb.HybridModel, given: Mapping
     return campaign
 
 
-def _with_population(model: lb.HybridModel, path: Path | None, campaign: lb.Campaign) -> tuple[lb.HybridModel, dict[str, Any]]:
-    """The model with the prior that --prior-from names, and what a result says of it; its doubts go to stderr."""
-    if path is None:
-        return model, {}
-    prior = lb.prior_from(path)
-    doubts = prior.doubts(campaign)
-    for doubt in doubts:
-        typer.echo(f"--prior-from: {doubt}", err=True)
-    said = {"path": str(path), "machines": prior.machines, "campaigns": prior.campaigns}
-    return prior.model(model), {"prior_from": said | {"sha256": prior.sha256, "doubts": list(doubts)}}
-
-
 @command
 def summarize(
     result: Annotated[Path, typer.Argument(help="The --out folder of a fit, or its posterior.nc.", metavar="RESULT")],
@@ -260,10 +246,10 @@ def summarize(
     ci: Annotated[float, options.CI],
 ) -> None:
     """Table or JSON of a stored posterior, with intervals of any probability."""
-    from ldbb_bayes.report.findings import full_result
+    from ldbb_bayes.report.text import full_result, parts_of_fit
 
     numbers = full_result(lb.load(result), ci)
-    Output(as_json=as_json).deliver(numbers, _parts_of_fit(numbers))
+    Output(as_json=as_json).deliver(numbers, parts_of_fit(numbers))
 
 
 def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:
@@ -273,14 +259,6 @@ def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path
     folder.mkdir(exist_ok=True)
     lb.save(posterior, folder / "posterior.nc")
     options.write_files(folder, {"summary.json": result, "model.toml": record_of(posterior)["model"]["toml"]})
-
-
-def _parts_of_fit(result: Mapping[str, Any]) -> tuple[Any, ...]:
-    from ldbb_bayes.report.text import parts_of_fit
-
-    own = result.get("prior_from")
-    said = own and f"population of {own['machines']} machines, {own['campaigns']} campaigns ({own['path']})"
-    return (*parts_of_fit(result), *([f"Prior of the compliances: {said}."] if own else []))
 
 
 DEMO_FILES = ("campaign", "constant", "linear", "figures")
@@ -302,8 +280,7 @@ def demo(
 
     from ldbb_bayes.files import check_target, staged_folder
     from ldbb_bayes.report import wording
-    from ldbb_bayes.report.findings import full_result
-    from ldbb_bayes.report.text import results_table
+    from ldbb_bayes.report.text import full_result, results_table
 
     check_target(out, force=force, ours=DEMO_FILES)
     source = lb.embedded_campaign()

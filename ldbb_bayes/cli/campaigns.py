@@ -13,7 +13,7 @@ import typer
 import ldbb_bayes as lb
 from ldbb_bayes.cli import options
 from ldbb_bayes.cli.options import Kind, Output, command, group, option, options_of
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 
 if TYPE_CHECKING:
     from ldbb_bayes.campaign.layout import Layout
@@ -111,22 +111,18 @@ def simulate(
     from ldbb_bayes.model.specification import Truths, is_truths, read_truths
 
     if is_truths(source):
-        if truth is not None:
-            raise InputError(
-                f"truths must come from one file, got {source} and {truth}. Give a plan as first argument, or drop --truth."
-            )
+        cure = "Give a plan as first argument, or drop --truth."
+        require(truth is None, f"truths must come from one file, got {source} and {truth}. {cure}")
         truths = read_truths(source)
-        plan = truths.plan
-        if plan is None:
-            raise InputError(
-                f"{source}: 'forces_N' must be given, got nothing. List the forces, or give a plan as first argument."
-            )
-        plan = replace(plan, instrument=lb.Instrument(**certificates))
+        if truths.plan is None:
+            cure = "List the forces, or give a plan as first argument."
+            raise InputError(f"{source}: 'forces_N' must be given, got nothing. {cure}")
+        plan = replace(truths.plan, instrument=lb.Instrument(**certificates))
     else:
         plan = options.campaign_from(source, **certificates)
         truths = Truths(None, None, {}, False) if truth is None else read_truths(truth)
-        if truths.plan is not None:
-            raise InputError(f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove one of them.")
+        got = f"got it beside {source}. Remove one of them."
+        require(truths.plan is None, f"{truth}: 'forces_N' must stand in truths given alone, {got}")
     made = model.simulate(plan, seed=seed, parameters=truths.parameters, hyper_um=truths.hyper_um, exact=truths.exact)
     found = {"parameters": made.parameters, "units": made.units, "hyper_um": made.hyper_um}
     record = {"schema": 1, "seed": seed, "sha256": made.campaign.sha256, **found}
@@ -178,17 +174,13 @@ def machine(
 _SHOWN = 10
 
 
+_CAMPAIGNS = "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of them, one a line: "
+_CAMPAIGNS += "@FILE or a .txt file."
+
+
 @command
 def batch(
-    campaigns: Annotated[
-        list[str],
-        typer.Argument(
-            help="Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of them, one a line: "
-            "@FILE or a .txt file.",
-            metavar="CAMPAIGNS...",
-            show_default=False,
-        ),
-    ],
+    campaigns: Annotated[list[str], typer.Argument(help=_CAMPAIGNS, metavar="CAMPAIGNS...", show_default=False)],
     out: Annotated[Path, option(Path, "Folder for the journal and the table.", options.REQUIRED, metavar="DIR")],
     model: options.ChosenModel,
     table: options.TableFields,

@@ -194,7 +194,7 @@ def report_files(
     from ldbb_bayes.files import staged_folder
     from ldbb_bayes.inference.posterior import record_of
     from ldbb_bayes.jobs import second_process
-    from ldbb_bayes.report.findings import full_result
+    from ldbb_bayes.report.text import full_result
 
     for name in ("comparison", "design"):
         require(name not in asked, f"--{name} must go with a fit, got {source.paths[0]}. Leave it out: it is worked out.")

@@ -13,18 +13,19 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
+from pydantic_core import to_jsonable_python
 
 from ldbb_bayes.analysis.conformity import conformity
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import TOML_NAME, labels_of, read_campaign
-from ldbb_bayes.errors import InputError, plain_reason
+from ldbb_bayes.errors import InputError, plain_reason, require
 from ldbb_bayes.files import bytes_of, write_whole
 from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART, check_pyarrow, read_batch, write_dataset
 from ldbb_bayes.fleet.statistics import stands_for, sufficient_statistics
@@ -36,7 +37,7 @@ from ldbb_bayes.inference.sample import sample_from, sampler_named
 from ldbb_bayes.jobs import Lost, done, one_blas_thread, versions
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
-from ldbb_bayes.report.findings import fit_in_words
+from ldbb_bayes.report.text import fit_in_words
 from ldbb_bayes.result import Result
 
 if TYPE_CHECKING:
@@ -58,16 +59,15 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
     the paths in it, one a line but for comments (#). What does not exist stays: the batch says so in its row."""
     seen: dict[str, str] = {}
     for path in _opened([given] if isinstance(given, str | os.PathLike) else given):
-        if not (path.isprintable() and path == path.strip() and path and path[0] != "#"):
-            raise InputError(f"paths of campaigns must be printable and stand on one line, got {path!r}. Rename it.")
+        line = path.isprintable() and path == path.strip() and path and path[0] != "#"
+        require(line, f"paths of campaigns must be printable and stand on one line, got {path!r}. Rename it.")
         whole = os.path.abspath(path)
         seen.setdefault(os.path.dirname(whole) if os.path.basename(whole) == TOML_NAME else whole, path)
     paths = tuple(seen.values())
-    if not any(os.path.isfile(os.path.join(path, TOML_NAME)) or os.path.isfile(path) for path in paths):
-        raise InputError(
-            f"a batch must have campaigns that exist, got none among {len(paths)}{f' ({paths[0]})' if paths else ''}. "
-            f"Name folders with {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE)."
-        )
+    got = f"got none among {len(paths)}{f' ({paths[0]})' if paths else ''}"
+    cure = f"Name folders with {TOML_NAME}, tidy CSVs, folders of campaigns, or a list (@FILE)."
+    there = any(os.path.isfile(os.path.join(path, TOML_NAME)) or os.path.isfile(path) for path in paths)
+    require(there, f"a batch must have campaigns that exist, {got}. {cure}")
     return paths
 
 
@@ -234,11 +234,9 @@ _MOST_NAMED = 10_000
 def _journal(out: Path) -> Iterator[sqlite3.Connection]:
     """The database of a folder, made if need be; SQLite's lock keeps other runs out while the block lasts."""
     made = not out.exists()
-    if not made and not out.is_dir():
-        raise InputError(f"{out} must be a folder, got a file. Choose another name.")
-    foreign = [] if made else sorted(path.name for path in out.iterdir() if path.name not in _OURS)
-    if foreign:
-        raise InputError(f"{out} must hold nothing but a batch, got {foreign[0]!r}. Move it away or choose another name.")
+    require(made or out.is_dir(), f"{out} must be a folder, got a file. Choose another name.")
+    first = min((path.name for path in out.iterdir() if path.name not in _OURS), default=None) if out.is_dir() else None
+    require(first is None, f"{out} must hold nothing but a batch, got {first!r}. Move it away or choose another name.")
     try:
         out.mkdir(parents=True, exist_ok=True)
         connection = sqlite3.connect(out / JOURNAL, timeout=0.0, isolation_level=None)
@@ -266,17 +264,11 @@ def _journal(out: Path) -> Iterator[sqlite3.Connection]:
 
 def _record(settings: Settings) -> dict[str, Any]:
     """What makes a batch what it is."""
-    table = {
-        f"{kind} {name}": asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-        for kind, given in (
-            ("table option", settings.table), ("certificate", settings.certificates), ("tolerance", settings.tolerances),
-        )
-        for name, value in given.items()
-    }  # fmt: skip
+    given = {"table option": settings.table, "certificate": settings.certificates, "tolerance": settings.tolerances}
     return {
         "model": model_sha256(settings.model)[:12],
         **{name: getattr(settings, name) for name in ("sampler", "seed", "ess", "ci_prob", "compare")},
-        **table,
+        **{f"{kind} {name}": to_jsonable_python(value) for kind, own in given.items() for name, value in own.items()},
         **{f"version of {name}": value for name, value in versions().items()},
     }
 
@@ -310,18 +302,14 @@ def _check_same(
     journal: sqlite3.Connection, out: Path, jobs: Sequence[Job], before: Mapping[str, Any], now: Mapping[str, Any]
 ) -> None:
     for name in sorted({*before, *now}):
-        if before.get(name) != now.get(name):
-            got, has = ("nothing" if own.get(name) is None else own[name] for own in (before, now))
-            raise InputError(
-                f"{out} must be of this batch, got {name} {got} where this run has {has}. Resume with what the batch was begun "
-                "with, or begin anew (--force)."
-            )
+        got, has = ("nothing" if own.get(name) is None else own[name] for own in (before, now))
+        cure = "Resume with what the batch was begun with, or begin anew (--force)."
+        said = f"{out} must be of this batch, got {name} {got} where this run has {has}. {cure}"
+        require(before.get(name) == now.get(name), said)
     there = [place for (place,) in journal.execute("SELECT place FROM campaigns ORDER BY number")]
-    if there != [job.place for job in jobs]:
-        raise InputError(
-            f"{out} must be of this batch, got other campaigns ({len(there)} where this run has {len(jobs)}, or in another "
-            f"order). Go on with its own list: @{out / LIST} --resume. New campaigns make a batch of their own."
-        )
+    cure = f"Go on with its own list: @{out / LIST} --resume. New campaigns make a batch of their own."
+    got = f"got other campaigns ({len(there)} where this run has {len(jobs)}, or in another order). {cure}"
+    require(there == [job.place for job in jobs], f"{out} must be of this batch, {got}")
 
 
 def _fit(
@@ -362,11 +350,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str):
         return value.encode("utf-8", "replace").decode()
     return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
-    for (row,) in journal.execute("SELECT row FROM campaigns ORDER BY number"):
-        yield json.loads(row)
 
 
 # ---- the batch
@@ -440,15 +423,11 @@ def batch(
     check_pyarrow()
     sampler = sampler_named(sampler)
     check_probability(ci_prob)
-    if (retry and not resume) or (force and resume):
-        raise InputError(
-            "retry must come with resume, and resume without force, got otherwise. Choose --resume [--retry] or --force."
-        )
+    said = "retry must come with resume, and resume without force, got otherwise. Choose --resume [--retry] or --force."
+    require(not (force if resume else retry), said)
     seed = operator.index(seed)
-    if not 0 <= seed < 2**63:
-        raise InputError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed}. For example 1.")
-    if not 0.0 < ess < np.inf:
-        raise InputError(f"ess must be a finite number above zero, got {ess}. For example 1000.")
+    require(0 <= seed < 2**63, f"seed must be a whole number from 0 to 2^63 - 1, got {seed}. For example 1.")
+    require(0.0 < ess < np.inf, f"ess must be a finite number above zero, got {ess}. For example 1000.")
     folder, paths = Path(out), gather(campaigns)
     # The same text whatever order its terms were given in.
     written = model_to_toml(model_from_toml(model_to_toml(model or HybridModel.default())))
@@ -461,7 +440,9 @@ def batch(
         started = time.perf_counter()
         fitted = _fit(journal, settings, pool, retry, progress)
         seconds = time.perf_counter() - started
-        write_dataset(partial(_rows, journal), folder / DATASET, {"campaigns": len(jobs), "model": settings.model_toml})
+        rows = "SELECT row FROM campaigns ORDER BY number"
+        about = {"campaigns": len(jobs), "model": settings.model_toml}
+        write_dataset(lambda: (json.loads(row) for (row,) in journal.execute(rows)), folder / DATASET, about)
         return _finished(journal, folder, len(jobs), fitted, seconds, resumed)
 
 

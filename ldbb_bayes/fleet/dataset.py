@@ -152,12 +152,9 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
             schema, table = file.schema_arrow, file.read(columns)
             table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError) as error:
-        cure = "Remove it and run the batch with --resume, which writes it anew."
-        got, cure = (
-            ("a damaged", cure)
-            if (path.parent / JOURNAL).is_file()
-            else ("another, or a damaged", "Give a batch's --out folder.")
-        )
+        ours = (path.parent / JOURNAL).is_file()
+        got = "a damaged" if ours else "another, or a damaged"
+        cure = "Remove it and run the batch with --resume, which writes it anew." if ours else "Give a batch's --out folder."
         reason = " ".join(str(error).split())[:120]
         raise InputError(f"{path} must be the table of a batch, got {got} file ({reason}). {cure}") from None
     about = json.loads((schema.metadata or {}).get(_META, "{}"))
@@ -170,11 +167,7 @@ def _read(path: Path, columns: Sequence[str] | None) -> tuple[pa.Table, pa.Schem
 # ---- which campaigns count
 
 # The columns of a batch's table that a trend or a population asks for.
-FLEET_COLUMNS = (
-    *("campaign", "name", "sha256", "machine_id", "date", "status", "topology", "compliances", "tolerances"),
-    *("force_min_N", "force_max_N", "reference_force_N", "converged", "kinds"),
-    *("gaussian_names", "gaussian_units", "gaussian_mean", "gaussian_covariance", "gaussian_prior_mean", "gaussian_prior_sd"),
-)
+FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 
 
 class CaveatKind(StrEnum):
@@ -268,11 +261,8 @@ def labels(rows: pd.DataFrame) -> list[str]:
 def _named(rows: pd.DataFrame, exclude: Sequence[str], among: pd.DataFrame) -> pd.Series[bool]:
     """Whether campaigns, or their machines, are among the names."""
     names, known = (
-        pd.DataFrame({"path": paths, "last": paths.map(lambda own: os.path.basename(own.rstrip("/")))}).join(
-            own[["name", "machine_id"]]
-        )
-        for own in (rows, among)
-        for paths in [own["campaign"].astype(str)]
+        own[["name", "machine_id"]].assign(path=paths, last=paths.map(lambda path: os.path.basename(path.rstrip("/"))))
+        for own, paths in ((each, each["campaign"].astype(str)) for each in (rows, among))
     )
     wanted = [exclude] if isinstance(exclude, str) else list(exclude)
     for name in wanted:

@@ -21,42 +21,168 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 from pydantic import Field
-from scipy.special import ndtr, ndtri
+from scipy.special import gammaincinv, ndtr, ndtri
 
 from ldbb_bayes.campaign.campaign import Campaign, check_campaign
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import require
+from ldbb_bayes.fleet import statistics as stats
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, choose, labels
-from ldbb_bayes.fleet.statistics import (
-    FleetStatistics,
-    Meaning,
-    SpreadDensity,
-    Spreads,
-    Summary,
-    alone,
-    chunks,
-    common_of,
-    draw_spreads,
-    estimates_of,
-    fleet_statistics,
-    keyed,
-    machines_of,
-    mixture_covariance,
-    same_meaning,
-    stands_for,
-    whitened,
-)
+from ldbb_bayes.fleet.statistics import FleetStatistics, Meaning, Summary, alone, fleet_statistics, whitened
 from ldbb_bayes.inference.posterior import check_probability, pareto_smooth
 from ldbb_bayes.jobs import one_blas_thread
+from ldbb_bayes.model import gaussian
 from ldbb_bayes.model.gaussian import Gaussian, eliminate, holm, mixture_moments, mixture_quantiles, weighted_quantiles
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.text import parts_of
-from ldbb_bayes.report.wording import caveat_words, nuisance_words, population_doubts, population_sentences, with_words
+from ldbb_bayes.report.wording import PAGE, caveat_words, nuisance_words, population_doubts, population_sentences, with_words
 from ldbb_bayes.result import Array, Result, Shown, Table, json_text, read_result, readable
 from ldbb_bayes.units import display_name, display_unit, plus_minus, ranked, round_uncertainty, state
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "PopulationPrior", "digest_of", "pool", "population", "prior_from"]
 
 FEWEST, FALSE_ALARMS = 6, 0.05
+
+# ---- machines of a population, everything but their spreads integrated out
+
+# Pairs of a spread and a machine that are worked on at once.
+_TOGETHER = 4096
+
+
+def machines_of(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
+    """The machines in the order in which they first appear, and the product of each one's likelihoods, shape (n, q)."""
+    place = {name: k for k, name in enumerate(dict.fromkeys(statistics.machines))}
+    of = [place[name] for name in statistics.machines]
+    sums = []
+    for part in (statistics.likelihood.precision, statistics.likelihood.shift):
+        sums.append(np.zeros((len(place), *part.shape[1:])))
+        np.add.at(sums[-1], of, part)
+    return tuple(place), Gaussian(*sums)
+
+
+def chunks(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
+    """Slices of spreads, so many that what they take with all machines stays near the processor."""
+    size = max(1, _TOGETHER // len(likelihood.shift))
+    return (slice(start, start + size) for start in range(0, len(spread), size))
+
+
+def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
+    """x = (μ, b) for k spreads (k, c), shape (k, q); ``log_integral`` is ln p(y | s), up to a constant."""
+    (k, c), q = spread.shape, likelihood.shift.shape[1]
+    square, constant = np.empty((k, q + 1, q + 1)), np.empty(k)
+    for rows in chunks(spread, likelihood):
+        whole = whitened(likelihood, spread[rows])
+        flat = whole[:, c:].transpose(2, 1, 0, 3).reshape(whole.shape[2], q + 1, -1)
+        square[rows] = flat @ np.swapaxes(flat, 1, 2)
+        constant[rows] = -np.log(whole[range(c), range(c)]).sum(axis=(0, 2))
+    precision = np.eye(q) + likelihood.precision.sum(axis=0) - square[:, :q, :q]
+    return Gaussian(precision, likelihood.shift.sum(axis=0) - square[:, :q, q], constant + 0.5 * square[:, q, q])
+
+
+def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> Array:
+    """Mean and sd of c_m, mean and variance of z_m = (c_m − μ) / s, shape (4, k, n, c)."""
+    c, q, root = spread.shape[1], likelihood.shift.shape[1], np.swapaxes(common.spread(), 1, 2)
+    found = np.empty((4, len(spread), len(likelihood.shift), c))
+    for rows in chunks(spread, likelihood):
+        whole = whitened(likelihood, spread[rows], inverse=True)
+        inverse, s = whole[:, c + q + 1 :], spread[rows].T[..., None]
+        gain = np.einsum("ijkn,irkn->jrkn", inverse, whole[:, c : c + q + 1])
+        z = gain[:, q] - np.einsum("jrkn,kr->jkn", gain[:, :q], common.mean[rows])
+        own = np.eye(c, q)[..., None, None] - s[:, None] * gain[:, :q]
+        of_z, of_c = (((root[rows] @ part.transpose(0, 2, 1, 3)) ** 2).sum(axis=2) for part in (gain[:, :q], own))
+        share = (inverse**2).sum(axis=0)
+        parts = (common.mean[rows, :c].T[..., None] + s * z, np.sqrt(s**2 * share + of_c), z, share + of_z)
+        found[:, rows] = np.moveaxis(np.stack(parts), 1, -1)
+    return found
+
+
+_FREEDOM, _STEP = 5.0, 1e-4
+_DOWN, _UP = 80.0, 25.0
+_GOOD_SHARE, _LEAST_VARIANCE, _FLATTEST = 0.2, 0.05, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadDensity:
+    """ln p(t | y) of t = ln s, up to a constant; τ = ``scale``, in units of the prior sd."""
+
+    likelihood: Gaussian
+    scale: float
+
+    def log(self, t: Array) -> Array:
+        """ln p(t | y), shape (k,), of t of shape (k, c)."""
+        prior = (t - 0.5 * np.exp(2.0 * (t - np.log(self.scale)))).sum(axis=-1)
+        return np.asarray(common_of(self.likelihood, np.exp(t)).log_integral + prior)
+
+    def gradient(self, t: Array) -> Array:
+        """∂ ln p(t | y) / ∂ t, shape (k, c): Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the prior's."""
+        s = np.exp(t)
+        _, _, z, variance = estimates_of(self.likelihood, s, common_of(self.likelihood, s))
+        return np.asarray((z**2 + variance - 1.0).sum(axis=1) + 1.0 - (s / self.scale) ** 2)
+
+    def derivatives(self, t: Array) -> tuple[Array, Array]:
+        """Gradient (c,) and Hessian (c, c) at one t."""
+        step = _STEP * np.eye(len(t))
+        slope = self.gradient(np.concatenate([t[None], t + step, t - step]))
+        hessian = (slope[1 : len(t) + 1] - slope[len(t) + 1 :]) / (2.0 * _STEP)
+        return slope[0], 0.5 * (hessian + hessian.T)
+
+    def mode(self, start: Array) -> tuple[Array, Array]:
+        """Where the density is highest, shape (c,), and the curvature there, every eigenvalue by its size and none near zero."""
+        t = gaussian.newton(self.log, self.derivatives, start, gain=1e-10)
+        values, vectors = np.linalg.eigh(-self.derivatives(t)[1])
+        return t, np.asarray((vectors * np.maximum(np.abs(values), _FLATTEST)) @ vectors.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Spreads:
+    """Weighted draws of s (k, c), in units of the prior sd. ``log_weight`` is ln of target over proposal, as it came, ``weight``
+    Pareto-smoothed, summing to one; above ``good_k`` the draws cannot be trusted. ``mode`` is that of ln s."""
+
+    spread: Array
+    log_weight: Array
+    weight: Array
+    pareto_k: float
+    good_k: float
+    mode: Array
+
+    @property
+    def trusted(self) -> bool:
+        """Whether Pareto's k̂ is low enough."""
+        return self.pareto_k <= self.good_k
+
+    @property
+    def effective(self) -> float:
+        """Effective number of draws, 1 / Σ w²."""
+        return 1.0 / float(np.sum(self.weight**2))
+
+    def first(self, size: int) -> Spreads:
+        """The first draws alone: they are spread as evenly as all of them."""
+        log_weight = self.log_weight[:size]
+        return Spreads(self.spread[:size], log_weight, *pareto_smooth(log_weight), self.mode)
+
+
+def draw_spreads(density: SpreadDensity, parameters: int, *, seed: int, size: int = 2048, start: Array | None = None) -> Spreads:
+    """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better. Points are
+    scrambled Sobol ones, ``size`` a power of two; the search for the mode starts at ln τ, or ``start``."""
+    mode, curvature = density.mode(np.full(parameters, np.log(density.scale)) if start is None else start)
+    inverse = np.linalg.inv(curvature)
+    found = _weighed(density, mode, mode, inverse, seed=seed, size=size)
+    if found.trusted and found.effective > _GOOD_SHARE * size:
+        return found
+    middle, covariance = stats.mixture_covariance(found.weight, np.log(found.spread))
+    other = _weighed(density, mode, middle, covariance + _LEAST_VARIANCE * inverse, seed=seed + 1, size=size)
+    return min(found, other, key=lambda own: (not own.trusted, own.pareto_k if not own.trusted else -own.effective))
+
+
+def _weighed(density: SpreadDensity, mode: Array, middle: Array, covariance: Array, *, seed: int, size: int) -> Spreads:
+    c = len(middle)
+    points = np.clip(gaussian.Sobol(c + 1, np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12)
+    chi = 2.0 * gammaincinv(0.5 * _FREEDOM, points[:, 0])
+    white = ndtri(points[:, 1:]) * np.sqrt(_FREEDOM / chi)[:, None]
+    limits = np.log(density.scale) - _DOWN, max(np.log(density.scale), float(mode.max())) + _UP
+    t = np.clip(middle + white @ np.linalg.cholesky(covariance).T, *limits)
+    log_weight = density.log(t) + 0.5 * (_FREEDOM + c) * np.log1p((white**2).sum(axis=1) / _FREEDOM)
+    return Spreads(np.exp(t), log_weight, *pareto_smooth(log_weight), mode)
+
 
 # ---- which machines do not belong
 
@@ -209,7 +335,7 @@ class Population(Result):
             for name, own in self.parameters.items()
             if _CONSTANT.fullmatch(name)
         }
-        found = {"schema": 1, "kind": "population", "machines": len(self.machine), **keyed(super().as_dict(), self.ci_prob)}
+        found = {"schema": 1, "kind": "population", "machines": len(self.machine), **stats.keyed(super().as_dict(), self.ci_prob)}
         return found | {"next": following, "not_belonging": list(self.not_belonging)}
 
     def machines_table(self) -> pd.DataFrame:
@@ -243,12 +369,8 @@ def _parts(found: Population) -> tuple[Table | str, ...]:
         spread = state(own.spread.mean, own.spread.sd, own.spread.interval, own.unit)
         rows.append((display_name(name), unit, mean, common, spread.value, spread.interval, following))
     heads = ("parameter", "unit", "mean", "U of the bar", "spread", f"spread, {100 * found.ci_prob:g} %", "next machine")
-    meant = (
-        "± U = 2u, or the interval where it is skewed. U of the bar: what more machines do not make less. Next machine: one "
-        "not yet measured."
-    )
     table = Table.of("Population", heads, rows, text=("unit",))
-    return (table, meant, "", *population_sentences(found), *population_doubts(found))
+    return (table, PAGE["population"], "", *population_sentences(found), *population_doubts(found))
 
 
 def _summaries(scale: Array, mean: Array, sd: Array, ends: Array) -> list[Summary]:
@@ -290,7 +412,7 @@ def _pooled_machines(
     """Every machine with the population, alone, and against the others."""
     names, c, weight = statistics.parameters, len(statistics.parameters), spreads.weight
     mean, sd, _, _ = estimates_of(likelihood, spreads.spread, common)
-    b, covariance = mixture_covariance(weight, common.mean[:, c:], common.covariance[:, c:, c:])
+    b, covariance = stats.mixture_covariance(weight, common.mean[:, c:], common.covariance[:, c:, c:])
     inverse, seen, estimate = alone(likelihood, c)
     gain = seen[..., c:]
     middle = estimate - gain @ b
@@ -363,15 +485,15 @@ def population(
     progress : told of machines that are left out by drawing anew: done and total.
     """
     check_probability(ci_prob)
-    if not 0.0 < spread_scale < np.inf:
-        raise InputError(f"spread_scale must be a finite number above zero, got {spread_scale}. The default is 0.3.")
+    said = f"spread_scale must be a finite number above zero, got {spread_scale}. The default is 0.3."
+    require(0.0 < spread_scale < np.inf, said)
     relied, caveats = choose(rows, exclude, since, include_misfits)
     statistics = fleet_statistics(
         relied, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
     )
-    if len(set(statistics.machines)) < 2:
-        why = " ".join(("Add campaigns of others.", *map(caveat_words, caveats)))
-        raise InputError(f"a population must have at least two machines, got only {statistics.machines[0]}. {why}")
+    why = " ".join(("Add campaigns of others.", *map(caveat_words, caveats)))
+    several = len(set(statistics.machines)) > 1
+    require(several, f"a population must have at least two machines, got only {statistics.machines[0]}. {why}")
     found = pool(statistics, spread_scale=spread_scale, ci_prob=ci_prob, seed=seed, progress=progress)
     nameless = ~relied["machine_id"].map(lambda own: isinstance(own, str)).astype(bool)
     if nameless.any():
@@ -451,12 +573,12 @@ class PopulationPrior(Shown):
             require(free, f"{name} must be free to have the population's prior, got one fixed at zero. Free it.")
             two = name in prior.overrides or name in prior.means
             require(not two, f"{name} must have one prior, got the population's and the model's own. Remove one of them.")
-        own = model.reference_force_N
-        if own is not None and not np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE):
-            raise InputError(
-                f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, "
-                f"got {own:g} N. Leave reference_force_N out of the model."
-            )
+        own = self.reference_force_N if model.reference_force_N is None else model.reference_force_N
+        got = f"got {own:g} N. Leave reference_force_N out of the model."
+        said = (
+            f"reference_force_N must be the population's {self.reference_force_N:g} N, at which its compliances are meant, {got}"
+        )
+        require(np.isclose(own, self.reference_force_N, rtol=_SAME_FORCE), said)
         prior = replace(prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means})
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
@@ -466,39 +588,29 @@ class PopulationPrior(Shown):
         self._check_machine(campaign)
         doubts = []
         if campaign.machine_id in self.machine_ids:
-            doubts.append(
-                f"The population has campaigns of this machine ({campaign.machine_id}): its prior is that of a machine not seen "
-                "before, and wider than what is known of this one."
-            )
+            doubts.append(PAGE["own_machine"].format(machine=campaign.machine_id))
         low, high = float(campaign.forces_N.min()), float(campaign.forces_N.max())
         if not low <= self.reference_force_N <= high:
-            doubts.append(
-                f"The population's compliances are meant at {self.reference_force_N:g} N, outside this campaign's forces "
-                f"({low:g} to {high:g} N): only the model's slopes carry them there."
-            )
+            doubts.append(PAGE["other_forces"].format(force=self.reference_force_N, low=low, high=high))
         return (*doubts, *(f"The population says: {doubt}" for doubt in self.own_doubts))
 
     def _check_machine(self, campaign: Campaign) -> None:
-        require(
-            campaign.topology == self.topology,
-            f"topology must be the population's {self.topology!r} to use its prior, got {campaign.topology!r}. "
-            "Use a population of such machines, or no --prior-from.",
-        )
-        sums = stands_for(campaign)
+        got = f"got {campaign.topology!r}. Use a population of such machines, or no --prior-from."
+        same = campaign.topology == self.topology
+        require(same, f"topology must be the population's {self.topology!r} to use its prior, {got}")
+        sums = stats.stands_for(campaign)
         missing = [name for name in self.means if name not in sums]
         got = f"got {', '.join(sums)} without {', '.join(missing)}. Use a population whose circles lie in the same planes."
         require(not missing, f"the campaign must have the population's compliances, {got}")
         for name in self.means:
-            require(
-                name not in self.compliances or same_meaning(name, self.compliances[name], sums[name]),
-                f"the campaign must mean by {name} what the population does, got circles or joints' frames that stand "
-                "elsewhere, so that it is the sum of other compliances. Use a population measured in the same place.",
-            )
-        require(
-            campaign.sha256 not in self.readings,
-            "the campaign must not be in the population that gives its prior, got readings that it was made from: they would "
-            "count twice. Make the population without it (--exclude), or fit without --prior-from.",
-        )
+            got = "got circles or joints' frames that stand elsewhere, so that it is the sum of other compliances"
+            same = name not in self.compliances or stats.same_meaning(name, self.compliances[name], sums[name])
+            cure = "Use a population measured in the same place."
+            require(same, f"the campaign must mean by {name} what the population does, {got}. {cure}")
+        got = "got readings that it was made from: they would count twice"
+        cure = "Make the population without it (--exclude), or fit without --prior-from."
+        apart = campaign.sha256 not in self.readings
+        require(apart, f"the campaign must not be in the population that gives its prior, {got}. {cure}")
 
 
 def prior_from(path: str | os.PathLike[str]) -> PopulationPrior:

@@ -10,23 +10,21 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
-from scipy.special import gammaincinv, ndtri
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, moment
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.posterior import pareto_smooth
 from ldbb_bayes.jobs import one_blas_thread
 from ldbb_bayes.machine.chain import ComplianceName, GeometricKind, GeometricName, kept_compliances
-from ldbb_bayes.model.gaussian import Gaussian, Sobol, eliminate, newton
+from ldbb_bayes.model.gaussian import Gaussian, eliminate
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Columns, Term
@@ -34,8 +32,7 @@ from ldbb_bayes.result import Array, Result
 from ldbb_bayes.units import inside_name
 
 __all__ = [
-    "FleetStatistics", "Meaning", "SpreadDensity", "Spreads", "SufficientStatistics", "Summary", "alone", "chunks", "common_of",
-    "deviating", "draw_spreads", "estimates_of", "fleet_statistics", "keyed", "machines_of",
+    "FleetStatistics", "Meaning", "SufficientStatistics", "Summary", "alone", "deviating", "fleet_statistics", "keyed",
     "mixture_covariance", "reference_sd", "same_meaning", "stands_for", "sufficient_statistics", "whitened",
 ]  # fmt: skip
 
@@ -191,26 +188,22 @@ def fleet_statistics(
     """Return the statistics of a batch's rows, those to rely on (`choose`); by default of all constant compliances. Compliances
     are meant at ``reference_force_N``, by default the median of the campaigns' own. With ``one_instrument`` mount and force gain
     are those of one bar, so that their errors do not average out; else each campaign has its own."""
-    topologies = sorted(set(rows["topology"]))
-    if len(topologies) > 1:
-        raise InputError(
-            f"campaigns must be of machines with the same joints, got {topologies[0]} and {topologies[1]}. Take one kind."
-        )
+    topology, *others = sorted(set(rows["topology"]))
+    got = f"got {' and '.join([topology, *others[:1]])}. Take one kind."
+    require(not others, f"campaigns must be of machines with the same joints, {got}")
     names = [list(own) for own in rows["gaussian_names"]]
     free = [name for name in names[0] if Term.owner(name) is Term and not _SLOPE.fullmatch(name)]
     free = [name for name in free if all(name in own for own in names)]
     parameters = (parameters,) if isinstance(parameters, str) else parameters
     chosen = tuple(name for name in free if name.startswith("C_")) if parameters is None else tuple(map(inside_name, parameters))
     check_known("parameter", chosen, free)
-    if len(set(chosen)) < len(chosen) or not chosen:
-        raise InputError(
-            f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of {', '.join(free)}."
-        )
+    said = f"parameters must be given once each, got {', '.join(chosen) or 'none'}. Name some of {', '.join(free)}."
+    require(0 < len(chosen) == len(set(chosen)), said)
     errors = {name for own in names for name in own if Term.owner(name) is not Term and one_instrument}
     shared = tuple(sorted(errors, key=lambda name: list(Term.kinds.values()).index(Term.owner(name))))
     force = float(np.median(rows["reference_force_N"])) if reference_force_N is None else float(reference_force_N)
-    if not 0.0 <= force < np.inf:
-        raise InputError(f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force in N.")
+    said = f"reference_force_N must be a finite number, zero or more, got {force:g}. Give a force in N."
+    require(0.0 <= force < np.inf, said)
     parts = [_likelihood(row, (*chosen, *shared), force) for row in rows.to_dict("records")]
     information, weighted, prior_mean, prior_sd = (np.array(part) for part in zip(*parts, strict=True))
     units, c = dict(zip(names[0], rows.iloc[0]["gaussian_units"], strict=True)), len(chosen)
@@ -223,7 +216,7 @@ def fleet_statistics(
         dates=tuple(moment(own) if isinstance(own, str) else None for own in rows["date"]), parameters=chosen, units=own_units,
         instrument=shared, prior_sd=scale, likelihood=Gaussian(information * (scale[:, None] * scale), weighted * scale),
         reference_force_N=force, forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
-        topology=topologies[0], compliances=_meanings(rows, chosen),
+        topology=topology, compliances=_meanings(rows, chosen),
     )  # fmt: skip
 
 
@@ -265,11 +258,11 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
         said = json.loads(text) if isinstance(text, str) else {}
         for name in (name for name in chosen if name in said):
             meaning, first = found.setdefault(name, (said[name], campaign))
-            if not same_meaning(name, meaning, said[name]):
-                raise InputError(
-                    f"campaigns must mean the same by {name}, got {first} and {campaign}: circles or joints' frames stand "
-                    "elsewhere, so that it is the sum of other compliances. Take those of one place."
-                )
+            other = (
+                "circles or joints' frames stand elsewhere, so that it is the sum of other compliances. Take those of one place."
+            )
+            refused = f"campaigns must mean the same by {name}, got {first} and {campaign}: {other}"
+            require(same_meaning(name, meaning, said[name]), refused)
     return {name: meaning for name, (meaning, _) in found.items()}
 
 
@@ -325,145 +318,3 @@ def keyed(record: Any, ci_prob: float) -> Any:
         key = f"ci{100 * ci_prob:g}"
         return {name.replace("interval", key): keyed(value, ci_prob) for name, value in record.items()}
     return [keyed(value, ci_prob) for value in record] if isinstance(record, list) else record
-
-
-# ---- machines of a population, everything but their spreads integrated out
-
-# Pairs of a spread and a machine that are worked on at once.
-_TOGETHER = 4096
-
-
-def machines_of(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
-    """The machines in the order in which they first appear, and the product of each one's likelihoods, shape (n, q)."""
-    place = {name: k for k, name in enumerate(dict.fromkeys(statistics.machines))}
-    of = [place[name] for name in statistics.machines]
-    sums = []
-    for part in (statistics.likelihood.precision, statistics.likelihood.shift):
-        sums.append(np.zeros((len(place), *part.shape[1:])))
-        np.add.at(sums[-1], of, part)
-    return tuple(place), Gaussian(*sums)
-
-
-def chunks(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Slices of spreads, so many that what they take with all machines stays near the processor."""
-    size = max(1, _TOGETHER // len(likelihood.shift))
-    return (slice(start, start + size) for start in range(0, len(spread), size))
-
-
-def common_of(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """x = (μ, b) for k spreads (k, c), shape (k, q); ``log_integral`` is ln p(y | s), up to a constant."""
-    (k, c), q = spread.shape, likelihood.shift.shape[1]
-    square, constant = np.empty((k, q + 1, q + 1)), np.empty(k)
-    for rows in chunks(spread, likelihood):
-        whole = whitened(likelihood, spread[rows])
-        flat = whole[:, c:].transpose(2, 1, 0, 3).reshape(whole.shape[2], q + 1, -1)
-        square[rows] = flat @ np.swapaxes(flat, 1, 2)
-        constant[rows] = -np.log(whole[range(c), range(c)]).sum(axis=(0, 2))
-    precision = np.eye(q) + likelihood.precision.sum(axis=0) - square[:, :q, :q]
-    return Gaussian(precision, likelihood.shift.sum(axis=0) - square[:, :q, q], constant + 0.5 * square[:, q, q])
-
-
-def estimates_of(likelihood: Gaussian, spread: Array, common: Gaussian) -> Array:
-    """Mean and sd of c_m, mean and variance of z_m = (c_m − μ) / s, shape (4, k, n, c)."""
-    c, q, root = spread.shape[1], likelihood.shift.shape[1], np.swapaxes(common.spread(), 1, 2)
-    found = np.empty((4, len(spread), len(likelihood.shift), c))
-    for rows in chunks(spread, likelihood):
-        whole = whitened(likelihood, spread[rows], inverse=True)
-        inverse, s = whole[:, c + q + 1 :], spread[rows].T[..., None]
-        gain = np.einsum("ijkn,irkn->jrkn", inverse, whole[:, c : c + q + 1])
-        z = gain[:, q] - np.einsum("jrkn,kr->jkn", gain[:, :q], common.mean[rows])
-        own = np.eye(c, q)[..., None, None] - s[:, None] * gain[:, :q]
-        of_z, of_c = (((root[rows] @ part.transpose(0, 2, 1, 3)) ** 2).sum(axis=2) for part in (gain[:, :q], own))
-        share = (inverse**2).sum(axis=0)
-        parts = (common.mean[rows, :c].T[..., None] + s * z, np.sqrt(s**2 * share + of_c), z, share + of_z)
-        found[:, rows] = np.moveaxis(np.stack(parts), 1, -1)
-    return found
-
-
-_FREEDOM, _STEP = 5.0, 1e-4
-_DOWN, _UP = 80.0, 25.0
-_GOOD_SHARE, _LEAST_VARIANCE, _FLATTEST = 0.2, 0.05, 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class SpreadDensity:
-    """ln p(t | y) of t = ln s, up to a constant; τ = ``scale``, in units of the prior sd."""
-
-    likelihood: Gaussian
-    scale: float
-
-    def log(self, t: Array) -> Array:
-        """ln p(t | y), shape (k,), of t of shape (k, c)."""
-        prior = (t - 0.5 * np.exp(2.0 * (t - np.log(self.scale)))).sum(axis=-1)
-        return np.asarray(common_of(self.likelihood, np.exp(t)).log_integral + prior)
-
-    def gradient(self, t: Array) -> Array:
-        """∂ ln p(t | y) / ∂ t, shape (k, c): Σ_m (E[z_m² | y, s] − 1) (Fisher's identity) and the prior's."""
-        s = np.exp(t)
-        _, _, z, variance = estimates_of(self.likelihood, s, common_of(self.likelihood, s))
-        return np.asarray((z**2 + variance - 1.0).sum(axis=1) + 1.0 - (s / self.scale) ** 2)
-
-    def derivatives(self, t: Array) -> tuple[Array, Array]:
-        """Gradient (c,) and Hessian (c, c) at one t."""
-        step = _STEP * np.eye(len(t))
-        slope = self.gradient(np.concatenate([t[None], t + step, t - step]))
-        hessian = (slope[1 : len(t) + 1] - slope[len(t) + 1 :]) / (2.0 * _STEP)
-        return slope[0], 0.5 * (hessian + hessian.T)
-
-    def mode(self, start: Array) -> tuple[Array, Array]:
-        """Where the density is highest, shape (c,), and the curvature there, every eigenvalue by its size and none near zero."""
-        t = newton(self.log, self.derivatives, start, gain=1e-10)
-        values, vectors = np.linalg.eigh(-self.derivatives(t)[1])
-        return t, np.asarray((vectors * np.maximum(np.abs(values), _FLATTEST)) @ vectors.T)
-
-
-@dataclass(frozen=True, eq=False)
-class Spreads:
-    """Weighted draws of s (k, c), in units of the prior sd. ``log_weight`` is ln of target over proposal, as it came, ``weight``
-    Pareto-smoothed, summing to one; above ``good_k`` the draws cannot be trusted. ``mode`` is that of ln s."""
-
-    spread: Array
-    log_weight: Array
-    weight: Array
-    pareto_k: float
-    good_k: float
-    mode: Array
-
-    @property
-    def trusted(self) -> bool:
-        """Whether Pareto's k̂ is low enough."""
-        return self.pareto_k <= self.good_k
-
-    @property
-    def effective(self) -> float:
-        """Effective number of draws, 1 / Σ w²."""
-        return 1.0 / float(np.sum(self.weight**2))
-
-    def first(self, size: int) -> Spreads:
-        """The first draws alone: they are spread as evenly as all of them."""
-        log_weight = self.log_weight[:size]
-        return Spreads(self.spread[:size], log_weight, *pareto_smooth(log_weight), self.mode)
-
-
-def draw_spreads(density: SpreadDensity, parameters: int, *, seed: int, size: int = 2048, start: Array | None = None) -> Spreads:
-    """Draws from a Student t about the mode, weighted; once more about their own moments where these fit better. Points are
-    scrambled Sobol ones, ``size`` a power of two; the search for the mode starts at ln τ, or ``start``."""
-    mode, curvature = density.mode(np.full(parameters, np.log(density.scale)) if start is None else start)
-    inverse = np.linalg.inv(curvature)
-    found = _weighed(density, mode, mode, inverse, seed=seed, size=size)
-    if found.trusted and found.effective > _GOOD_SHARE * size:
-        return found
-    middle, covariance = mixture_covariance(found.weight, np.log(found.spread))
-    other = _weighed(density, mode, middle, covariance + _LEAST_VARIANCE * inverse, seed=seed + 1, size=size)
-    return min(found, other, key=lambda own: (not own.trusted, own.pareto_k if not own.trusted else -own.effective))
-
-
-def _weighed(density: SpreadDensity, mode: Array, middle: Array, covariance: Array, *, seed: int, size: int) -> Spreads:
-    c = len(middle)
-    points = np.clip(Sobol(c + 1, np.random.default_rng(seed)).random(size), 1e-12, 1.0 - 1e-12)
-    chi = 2.0 * gammaincinv(0.5 * _FREEDOM, points[:, 0])
-    white = ndtri(points[:, 1:]) * np.sqrt(_FREEDOM / chi)[:, None]
-    limits = np.log(density.scale) - _DOWN, max(np.log(density.scale), float(mode.max())) + _UP
-    t = np.clip(middle + white @ np.linalg.cholesky(covariance).T, *limits)
-    log_weight = density.log(t) + 0.5 * (_FREEDOM + c) * np.log1p((white**2).sum(axis=1) / _FREEDOM)
-    return Spreads(np.exp(t), log_weight, *pareto_smooth(log_weight), mode)

@@ -31,7 +31,7 @@ from pydantic import Field, PlainSerializer
 from scipy.special import erf, logsumexp, ndtri
 
 from ldbb_bayes.analysis.conformity import Conformity, Tolerance, normal_conformity, quantities, tolerances_in
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.fleet.dataset import Caveat, CaveatKind, check_rows, choose, labels
 from ldbb_bayes.fleet.statistics import FleetStatistics, Summary, alone, deviating, fleet_statistics, keyed, mixture_covariance
 from ldbb_bayes.inference.posterior import check_probability
@@ -384,12 +384,8 @@ def trend(
     ci_prob : float
     """
     check_probability(ci_prob)
-    for name, value, most in (
-        ("change_scale", change_scale, np.inf),
-        ("repeatability", repeatability, np.inf),
-        ("probability", probability, 1.0),
-        ("threshold", threshold, 1.0),
-    ):
+    believed = {"change_scale": change_scale, "repeatability": repeatability, "probability": probability, "threshold": threshold}
+    for (name, value), most in zip(believed.items(), (np.inf, np.inf, 1.0, 1.0), strict=True):
         if not 0.0 < value < most:
             raise InputError(f"{name} must be above 0{' and below 1' * (most == 1.0)}, got {value:g}. Correct it.")
     chosen, machine, caveats = _of_one_machine(rows, machine)
@@ -398,11 +394,9 @@ def trend(
     statistics = fleet_statistics(
         relied, parameters=parameters, reference_force_N=reference_force_N, one_instrument=one_instrument
     )
-    if len(statistics) < 2:
-        raise InputError(
-            f"a trend must have at least 2 campaigns of one machine to rely on, got {len(statistics)}. "
-            + " ".join(("Measure again.", *map(caveat_words, caveats)))
-        )
+    why = " ".join(("Measure again.", *map(caveat_words, caveats)))
+    got = f"got {len(statistics)}. {why}"
+    require(len(statistics) > 1, f"a trend must have at least 2 campaigns of one machine to rely on, {got}")
     order, p = _in_time(statistics), len(statistics.parameters)
     series = Gaussian(statistics.likelihood.precision[order], statistics.likelihood.shift[order])
     scatter, prior = scatter_rule(repeatability)
@@ -418,10 +412,9 @@ def trend(
     numbers = np.stack([level, level_sd, *ends, chart.common_sd], axis=1)
     steps = [_parameter(statistics, j, found, change[:, :, j], numbers[j], ci_prob) for j in range(p)]
     total = 1.0 - float(weights[:, -1].sum())
-    believed = {"change_scale": change_scale, "repeatability": repeatability, "probability": probability}
     return Trend(
         machine=machine, reference_force_N=statistics.reference_force_N,
-        assumptions=believed | {"threshold": threshold, "ci": ci_prob, "one_instrument": bool(statistics.instrument)},
+        assumptions=believed | {"ci": ci_prob, "one_instrument": bool(statistics.instrument)},
         probability=total, changed=total > threshold,
         false_alarm=min(1.0, (1.0 - threshold) / threshold * probability / (1.0 - probability)), campaigns=visits,
         parameters=dict(zip(statistics.parameters, steps, strict=True)),

@@ -21,22 +21,19 @@ from markupsafe import Markup
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.circularity import contributions, measured_circularity
-from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.conformity import check_force
-from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.differences import differences
 from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of, result_json
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.findings import Compared, Findings, Recommended, find, fit_in_words
-from ldbb_bayes.report.sections import SECTIONS, Beside, Picture, Section, beside
+from ldbb_bayes.report.sections import SECTIONS, Beside, Compared, Findings, Picture, Recommended, Section, beside, find
 from ldbb_bayes.report.sheets import Banner, Pair, ReportSheet, pdf_of, sheets, words_of
+from ldbb_bayes.report.text import fit_in_words
 from ldbb_bayes.result import Array, Shown, json_text
 from ldbb_bayes.units import display_name, display_unit, typeset
 
 __all__ = [
-    "REPORT_FILES", "Document", "check_folder", "compose", "dcc_xml", "dsi_unit", "html_page", "tables", "write_dcc",
-    "write_report",
+    "REPORT_FILES", "Document", "check_folder", "compose", "dsi_unit", "html_page", "tables", "write_dcc", "write_report",
 ]  # fmt: skip
 
 
@@ -97,7 +94,7 @@ def compose(
     lines = (
         f"Machine {seen.topology}, plane {seen.plane}. {len(seen.tests)} circular tests at {min(forces):g} to {max(forces):g} N.",
         f"Fitted {started} with ldbb_bayes {version}.",
-        wording.annex_words(result["model"]["degree"], averaged=bool(found.probabilities)),
+        wording.annex_words(result["model"]["degree"], bool(found.probabilities)),
     )
     alerts = list(wording.alert_sentences(fit_of(found.posterior), result))
     for other in others:
@@ -126,15 +123,24 @@ def html_page(document: Document) -> str:
 
 def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
     """Return everything in numbers for files: inside units (mm, N, rad), µm and µm/m for circular-test quantities."""
-    bound, (measured, pairs) = bound_of(found.posterior), measured_circularity(found.posterior)
+    bound, (measured, pairs), summary = bound_of(found.posterior), measured_circularity(found.posterior), found.summary
+    verdicts = [wording.verdict_words(found.verdicts[name]) if name in found.verdicts else "" for name in summary.index]
+    factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
+    results = summary.assign(U_k2=2.0 * summary["sd"], verdict=verdicts, reading_unit=labels, reading_factor=factors)
+    heads = {"kind": "type", "unit": "u_unit"}
+    lines = [
+        {"parameter": name, "unit": budget.unit, **{heads.get(key, key): value for key, value in asdict(line).items()}}
+        for name, budget in found.budgets.items()
+        for line in budget.contributions
+    ]
     beta, phi = draws_of(found.posterior, bound)
     names = [*bound.names, *map(str, bound.hyper_prior.names)]
     draws = np.concatenate([beta, phi], axis=1)
     every = {
-        "results": _results(found).rename_axis("parameter"),
+        "results": results.rename_axis("parameter"),
         "covariance": pd.DataFrame(np.cov(draws.T), names, names).rename_axis("parameter"),
         "correlation": pd.DataFrame(np.corrcoef(draws.T), names, names).rename_axis("parameter"),
-        "budget": _budget_lines(found).set_index("parameter"),
+        "budget": pd.DataFrame(lines).set_index("parameter"),
         "circularity": found.path.set_index("plane"),
         "measured_circularity": _with_units(measured).rename_axis("test"),
         "contributions": _with_units(contributions(found.posterior, ci_prob=found.ci_prob)).set_index("plane"),
@@ -145,27 +151,6 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
         side_by_side = pd.concat({other.name: other.differences for other in others}, names=["campaign", "parameter"])
         every["differences"] = side_by_side.reset_index().set_index("campaign")
     return every
-
-
-def _results(found: Findings) -> pd.DataFrame:
-    """One row per parameter, with its verdict."""
-    table = found.summary.copy()
-    table["U_k2"] = 2.0 * table["sd"]
-    verdicts = found.verdicts
-    table["verdict"] = [wording.verdict_words(verdicts[name]) if name in verdicts else "" for name in table.index]
-    factors, labels = zip(*map(display_unit, table["unit"]), strict=True)
-    return table.assign(reading_unit=labels, reading_factor=factors)
-
-
-def _budget_lines(found: Findings) -> pd.DataFrame:
-    """Every line of every budget."""
-    names = {"kind": "type", "unit": "u_unit"}
-    rows = [
-        {"parameter": name, "unit": budget.unit, **{names.get(key, key): value for key, value in asdict(line).items()}}
-        for name, budget in found.budgets.items()
-        for line in budget.contributions
-    ]
-    return pd.DataFrame(rows)
 
 
 def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
@@ -183,10 +168,7 @@ REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 def check_folder(folder: Path) -> None:
     """Refuse a folder that a report cannot be written to, before any work is done."""
-    if folder.is_dir():
-        check_target(folder / "tables", force=True, ours=_TABLES)
-    else:
-        check_target(folder, force=True)
+    check_target(folder / "tables" if folder.is_dir() else folder, force=True, ours=_TABLES)
 
 
 def write_report(
@@ -272,16 +254,13 @@ def write_report(
 
 def _record(found: Findings, document: Document, frames: Mapping[str, pd.DataFrame]) -> dict[str, Any]:
     """One JSON of all tables, with what they are of."""
+    beside = {"comparison": found.comparison, "design": found.design}
     return {
         "schema": 1, "campaign": found.result["campaign"], "model": found.result["model"], "alerts": list(document.alerts),
         "provenance": record_of(found.posterior)["provenance"],
         "tables": {name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()},
-        "comparison": _in_words(found.comparison), "design": _in_words(found.design),
+        **{key: {"missing": own} if isinstance(own, str) else wording.with_words(own) for key, own in beside.items()},
     }  # fmt: skip
-
-
-def _in_words(result: Comparison | Design | str) -> dict[str, Any]:
-    return {"missing": result} if isinstance(result, str) else wording.with_words(result)
 
 
 # ---- for programs that read calibration certificates: D-SI numbers in the format of a DCC (schema 3.3.0, D-SI 2.2.1)
@@ -306,19 +285,12 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, ci_prob: 
     Every compliance and geometric error in inside units (mm, N, rad), the numbers of ``fit --json``: mean, U (k = 2), interval of
     probability ``ci_prob``, covariance. The file says that it is unsigned and no calibration certificate.
     """
-    path = Path(path)
-    write_whole(path, dcc_xml(posterior, ci_prob=ci_prob).encode())
-    return path
-
-
-def dcc_xml(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> str:
-    """Return the text of that file."""
     result, campaign = result_json(posterior, ci_prob=ci_prob), campaign_of(posterior)
     draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in result["parameters"]])
     units = [entry["unit"] for entry in result["parameters"].values()]
     covariance = np.atleast_2d(np.cov(draws))
     columns = [[(covariance[i, j], dsi_unit(units[i], units[j])) for i in range(len(units))] for j in range(len(units))]
-    return _template("dcc.xml.j2").render(
+    text = _template("dcc.xml.j2").render(
         campaign=campaign, model=result["model"], plane=campaign.machine().plane,
         version=result["provenance"]["versions"]["ldbb-bayes"], fitted=result["provenance"]["started"][:10],
         identifier=f"ldbb_bayes-{hashlib.sha256(json.dumps(result['parameters']).encode()).hexdigest()[:32]}",
@@ -327,6 +299,8 @@ def dcc_xml(posterior: xr.DataTree, *, ci_prob: float = 0.95) -> str:
         factor=_coverage_factor(draws, covariance, ci_prob), models=len(result.get("averaged", {}).get("models", ())),
         ci_prob=ci_prob,
     )  # fmt: skip
+    write_whole(Path(path), text.encode())
+    return Path(path)
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:

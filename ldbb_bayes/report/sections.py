@@ -1,4 +1,4 @@
-"""The sections of the report, from findings: paragraphs, lists, tables and figures."""
+"""All that a report shows of one fit, and its sections, made of that: paragraphs, lists, tables and figures."""
 
 from __future__ import annotations
 
@@ -8,28 +8,38 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.resources import files
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import matplotlib as mpl
 import pandas as pd
+import xarray as xr
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import cures, degeneracies, standing_degeneracies
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES, squareness_name
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.identifiability import describe
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
-from ldbb_bayes.report import figures, wording
-from ldbb_bayes.report.findings import Findings, further_remarks
-from ldbb_bayes.report.text import Passage, comparison_parts, nuisance_table, parameter_table, parts_of, results_table, two_digits
+from ldbb_bayes.campaign.preview import preview
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_of, record_of
+from ldbb_bayes.report import figures, text, wording
+from ldbb_bayes.report.text import Passage, parts_of, two_digits
+from ldbb_bayes.report.wording import DEGREES
 from ldbb_bayes.result import Table
 from ldbb_bayes.units import display_name, display_unit, ranked, round_like, round_uncertainty, state
 
-__all__ = ["PICTURES", "SECTIONS", "Beside", "Details", "Part", "Picture", "Section", "beside", "picture"]
+if TYPE_CHECKING:
+    from ldbb_bayes.analysis.conformity import Conformity
+
+__all__ = [
+    "PICTURES", "SECTIONS", "Beside", "Compared", "Details", "Findings", "Part", "Picture", "Recommended", "Section", "beside",
+    "find", "picture",
+]  # fmt: skip
 
 _REFERENCE = re.compile(r'(\bid="|xlink:href="#|url\(#)')
 _PROLOGUE = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>\s*", re.DOTALL)
@@ -87,6 +97,107 @@ class Section:
     parts: tuple[Part, ...]
 
 
+# ---- what they are of
+
+Compared: TypeAlias = "Comparison | str"
+Recommended: TypeAlias = "Design | str"
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """All that a report shows of one posterior; what the fit did not keep is worked out when it is first asked for. Where a
+    comparison or design is missing stands why."""
+
+    posterior: xr.DataTree
+    ci_prob: float
+    comparison: Compared
+    recommended: Callable[[], Recommended]
+    averaged: xr.DataTree | None = None
+    tolerances: Mapping[str, Any] | None = None
+
+    @property
+    def numbers(self) -> xr.DataTree:
+        """What the sheets state: averaged over the models where that was worked out."""
+        return self.posterior if self.averaged is None else self.averaged
+
+    @cached_property
+    def probabilities(self) -> Mapping[str, float]:
+        """Of the models that were averaged over, and of the rivals of slopes; none where nothing was."""
+        found: dict[str, float] = record_of(self.numbers).get("averaged", {}).get("probability", {})
+        return found
+
+    @property
+    def varying(self) -> float:
+        """Probability that compliance changes with force; one where that is what was fitted."""
+        return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
+
+    # The tests to run next; the JSON of the fit; of the draws; the campaign without a model; what the readings tell of every
+    # parameter, and the budget of each; circular-test quantities of the machine.
+    design = cached_property(lambda self: self.recommended())
+    result = cached_property(lambda self: text.full_result(self.posterior, self.ci_prob))
+    summary = cached_property(lambda self: lb.summarize(self.posterior, ci_prob=self.ci_prob))
+    seen = cached_property(lambda self: preview(campaign_of(self.posterior)))
+    verdicts = cached_property(lambda self: lb.verdicts(self.posterior))
+    budgets = cached_property(lambda self: lb.budgets(self.posterior))
+    path = cached_property(lambda self: lb.circularity(self.posterior, ci_prob=self.ci_prob))
+
+    def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
+        """With the tolerances given or else those of the campaign."""
+        return lb.conformity(self.numbers, self.tolerances or None, force_N=force_N)
+
+    @property
+    def flat(self) -> bool:
+        """Whether the parameters have flat priors."""
+        return all(entry["prior_sd"] is None for entry in self.result["parameters"].values())
+
+
+def find(
+    posterior: xr.DataTree,
+    *,
+    ci_prob: float = 0.95,
+    tests: int | None = None,
+    comparison: Compared | None = None,
+    recommended: Recommended | Callable[[], Recommended] | None = None,
+    averaged: xr.DataTree | None = None,
+    tolerances: Mapping[str, Any] | None = None,
+) -> Findings:
+    """Return what a report shows of a fit, after a look whether what is brought is of the same readings; as `write_report`."""
+    digest = campaign_of(posterior).sha256
+    for what, own in (("comparison", getattr(comparison, "campaign", None)), ("design", getattr(recommended, "pilot", None))):
+        if own is not None and own.sha256 != digest:
+            got = f"got one of {own.name!r} (SHA-256 {own.sha256[:12]}… instead of {digest[:12]}…)"
+            raise InputError(f"{what} must be of the readings of the fit, {got}. Make the {what} again.")
+    planned = partial(_next_tests, posterior, tests) if recommended is None else recommended
+    return Findings(
+        posterior, ci_prob, _compared(posterior) if comparison is None else comparison,
+        planned if callable(planned) else lambda: planned, averaged, tolerances,
+    )  # fmt: skip
+
+
+def _next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:
+    model = model_of(posterior)
+    try:
+        return lb.design(model.with_degree(max(model.degree, 1)), pilot=campaign_of(posterior), tests=tests)
+    except InputError as error:
+        if tests is not None:
+            raise
+        return str(error)
+
+
+def _compared(posterior: xr.DataTree) -> Compared:
+    """Constant against linear compliance (and quadratic where that was fitted) by evidence alone, or why not."""
+    model = model_of(posterior)
+    largest = model.with_degree(max(model.degree, 1))
+    models = {DEGREES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
+    try:
+        return lb.compare(models, campaign_of(posterior), evidence_only=True)
+    except InputError as error:
+        return str(error)
+
+
+# ---- sections, in the order of the page
+
+
 @dataclass(frozen=True, eq=False)
 class Beside:
     """Another campaign beside the first: its name, the JSON of its fit, and its `differences` to the first."""
@@ -108,9 +219,6 @@ def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Pictur
     return Picture(key, caption or words, draw(subject, **options))
 
 
-# ---- sections, in the order of the page
-
-
 def campaign(found: Findings) -> Iterator[Part]:
     """Tests, assumptions and remarks."""
     yield from parts_of(found.seen)
@@ -120,9 +228,9 @@ def results(found: Findings) -> Iterator[Part]:
     """Parameters, and what the fit says of other effects."""
     yield wording.model_words(found.result["model"])
     yield wording.PAGE["results"].format(percent=wording.percent_of(found.result))
-    yield results_table(found.result, found.verdicts, shares=False)
+    yield text.results_table(found.result, found.verdicts, shares=False)
     yield picture("forest", found.posterior)
-    yield Details("What the fit says of other effects", (nuisance_table(found.result["nuisances"]),))
+    yield Details("What the fit says of other effects", (text.nuisance_table(found.result["nuisances"]),))
     tests = campaign_of(found.posterior)
     described = parts_of(describe(tests.machine(), [test.circle for test in tests.tests]))
     yield Details("What the parameters are", described)
@@ -143,7 +251,7 @@ def degree(found: Findings) -> Iterator[Part]:
     if not isinstance(compared, Comparison):
         yield f"The models were not compared: {compared}"
         return
-    yield from comparison_parts(compared, rmse=False)  # that of the fit, of other draws, stands with the fit
+    yield from text.comparison_parts(compared, rmse=False)  # that of the fit, of other draws, stands with the fit
     yield picture("evidence", compared)
     if not compared.local_fits.empty:
         yield picture("compliance_with_local_fits", compared)
@@ -221,14 +329,14 @@ def fit(found: Findings) -> Iterator[Part]:
     yield wording.quality_words(quality)
     yield Table.of(caption, ("test", "force (N)", "fitness (%)", *checked), rows)
     concerns = wording.concern_sentences(fit_of(found.posterior).concerns, found.result["sampler"])
-    if notes := (*concerns, *further_remarks(found.seen)):
+    if notes := (*concerns, *text.further_remarks(found.seen)):
         yield notes
     yield picture("residuals", found.posterior)
 
 
 def assumptions(found: Findings) -> Iterator[Part]:
     """Every prior with its unit beside the posterior, scales included, and the model as a file."""
-    yield parameter_table(found.result)
+    yield text.parameter_table(found.result)
     yield Details("The whole model as TOML (edit and fit again with --model)", (record_of(found.posterior)["model"]["toml"],))
 
 
@@ -267,7 +375,7 @@ def glossary(_: Findings) -> Iterator[Part]:
 def beside(first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, ci_prob: float) -> Iterator[Part]:
     """Differences of every parameter with intervals and probabilities; ``first`` is the JSON of the fit they are to."""
     name = str(first["campaign"]["name"])
-    yield wording.instrument_words(first["model"]["reference_force_N"], same=same_instrument)
+    yield wording.instrument_words(first["model"]["reference_force_N"], same_instrument)
     yield tuple(wording.change_sentence(name, other.name, other.differences, ci_prob) for other in others)
     yield from (_differences(name, other, f"{100 * ci_prob:g} %") for other in others)
 

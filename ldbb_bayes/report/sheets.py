@@ -19,14 +19,15 @@ import matplotlib as mpl
 import numpy as np
 
 from ldbb_bayes.analysis.circularity import circularity
-from ldbb_bayes.analysis.conformity import Use, is_determined
+from ldbb_bayes.analysis.conformity import Use, draws_at, is_determined, state_of
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, curves_of, draws_of, numbers_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, numbers_of
 from ldbb_bayes.model.fourier import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength, Term, uncertainties
-from ldbb_bayes.report.sections import Picture, picture
+from ldbb_bayes.report.sections import Findings, Picture, picture
 from ldbb_bayes.report.text import two_digits
-from ldbb_bayes.result import Array, Table
+from ldbb_bayes.report.wording import joined
+from ldbb_bayes.result import Table
 from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value_and_uncertainty
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.identifiability import ParameterIdentifiability
     from ldbb_bayes.campaign.campaign import Ball
     from ldbb_bayes.model.hybrid import BoundModel
-    from ldbb_bayes.report.findings import Findings
 
 __all__ = ["Banner", "Block", "Fields", "Pair", "ReportSheet", "Words", "languages", "pdf_of", "sheets", "words_of"]
 
@@ -68,8 +68,7 @@ class Words:
 
     def joined(self, parts: Sequence[str]) -> str:
         """Return a, b and c."""
-        word = str(self.table["and"])
-        return word.join(parts) if len(parts) < 3 else f"{', '.join(parts[:-1])}{word}{parts[-1]}"
+        return joined(parts, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
         """Return a unit's label."""
@@ -164,13 +163,7 @@ class Stated:
     hangs_on: tuple[str, ...] = ()  # what its parts are confounded with
 
     @property
-    def with_u(self) -> tuple[str, str, str, str]:
-        """Value and u to the same place, and the ends of the interval."""
-        own = state(self.mean, self.sd, self.interval, self.unit)
-        return own.value, own.u, *own.ends
-
-    @property
-    def with_U(self) -> tuple[str, str]:
+    def with_U(self) -> tuple[str, ...]:
         """Value and U (k = 2) to the same place."""
         if self.limit:
             return self.limit, "–"
@@ -221,23 +214,9 @@ class Numbers:
                 stated[own.name] = Stated(words, display_name(own.name), row["mean"], row["sd"], interval, own.unit, entry)
         return stated
 
-    @cached_property
-    def _of(self) -> dict[str, Any]:
-        """Mean, sd, median and interval of every parameter, of compliances at the force [inside units]."""
-        group = self.found.numbers["posterior"].dataset
-        every = {str(name): numbers_of(own.values, self.found.ci_prob) for name, own in group.data_vars.items()}
-        return every | {name: numbers_of(draws, self.found.ci_prob) for name, draws in self._compliances.items()}
-
-    @cached_property
-    def _compliances(self) -> dict[str, Array]:
-        """Draws of every compliance at the force [inside units]."""
-        posterior = self.found.numbers
-        bound = bound_of(posterior)
-        if self.force_N == bound.setting.reference_force_N:
-            beta, _ = draws_of(posterior, bound)
-            return {own.label: beta[:, bound.names.index(own.label)] for own in bound.compliances}
-        curves = curves_of(posterior, np.array([self.force_N]))[:, 0]
-        return {own.label: curves[:, j] for j, own in enumerate(bound.compliances)}
+    # Draws of every parameter, of compliances at the force [inside units]; their mean, sd, median and interval.
+    _draws = cached_property(lambda self: draws_at(self.found.numbers, self.force_N))
+    _of = cached_property(lambda self: {name: numbers_of(own, self.found.ci_prob) for name, own in self._draws.items()})
 
     def _quantity(self, name: Any, degree: int = 0) -> str:
         key = "slope" if degree == 1 else "curvature" if degree else str(name.kind)
@@ -253,7 +232,7 @@ class Numbers:
         every = {}
         for own in bound_of(self.found.numbers).compliances:
             if own.kind == "direct":
-                row, draws = self._of[own.label], self._compliances[own.label]
+                row, draws = self._of[own.label], self._draws[own.label]
                 middle, low, high = (row[key] for key in ("median", "ci_low", "ci_high"))
                 ends, limit = (1.0 / high, 1.0 / low), ""
                 if not low > _HARDLY * middle > 0.0:
@@ -348,7 +327,9 @@ def _second(own: Numbers) -> Iterator[Block]:
     yield _table(own, "", [*own.parameters.values(), *own.path.values()], "u")
     percent = words.number(f"{100 * found.ci_prob:g}")
     yield words("notes.u", percent=percent, force=words.number(f"{own.force_N:.4g}"))
-    yield words("notes.words", names="; ".join(_partners(own)))
+    partners = dict.fromkeys(partner for one in own.parameters.values() if one.entry for partner in one.entry.partners)
+    meant = [f"{words.term(name)}: {words.table['means'][name]}" for name in partners if name in words.table["means"]]
+    yield words("notes.words", names="; ".join(meant))
     yield picture("compliance_against_force", found.numbers, words("sheet.curve"), words=words.table["figures"])
     provenance = found.result["provenance"]
     yield words(
@@ -357,22 +338,13 @@ def _second(own: Numbers) -> Iterator[Block]:
     )  # fmt: skip
 
 
-def _partners(own: Numbers) -> Iterator[str]:
-    """What the remarks name, in a line each."""
-    entries = [one.entry for one in own.parameters.values() if one.entry is not None]
-    for name in dict.fromkeys(partner for entry in entries for partner in entry.partners):
-        if name in (lines := own.words.table["means"]):
-            yield f"{own.words.term(name)}: {lines[name]}"
-
-
 def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) -> Table:
     words, rows = own.words, []
     for one in stated:
-        if spread == "U":
-            numbers = list(one.with_U)
-        else:
-            *numbers, low, high = one.with_u
-            numbers.append(words("interval", low=low, high=high))
+        numbers = one.with_U
+        if spread == "u":
+            shown = state(one.mean, one.sd, one.interval, one.unit)
+            numbers = shown.value, shown.u, words("interval", low=shown.ends[0], high=shown.ends[1])
         unit = words.unit(display_unit(one.unit)[1])
         rows.append((one.words, one.symbol, *map(words.number, numbers), unit, remark(one, words)))
     percent = words.number(f"{100 * own.found.ci_prob:g}")
@@ -385,7 +357,8 @@ def _table(own: Numbers, caption: str, stated: Sequence[Stated], spread: str) ->
 def _banner(own: Numbers) -> Banner:
     """Whether the numbers can be used, with the gravest reasons."""
     words, found, stated = own.words, own.found, own.stiffnesses | own.further
-    judged = found.judged(stated)
+    compared = None if isinstance(found.comparison, str) else found.comparison
+    judged = state_of(fit_of(found.posterior), found.verdicts, stated, comparison=compared)
     by_kind: dict[str, list[str]] = {}
     for reason in judged.reasons:
         names = [stated[name].words if name in stated else name for name in reason.names]

@@ -8,42 +8,34 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+import ldbb_bayes as lb
+from ldbb_bayes import units
+from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, preview
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.wording import IN_FORCE
-from ldbb_bayes.result import ByClass, ByName, Table, brief, entries_of, table_of, wrapped
-from ldbb_bayes.units import (
-    display_name,
-    display_unit,
-    is_direct,
-    ranked,
-    round_like,
-    round_uncertainty,
-    state,
-    stiffness,
-    typeset,
-    value_and_uncertainty,
-)
+from ldbb_bayes.result import ByClass, ByName, Shown, Table, brief, entries_of, table_of, wrapped
+from ldbb_bayes.units import display_name, display_unit, round_like, round_uncertainty, typeset, value_and_uncertainty
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.design import Design
     from ldbb_bayes.analysis.identifiability import Budget, DescribedMachine, Identifiability, ParameterIdentifiability, Seen
     from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.campaign.importing import Imported
-    from ldbb_bayes.campaign.preview import CampaignPreview
     from ldbb_bayes.campaign.renishaw import BallbarRecord
     from ldbb_bayes.inference.density import LogDensity
     from ldbb_bayes.inference.posterior import Fit
     from ldbb_bayes.inference.predictive import LeastSquares
     from ldbb_bayes.model.hybrid import HybridModel, Simulation
     from ldbb_bayes.model.terms import Uncertainties
-    from ldbb_bayes.report.findings import FitWords
 
 __all__ = [
-    "Passage", "comparison_parts", "conformity_table", "html_of", "lines_of", "nuisance_table", "parameter_table", "parts_of",
-    "parts_of_fit", "results_table", "text_of", "two_digits",
+    "FitWords", "Passage", "comparison_parts", "conformity_table", "fit_in_words", "full_result", "further_remarks", "html_of",
+    "lines_of", "nuisance_table", "parameter_table", "parts_of", "parts_of_fit", "results_table", "text_of", "two_digits",
 ]  # fmt: skip
 
 Passage: TypeAlias = Table | str | tuple[str, ...]
@@ -121,15 +113,16 @@ def _(campaign: Campaign) -> tuple[Passage, ...]:
 @parts_of.register
 def _(result: Imported) -> tuple[Passage, ...]:
     campaign = result.campaign
-    head = f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings"
+    head = (
+        f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed (change it with the option named):"
+    )
     beside: list[Passage] = []
     for own in result.records:
         from ldbb_bayes.analysis.circularity import compare_record  # what shows no record starts without it
 
         alike = own.plane in campaign.machine().planes
         beside += [table_of(compare_record(own, campaign))] if alike else parts_of(own)
-    assumed = tuple(map(wording.assumption_words, result.assumptions))
-    return (f"{head}. Assumed (change it with the option named):", assumed, *beside)
+    return (head, tuple(map(wording.assumption_words, result.assumptions)), *beside)
 
 
 @parts_of.register
@@ -173,12 +166,7 @@ def _(found: Uncertainties) -> tuple[Passage, ...]:
         rows.append((words, nominal, spread, label, "certificate" if own.stated else "the model", where))
     heads = ("assumed", "nominal", "u (1 sd)", "unit", "source", "in campaign.toml")
     table = Table.of("What a fit assumes of the instrument", heads, rows, text=heads[3:])
-    named = (f"Certificate of the {what}: {name}" for what, name in found.certificates.items())
-    return (
-        table,
-        *named,
-        "Assumed lobes come on top of the form expected from higher orders; certified harmonics or turned balls replace both.",
-    )
+    return (table, *(f"Certificate of the {what}: {name}" for what, name in found.certificates.items()), wording.PAGE["lobes"])
 
 
 @parts_of.register
@@ -251,12 +239,61 @@ def _(result: LeastSquares) -> tuple[Passage, ...]:
     return (Table.of(caption, ("parameter", "estimate", "u (1 sd)", "unit"), rows, text=("unit",)),)
 
 
+def full_result(posterior: xr.DataTree, ci_prob: float) -> dict[str, Any]:
+    """The JSON of a fit, with nuisances, and what a look at the readings finds among its warnings."""
+    from ldbb_bayes.inference.posterior import campaign_of, nuisances, result_json  # ArviZ's: what shows no fit starts without it
+
+    result = result_json(posterior, ci_prob=ci_prob)
+    result["nuisances"] = nuisances(posterior).to_dict(orient="index")
+    result["fit"] |= fit_in_words(posterior)
+    if campaign_of(posterior).tolerances:
+        result["conformity"] = {name: own.as_dict() for name, own in lb.conformity(posterior).items()}
+    return result
+
+
+class FitWords(Shown, dict[str, Any]):
+    """A fit in words, by key; printed as the verdict and what to mind."""
+
+    def __repr__(self) -> str:
+        return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
+
+
+def fit_in_words(posterior: xr.DataTree) -> FitWords:
+    """Return a fit's state, the kinds of what to mind, and verdict, misfits and warnings in words; it prints as sentences."""
+    from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
+    from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
+
+    fit, bound = fit_of(posterior), bound_of(posterior)
+    alike, seen = degeneracies(bound), preview(bound.campaign)
+    concerns = wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"])
+    standing = map(wording.standing_words, standing_degeneracies(bound, alike))
+    return FitWords(
+        state=str(fit.state), kinds=list(fit.kinds), verdict=wording.fit_verdict(fit),
+        misfits=[wording.check_words(check) for check in fit.misfits],
+        warnings=[
+            *concerns, *wording.check_notes(fit), *wording.alias_sentences(alike), *standing, *wording.look_sentences(seen),
+            *further_remarks(seen),
+        ],
+    )  # fmt: skip
+
+
+def further_remarks(seen: CampaignPreview) -> list[str]:
+    """Remarks on a campaign that a fit does not make itself."""
+    own = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
+    return [wording.remark_words(remark) for remark in seen.remarks if remark.kind not in own]
+
+
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     """Return the JSON of a fit as tables and sentences, other effects of the instrument left out."""
     others = {name: own for name, own in result["nuisances"].items() if not Term.kinds.get(own["term"], Term).instrument}
     nuisances = [nuisance_table(others)] if others else []
     tables = [parameter_table(result), *nuisances, *([conformity_table(own)] if (own := result.get("conformity")) else [])]
-    return (*wording.fit_head(result), *tables, *wording.fit_sentences(result))
+    campaign, quality = result["campaign"], result["fit"]
+    head = f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings."
+    went = (wording.quality_words(quality), wording.sampler_words(result["sampler"]))
+    notes = (f"Note: {warning}" for warning in quality["warnings"])
+    prior = [wording.PAGE["prior_from"].format(**own)] if (own := result.get("prior_from")) else []
+    return (f"Verdict: {quality['verdict']}", head, *tables, *went, *notes, wording.model_words(result["model"]), *prior)
 
 
 def conformity_table(found: Mapping[str, Mapping[str, Any]]) -> Table:
@@ -304,12 +341,10 @@ def results_table(result: Mapping[str, Any], verdicts: Mapping[str, ParameterIde
     the variance that every partner holds, where no budget stands beside it."""
     rows = []
     for name, entry in result["parameters"].items():
-        own = state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
-        stiff = stiffness(entry["median"], wording.interval_of(entry)) if is_direct(name) else ""
-        cells = (
-            own.value, own.u, own.expanded, own.interval, own.unit, stiff, wording.verdict_words(verdicts[name], shares=shares),
-        )  # fmt: skip
-        rows.append((display_name(name), *cells))
+        own = units.state(entry["mean"], entry["sd"], wording.interval_of(entry), entry["unit"])
+        stiff = units.stiffness(entry["median"], wording.interval_of(entry)) if units.is_direct(name) else ""
+        verdict = wording.verdict_words(verdicts[name], shares=shares)
+        rows.append((display_name(name), own.value, own.u, own.expanded, own.interval, own.unit, stiff, verdict))
     interval = f"{wording.percent_of(result)} interval"
     heads = ("parameter", "value", "u", "U (k = 2)", interval, "unit", "stiffness (N/µm)", "verdict")
     return Table.of("Compliances, their slopes, geometric errors", heads, rows, text=("unit", "verdict"))
@@ -378,7 +413,7 @@ def _(found: ByName[Any]) -> tuple[Passage, ...]:
     for name, budget in found.items():
         factor, unit = display_unit(budget.unit)
         shares = {line.term: budget.share(line.term) for line in budget.contributions}
-        heavy = ranked([item for item in shares.items() if item[1] >= _RUNNERS], lambda item: item[1])[:3]
+        heavy = units.ranked([item for item in shares.items() if item[1] >= _RUNNERS], lambda item: item[1])[:3]
         largest = ", ".join(f"{wording.source_words(term)} {100 * share:.0f} %" for term, share in heavy)
         u, then = (two_digits(size, factor) for size in (budget.u, budget.u_if_known))
         rows.append((display_name(name), u, unit, largest, wording.remedy_words(budget), then))
@@ -393,11 +428,11 @@ def _(budget: Budget) -> tuple[Passage, ...]:
     rows: list[tuple[str, ...]] = []
     for line in budget.contributions:
         if line.share >= _SMALL:
-            one, one_unit = _size_of_one(line)
+            source, one, one_unit = _source(line)
             own = ("", "") if line.u is None else (two_digits(line.u * one), one_unit)
             sensitivity = "" if line.sensitivity is None else two_digits(line.sensitivity * factor / one)
             share = f"{100 * line.share:.1f} %"
-            rows.append((_source(line), line.kind, *own, sensitivity, two_digits(line.contribution * factor), share))
+            rows.append((source, line.kind, *own, sensitivity, two_digits(line.contribution * factor), share))
     if abs(small) >= 5e-4:
         contribution = two_digits(max(small, 0.0) ** 0.5 * budget.u * factor)
         rows.append(("all smaller ones", "", "", "", "", contribution, f"{100 * small:.1f} %"))
@@ -406,32 +441,27 @@ def _(budget: Budget) -> tuple[Passage, ...]:
     return (Table.of(f"Budget of {display_name(budget.parameter)}", heads, rows, text=("type", "its unit")),)
 
 
-def _source(line: Any) -> str:
-    if line.source.startswith("other "):
-        return f"other {wording.source_words(line.term)}"
-    return wording.source_words(line.term) if line.source == line.term else wording.nuisance_words(line.source)
-
-
-def _size_of_one(line: Any) -> tuple[float, str]:
-    """Factor and label that the source's own uncertainty is read in."""
+def _source(line: Any) -> tuple[str, float, str]:
+    """What a line of a budget is called, and factor and label that its own uncertainty is read in."""
     if line.source == line.term:
-        return (1.0, "N") if line.unit == "N" else (1e3, "µm")
+        return wording.source_words(line.term), *((1.0, "N") if line.unit == "N" else (1e3, "µm"))
     one, label = wording.unit_words(line.source)
-    return 1.0 / one, label
+    other = line.source.startswith("other ")
+    return f"other {wording.source_words(line.term)}" if other else wording.nuisance_words(line.source), 1.0 / one, label
 
 
 # ---- comparison
 
 
-@parts_of.register
-def _(result: Comparison) -> tuple[Passage, ...]:
-    return comparison_parts(result)
-
-
 def comparison_parts(result: Comparison, *, rmse: bool = True) -> tuple[Passage, ...]:
     """Return the tables and sentences of a comparison, with or without the RMSE of its models."""
-    tables = (_models_table(result, rmse), _assumption_table(result), _slopes_table(result), _left_out_table(result))
+    slopes = [(display_name(name), f"{slope.inclusion_probability:.2f}") for name, slope in result.slopes.items()]
+    one_by_one = Table.of("Slopes one by one", ("compliance", "varies with probability"), slopes)
+    tables = (_models_table(result, rmse), _assumption_table(result), one_by_one, _left_out_table(result))
     return (*(table for table in tables if table.rows), *wording.comparison_sentences(result))
+
+
+parts_of.register(comparison_parts)
 
 
 def _models_table(comparison: Comparison, rmse: bool) -> Table:
@@ -464,12 +494,6 @@ def _assumption_table(comparison: Comparison) -> Table:
     return Table.of(f"ln B({comparison.sensitivity_of}) under other assumptions", heads, shown)
 
 
-def _slopes_table(comparison: Comparison) -> Table:
-    """The probability that each compliance varies with force."""
-    rows = [(display_name(name), f"{slope.inclusion_probability:.2f}") for name, slope in comparison.slopes.items()]
-    return Table.of("Slopes one by one", ("compliance", "varies with probability"), rows)
-
-
 def _left_out_table(comparison: Comparison) -> Table:
     """Every test left out: p-values, and what tells the models apart."""
     first, second = comparison.pair
@@ -484,23 +508,15 @@ def _left_out_table(comparison: Comparison) -> Table:
 
 # ---- design
 
-_HEADS = {
-    "force_N": "force (N)", "work_ball_deg": "work ball (°)", "tool_ball_deg": "tool ball (°)", "radius_mm": "radius (mm)",
-    "setup": "set-up",
-}  # fmt: skip
-
 
 @parts_of.register
 def _(design: Design) -> tuple[Passage, ...]:
-    """With the different tests and how often to run each."""
-    heads = [_HEADS.get(name, name) for name in ("force_N", *design.columns)]
+    """With the different tests and how often to run each, and the expected standard uncertainty of every parameter beside that of
+    baseline and others, floor and prior."""
     every = design.table.to_numpy(dtype=object).tolist()
     rows = [[value if isinstance(value, str) else f"{value:.4g}" for value in row] for row in every]
-    return (Table.of("Tests to run", [*heads, "circles"], rows), _expected_table(design), *wording.design_sentences(design))
-
-
-def _expected_table(design: Design) -> Table:
-    """The expected standard uncertainty of every parameter beside that of baseline and others, floor and prior."""
+    heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]
+    run = Table.of("Tests to run", [*heads, "circles"], rows)
     rows = []
     for name, entry in design.expected.items():
         factor, unit = display_unit(entry.unit)
@@ -508,10 +524,5 @@ def _expected_table(design: Design) -> Table:
         mark = "" if name in design.parameters else " (other effect)"
         rows.append([f"{display_name(name)}{mark}", *(two_digits(size, factor) for size in sizes), unit])
     heads = ["expected u", "recommended", *(own.name for own in design.compared), "no less than", "prior", "unit"]
-    return Table.of(
-        "Expected standard uncertainties before the circles are run: to be compared with one another, not with u of a fit; no "
-        "less than: what a million circles would leave",
-        heads,
-        rows,
-        text=("unit",),
-    )
+    expected = Table.of(wording.PAGE["expected"], heads, rows, text=("unit",))
+    return (run, expected, *wording.design_sentences(design))

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jinja2
-import numpy as np
 
 from ldbb_bayes.model.terms import OWN, Term
 from ldbb_bayes.result import ByClass
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.design import Design
-    from ldbb_bayes.analysis.identifiability import Budget, DescribedMachine, Identifiability, ParameterIdentifiability, Seen
+    from ldbb_bayes.analysis.identifiability import Budget, Identifiability, ParameterIdentifiability, Seen
     from ldbb_bayes.campaign.preview import CampaignPreview, Remark
     from ldbb_bayes.inference.posterior import Concern, Fit
     from ldbb_bayes.inference.predictive import Check
@@ -46,10 +45,17 @@ def _environment() -> jinja2.Environment:
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
     filters = (joined, display_name, typeset, term_words, nuisance_words, check_words, remark_words, caveat_words, repr)
-    environment.filters |= {own.__name__: own for own in (*filters, probability_words, strength_words)}
+    environment.filters |= {own.__name__: own for own in (*filters, look_sentences, probability_words, strength_words)}
     environment.filters |= {"as_": format, "lines": _lines, "point": lambda at: f"({', '.join(f'{x:g}' for x in at)})"}
-    names = {"IN_FORCE": IN_FORCE, "DEGREES": DEGREES, "FEW": _FEW, "BARE": _STRENGTHS[0][0], "SIGNS": _SENTENCES["signs"]}
-    environment.globals |= names | {"SURE": _SURE, "JOINED": _JOINED, "CONFLICT": _CONFLICT, "plus_minus": plus_minus}
+    names: dict[str, Any] = {
+        "IN_FORCE": IN_FORCE,
+        "DEGREES": DEGREES,
+        "FEW": _FEW,
+        "BARE": _STRENGTHS[0][0],
+        "SIGNS": _SENTENCES["signs"],
+    }
+    names |= {"PAGE": PAGE, "SURE": _SURE, "JOINED": _JOINED, "CONFLICT": _CONFLICT, "plus_minus": plus_minus}
+    environment.globals |= names
     return environment
 
 
@@ -67,15 +73,27 @@ def _sentence(macro: str, *found: Any) -> str:
     return " ".join(_sentences(macro, *found))
 
 
-def _words(macro: str) -> Callable[[Any], str]:
-    return lambda found: _sentence(macro, found)
+def _every(macro: str) -> Callable[..., tuple[str, ...]]:
+    return lambda *found: _sentences(macro, *found)
 
 
-# Of a fit whether its numbers can be used, and whether the model expects readings like these; of parts of its JSON what was
-# fitted, how well, and whether the sampler reached its target; of a validation whether its ranks are as they should be.
-fit_verdict, expectation = _words("fit_verdict"), _words("expectation")
+def _words(macro: str) -> Callable[..., str]:
+    return lambda *found: _sentence(macro, *found)
+
+
+# Of a fit whether its numbers can be used, whether the model expects readings like these, and a note on what it does not expect
+# though it hardly moves an interval; of parts of its JSON what was fitted, how well, and whether the sampler reached its target;
+# of a validation whether its ranks are as they should be.
+fit_verdict, expectation, check_notes = _words("fit_verdict"), _words("expectation"), _every("check_notes")
 model_words, quality_words, sampler_words = _words("model_words"), _words("quality_words"), _words("sampler_words")
 validation_verdict = _words("validation_verdict")
+# What a campaign is, and remarks on its tests (what a fit will assume is apart); of a machine joints, rank, and what does not
+# show; of a comparison the evidence, whether its sign is robust, and what else speaks; what is to be minded of a population, and
+# what it does not model; what forbids the use of a difference of campaigns (first, other, converged, conflict).
+preview_sentences, machine_sentences = _every("preview_sentences"), _every("machine_sentences")
+comparison_sentences, population_doubts = _every("comparison_sentences"), _every("population_doubts")
+# Which model the numbers after the sheets are of (degree, averaged); what differences between campaigns rest on (force, same).
+annex_words, instrument_words, difference_doubts = _words("annex_words"), _words("instrument_words"), _every("difference_doubts")
 
 
 def _as_dict(result: Any) -> dict[str, Any]:
@@ -175,10 +193,7 @@ def alias_sentences(found: Sequence[Degeneracy]) -> Iterator[str]:
             alike[own.modelled].setdefault(own.term, {}).update(dict.fromkeys(own.parameters))
         else:
             yield f"These readings cannot separate {_shown(own.parameters)}."
-    covers = {
-        False: "The model leaves these out: no interval covers them",
-        True: "The intervals rest on what was assumed of these",
-    }
+    covers = ("The model leaves these out: no interval covers them", "The intervals rest on what was assumed of these")
     for modelled, terms in alike.items():
         if terms:
             pairs = "; ".join(f"{term_words(term)} with {_shown([*names])}" for term, names in terms.items())
@@ -202,11 +217,6 @@ def check_words(check: Check) -> str:
     return f"{kinds.get(check.kind, f'order {check.order}')} of {check.test}"
 
 
-def check_notes(fit: Fit) -> tuple[str, ...]:
-    """Return a note on what is not expected though it hardly moves an interval."""
-    return _sentences("check_notes", fit, [own for own in fit.unexpected if own not in fit.misfits])
-
-
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
     """Return a sentence or two on every concern; ``sampler`` is that part of the record."""
     cures = {"independent": "ask for more independent draws (a larger --ess)"}
@@ -218,21 +228,6 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
             cure=cures.get(sampler.get("kind", ""), "allow more steps (--max-steps)"), name=display_name(own.name),
         )  # fmt: skip
         yield typeset(said)
-
-
-def fit_head(result: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the verdict on a fit, and what was fitted."""
-    campaign = result["campaign"]
-    return (
-        f"Verdict: {result['fit']['verdict']}",
-        f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
-    )
-
-
-def fit_sentences(result: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return how well the fit went, what is to be minded, and the model."""
-    notes = (f"Note: {warning}" for warning in result["fit"]["warnings"])
-    return (quality_words(result["fit"]), sampler_words(result["sampler"]), *notes, model_words(result["model"]))
 
 
 # ---- campaign
@@ -260,11 +255,6 @@ def look_sentences(seen: CampaignPreview) -> list[str]:
     return [f"Look at {_few(names)}: {words}." for words, names in odd.items()]
 
 
-def preview_sentences(seen: CampaignPreview) -> tuple[str, ...]:
-    """Return what the campaign is, and remarks on its tests; what a fit will assume is apart."""
-    return _sentences("preview_sentences", seen, look_sentences(seen))
-
-
 @with_words.register
 def _(result: CampaignPreview) -> dict[str, Any]:
     record = {"schema": 1, **result.as_dict()}
@@ -281,15 +271,6 @@ def assumed_words(own: Uncertainty) -> tuple[str, str]:
     (table, _, key), kind = own.certificate.partition("_"), Term.owner(own.name)
     where = f"[{table}] {key}" if key else f"[balls.{table}]" if table else f"none: [terms.{kind.__name__}] of a model"
     return nuisance_words(own.name.replace("form_", "form_cos")).partition(" (")[0], where
-
-
-# ---- machine
-
-
-def machine_sentences(found: DescribedMachine) -> tuple[str, ...]:
-    """Return joints, rank, and what does not show."""
-    bounded = [display_name(entry.name) for entry in found.compliances if entry.not_negative]
-    return _sentences("machine_sentences", found, bool(np.any(found.centres_mm)), bounded)
 
 
 def sum_in_words(seen: Seen) -> str:
@@ -367,12 +348,6 @@ def strength_words(log_bayes_factor: float) -> str:
     return next((words for limit, words in _STRENGTHS if abs(log_bayes_factor) < limit), "very strong evidence")
 
 
-def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
-    """The verdict: the evidence, whether its sign is robust, and what else speaks."""
-    sure = [name for name, own in comparison.slopes.items() if own.inclusion_probability >= _SURE]
-    return _sentences("comparison_sentences", comparison, sure)
-
-
 @with_words.register
 def _(result: Comparison) -> dict[str, Any]:
     sentences = comparison_sentences(result)
@@ -381,18 +356,6 @@ def _(result: Comparison) -> dict[str, Any]:
 
 
 # ---- design
-
-
-def place_words(row: Mapping[str, Any]) -> str:
-    """Return where a test is run, from one row of a design's table or a part of it."""
-    parts = (
-        f"plane {row['plane']}" if row.get("plane") else "",
-        str(row.get("direction") or ""),
-        f"set-up {row['setup']}" if row.get("setup") else "",
-        f"work ball {row['work_ball_deg']:g}°, tool ball {row['tool_ball_deg']:g}°" if "work_ball_deg" in row else "",
-        f"R {row['radius_mm']:g} mm" if "radius_mm" in row else "",
-    )
-    return ", ".join(filter(None, parts))
 
 
 def design_sentences(design: Design) -> tuple[str, ...]:
@@ -421,8 +384,8 @@ def _tests_to_run(design: Design) -> str:
     named = [name for name in columns if (clocked if name in columns[:2] else table[name].nunique() > 1)]
     words = []
     for row in table.to_dict(orient="records"):
-        place = f" ({place_words({name: row[name] for name in named})})" if named else ""
-        words.append(f"{row['count']} × {row['force_N']:.4g} N{place}")
+        places = [form.format(row[name]) for name, form in _SENTENCES["places"].items() if name in named and row[name] != ""]
+        words.append(f"{row['count']} × {row['force_N']:.4g} N" + (f" ({', '.join(places)})" if named else ""))
     listed = joined(words) if len(words) <= 12 else "see the table"
     return f"{table['count'].sum()}{' more' if design.augment else ''} circles: {listed}"
 
@@ -486,11 +449,6 @@ def population_sentences(found: Any) -> tuple[str, ...]:
     return _sentences("population_sentences", found, worst)
 
 
-def population_doubts(found: Any) -> tuple[str, ...]:
-    """Return what is to be minded of a population, and what it does not model."""
-    return _sentences("population_doubts", found)
-
-
 # ---- page
 
 _CONFLICT = 0.01
@@ -506,12 +464,6 @@ def percent_of(result: Mapping[str, Any]) -> str:
     """Return the probability of the intervals in the JSON of a fit: 95 %."""
     entry = next(iter(result["parameters"].values()))
     return f"{next(key for key in entry if key.startswith('ci'))[2:]} %"
-
-
-def annex_words(degree: int, *, averaged: bool) -> str:
-    """Return which model the numbers after the sheets are of."""
-    others = "; those of sheets 1 and 2 are averaged over models" if averaged else ""
-    return f"Numbers from here on are those of {DEGREES[degree]} compliance alone{others}."
 
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
@@ -534,17 +486,6 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, ci_prob: float)
         for name, row in clear.iterrows()
     ]
     return _sentence("change_sentence", first, other, sizes, f"{100 * ci_prob:g}")
-
-
-def instrument_words(reference_force_N: float, *, same: bool) -> str:
-    """Return what differences between campaigns rest on."""
-    rest = PAGE["same_instrument" if same else "other_instrument"]
-    return f"Differences are at {reference_force_N:g} N; offsets of the tool ball are left out. {rest}"
-
-
-def difference_doubts(first: str, other: str, converged: bool, conflict: tuple[str, float] | None) -> tuple[str, ...]:
-    """Return what forbids the use of a difference."""
-    return _sentences("difference_doubts", first, other, converged, conflict)
 
 
 __all__ = [

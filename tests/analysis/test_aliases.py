@@ -22,6 +22,11 @@ def found(campaign: lb.Campaign, degree: int = 1) -> dict[str, set[str]]:
     return {d.nuisances[0] if d.term else "": set(d.parameters) for d in every}
 
 
+def two_radii() -> lb.Campaign:
+    two = plan(work_deg=40.0, tool_deg=-65.0)
+    return replace(two, tests=tuple(replace(t, radius_mm=r) for t, r in zip(two.tests, (150, 100, 150, 100), strict=True)))
+
+
 def test_recovered_experiment(recovered: lb.Campaign) -> None:
     expected = {
         "form_cos2": {"E_XX1", "E_YY1"}, "form_sin2": {"E_C0YX"}, "form_cos3": {"E_XY2", "E_Xt0"},
@@ -87,11 +92,9 @@ def exact_change_um(campaign: lb.Campaign, degeneracy: Degeneracy, degree: int =
 @pytest.mark.parametrize("which", ["recovered", "two balls", "one ball", "two radii", "arcs", "one force"])
 def test_every_statement_holds_in_the_exact_model(recovered: lb.Campaign, which: str, degree: int) -> None:
     """No reading moves by more than the linearisation error of changes this small and a tenth of the resolution."""
-    two = plan(work_deg=40.0, tool_deg=-65.0)
-    radii = replace(two, tests=tuple(replace(t, radius_mm=r) for t, r in zip(two.tests, (150, 100, 150, 100), strict=True)))
     campaign = {
         "recovered": recovered, "two balls": clocked(((0.0, 0.0), (180.0, 180.0))),
-        "one ball": clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))), "two radii": radii,
+        "one ball": clocked(((0.0, 0.0), (45.0, 0.0), (90.0, 0.0))), "two radii": two_radii(),
         "arcs": plan((30, 40, 50, 30), arc_deg=230.0), "one force": plan((40,), forces_N=(300.0,)),
     }[which]  # fmt: skip
     if which == "one force" and degree:
@@ -126,9 +129,7 @@ def test_clocking_ends_what_it_should(order: int) -> None:
 
 def test_a_second_radius_brings_a_second_length() -> None:
     """Form is told apart, lengths only from each other: in proportion to the radii they are a scale."""
-    two = plan(work_deg=40.0, tool_deg=-65.0)
-    two = replace(two, tests=tuple(replace(t, radius_mm=r) for t, r in zip(two.tests, (150, 100, 150, 100), strict=True)))
-    every = degeneracies(lb.HybridModel.first(1).bind(two))
+    every = degeneracies(lb.HybridModel.first(1).bind(two_radii()))
     lengths = [d for d in every if d.term == "BarLength"]
     assert len(lengths) == 1
     change = lengths[0].combination

@@ -12,15 +12,13 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import HYPER_UM, TRUTH, plan, simulated
+from campaigns import HYPER_UM, TRUTH, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import comparison, outliers, sensitivity
-from ldbb_bayes.analysis.comparison import SLOPE_SCALES, Comparison, Sign
-from ldbb_bayes.analysis.outliers import FALSE_ALARMS, _compared
+from ldbb_bayes.analysis import comparison, sensitivity
+from ldbb_bayes.analysis.comparison import FALSE_ALARMS, SLOPE_SCALES, Comparison, Sign, _compared
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
-from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, probabilities
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of
@@ -44,7 +42,7 @@ CAMPAIGN = simulated(plan((30,) * 4), seed=1)
 def found() -> Comparison:
     steps: list[tuple[int, int]] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(outliers, "_REPLICATES", 4000)
+        patch.setattr(comparison, "_REPLICATES", 4000)
         found = lb.compare(PAIR, CAMPAIGN, tolerance=0.02, progress=lambda *step: steps.append(step))
     assert steps == [(k + 1, len(steps)) for k in range(len(steps))], "as many as were counted"
     return found
@@ -148,10 +146,8 @@ def test_json_has_the_agreed_names_and_is_read_back(found: Comparison, tmp_path:
     assert lb.read_comparison(tmp_path).largest_error == np.inf
     del record["models"]["linear"]["rmse_um"]
     (tmp_path / "comparison.json").write_text(json.dumps(record), encoding="utf-8")
-    with pytest.raises(InputError, match=r"got a damaged one \(ValidationError: models.linear.rmse_um: Field required\)"):
-        lb.read_comparison(tmp_path)
-    with pytest.raises(InputError, match=r"must be a folder with comparison\.json"):
-        lb.read_comparison(tmp_path / "nothing")
+    refuses(r"got a damaged one \(ValidationError: models.linear.rmse_um: Field required\)", lb.read_comparison, tmp_path)
+    refuses(r"must be a folder with comparison\.json", lb.read_comparison, tmp_path / "nothing")
 
 
 def test_crossings() -> None:
@@ -347,8 +343,7 @@ def test_too_many_subsets_are_searched_from_the_best(slopes: int) -> None:
     ],
 )  # fmt: skip
 def test_refused(call: Callable[[lb.Campaign], object], message: str) -> None:
-    with pytest.raises(InputError, match=re.escape(message)):
-        call(SMALL)
+    refuses(re.escape(message), call, SMALL)
 
 
 # Local fits: a window's posterior and least squares (the paper's Tables 7 and 8, in tests/studies), repeated forces

@@ -202,22 +202,10 @@ def test_certificates_by_the_oracle() -> None:
 
 
 def value_of(pattern: str, radius: float, angle: np.ndarray) -> np.ndarray:
-    """A printed pattern as numbers, by reading it back."""
-    text = pattern.replace("−", "-").replace(" - ", " + -").removeprefix("+")
-    total = np.zeros_like(angle)
-    for term in text.split(" + "):
-        sign, body = (-1.0, term[1:]) if term.startswith("-") else (1.0, term)
-        value = np.full_like(angle, sign)
-        for word in body.split():
-            if word[0] in "0123456789.":
-                value = value * float(word)
-                continue
-            for letter, power in zip(word, (*word[1:], ""), strict=True):
-                base = {"R": radius, "c": np.cos(angle), "s": np.sin(angle)}.get(letter)
-                if base is not None:
-                    value = value * base ** {"²": 2, "³": 3, "⁴": 4}.get(power, 1)
-        total = total + value
-    return total
+    """A printed pattern as numbers, by having Python read it."""
+    powers = re.sub("[²³⁴]", lambda found: f"**{'²³⁴'.index(found[0]) + 2}", pattern.replace("−", "-"))
+    product = re.sub(r"(?<=\w) ?(?=[Rcs])", "*", powers)
+    return eval(product, {"R": radius, "c": np.cos(angle), "s": np.sin(angle)}) + np.zeros_like(angle)
 
 
 def test_patterns_say_what_the_columns_are() -> None:
@@ -228,14 +216,9 @@ def test_patterns_say_what_the_columns_are() -> None:
     kept = kept_compliances(machine, *circles)
     for plane in planes:
         small = lb.Circle(80.0, centre, plane)
-        columns = {
-            name.label: column
-            for name, column in zip(kept.names, compliance_jacobian(machine, small, AT, kept.names).T, strict=True)
-        }
-        columns |= {
-            entry.name: column
-            for entry, column in zip(found.geometric_errors, geometric_jacobian(machine, small, AT).T, strict=True)
-        }
+        names = [*(name.label for name in kept.names), *(entry.name for entry in found.geometric_errors)]
+        every = compliance_jacobian(machine, small, AT, kept.names), geometric_jacobian(machine, small, AT)
+        columns = dict(zip(names, np.hstack(every).T, strict=True))
         for entry in (*found.compliances, *found.geometric_errors):
             shown = entry.pattern.get(plane)
             expected = np.zeros_like(AT) if shown is None else value_of(shown, 80.0, AT)

@@ -10,18 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ldbb_bayes.analysis.optimal import (
-    Criterion,
-    Determinant,
-    LogBayesFactor,
-    Objective,
-    Search,
-    Variance,
-    certificate,
-    efficient_rounding,
-    exchange,
-    optimal_shares,
-)
+from ldbb_bayes.analysis import optimal
+from ldbb_bayes.analysis.optimal import Criterion, Determinant, LogBayesFactor, Objective, Search, Variance
 from ldbb_bayes.model.gaussian import Gaussian
 
 Array = NDArray[np.float64]
@@ -45,7 +35,7 @@ def polynomial(degree: int, x: Array) -> Array:
 def test_polynomial_d(degree: int, points: tuple[float, ...]) -> None:
     """Equal shares at the extrema of a Legendre polynomial, found on a fine grid that holds them; the bound is p."""
     x = np.union1d(np.linspace(-1.0, 1.0, 2001), points)
-    found = optimal_shares(objective(polynomial(degree, x), Determinant(degree + 1)), 1.0, tolerance=1e-9)
+    found = optimal.optimal_shares(objective(polynomial(degree, x), Determinant(degree + 1)), 1.0, tolerance=1e-9)
     expected = np.where(np.isin(x, points), 1.0 / (degree + 1), 0.0)
     np.testing.assert_allclose(found.share, expected, atol=1e-6)
     assert found.bound == pytest.approx(degree + 1, abs=1e-6)
@@ -68,7 +58,7 @@ def test_a_quarter_a_half_a_quarter(criterion: Criterion, prior: Array) -> None:
     """A and I for a quadratic; its discrimination from a line, whatever increasing function of the information is asked for."""
     x = np.linspace(-1.0, 1.0, 201)
     wanted = Objective(polynomial(2, x)[None, :, None, :], prior[None], 1 if prior.any() else 3, criterion)
-    found = optimal_shares(wanted, 50.0, tolerance=1e-9)
+    found = optimal.optimal_shares(wanted, 50.0, tolerance=1e-9)
     np.testing.assert_allclose(found.share[[0, 100, 200]], (0.25, 0.5, 0.25), atol=1e-5 if prior.any() else 1e-6)
     assert found.excess < 1e-6
 
@@ -88,7 +78,7 @@ def test_three_by_three(tests: int, determinant: float) -> None:
     a, b = (axis.ravel() for axis in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
     wanted = objective(np.column_stack([np.ones(9), a, b, a * b, a**2, b**2]), Determinant(6))
     rng = np.random.default_rng(1)
-    found = [exchange(wanted, np.bincount(rng.integers(9, size=tests), minlength=9), rng) for _ in range(30)]
+    found = [optimal.exchange(wanted, np.bincount(rng.integers(9, size=tests), minlength=9), rng) for _ in range(30)]
     assert np.exp(max(value for _, value in found)) == pytest.approx(determinant, rel=1e-9)
     assert all(counts.sum() == tests for counts, _ in found)
 
@@ -97,7 +87,7 @@ def test_elfving() -> None:
     """c-optimality for extrapolating a line from [−1, 1] to 2: shares 1/4 and 3/4 at the ends (Elfving 1952)."""
     x = np.linspace(-1.0, 1.0, 81)
     c = np.array([1.0, 2.0])
-    found = optimal_shares(objective(polynomial(1, x), Variance(np.outer(c, c))), 1.0, tolerance=1e-8)
+    found = optimal.optimal_shares(objective(polynomial(1, x), Variance(np.outer(c, c))), 1.0, tolerance=1e-8)
     np.testing.assert_allclose(found.share[[0, -1]], (0.25, 0.75), atol=1e-6)
     assert found.value == pytest.approx(-4.0, abs=1e-6)
 
@@ -134,7 +124,7 @@ def test_expected_log_bayes_factor_by_simulation() -> None:
 @given(st.integers(1, 40), st.lists(st.floats(0.01, 1.0), min_size=1, max_size=12))
 def test_rounding(tests: int, weights: list[float]) -> None:
     share = np.array(weights) / sum(weights)
-    counts = efficient_rounding(share, tests)
+    counts = optimal.efficient_rounding(share, tests)
     assert counts.sum() == tests
     assert (counts >= 0).all()
     if tests >= len(share):
@@ -155,7 +145,7 @@ def test_neighbouring_forces_are_one_where_that_costs_nothing(apart: float) -> N
 def test_a_wrong_design_has_no_certificate() -> None:
     x = np.linspace(-1.0, 1.0, 21)
     wanted = objective(polynomial(2, x), Determinant(3))
-    assert certificate(wanted, np.full(21, 1 / 21), 1.0).excess > 0.5
+    assert optimal.certificate(wanted, np.full(21, 1 / 21), 1.0).excess > 0.5
 
 
 @pytest.mark.parametrize("nudge", [0.0, 1e-12, -1e-12])

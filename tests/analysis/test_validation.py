@@ -6,11 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from campaigns import plan
+from campaigns import plan, refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation, ecdf, simultaneous_band
-from ldbb_bayes.errors import InputError
 from ldbb_bayes.report.wording import validation_verdict
 
 FORCES_N = (36.0, 238.0, 490.0, 742.0)
@@ -67,8 +66,7 @@ def test_executors_change_nothing() -> None:
     ],
 )
 def test_refused(arguments: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        lb.validate(**({"model": CONSTANT, "plan": CIRCLES} | arguments))
+    refuses(message, lb.validate, **({"model": CONSTANT, "plan": CIRCLES} | arguments))
 
 
 @pytest.mark.parametrize(("replicates", "draws", "prob"), [(100, 99, 0.9), (12, 9, 0.99)])

@@ -210,15 +210,6 @@ def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke)
     assert names(out) == {"comparison.json", "local_fits.csv"} | figures
 
 
-def test_compare_that_misses_its_tolerance(
-    three: Path, compared: Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(lb, "compare", lambda *_, **__: replace(compared, largest_error=1.0, by_emcee=2))
-    code, shown, _ = invoke("compare", three, "--json")
-    assert (code, json.loads(shown)["largest_error"]) == (1, 1.0)
-    assert "For 2 of the log evidences weights could not be trusted" in json.loads(shown)["verdict"]
-
-
 def test_what_looks_odd_is_said_whoever_reads_it(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     campaign = lb.read_campaign(folder)
     tests = [replace(test, force_N=test.force_N / 1000.0, direction="CW") for test in campaign.tests]
@@ -265,16 +256,6 @@ def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert record["tests"][0]["radius_mm"] == 100.0
 
 
-@pytest.mark.usefixtures("few_states")
-def test_design_without_certificate(folder: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
-    design = lb.design(lb.HybridModel.first(1), lb.read_campaign(folder), tests=3, forces_N=(36.0, 742.0))
-    broken = replace(design, certificate=replace(design.certificate, max_sensitivity=2.0 * design.certificate.bound, holds=False))
-    monkeypatch.setattr(lb, "design", lambda *_, **__: broken)
-    code, shown, _ = invoke("design", folder)
-    assert code == 1
-    assert "Not proven best" in " ".join(shown.split())
-
-
 def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its golden."""
     out = tmp_path / "v"
@@ -287,11 +268,20 @@ def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert "must not exist" in invoke(*common, "--out", out)[2]
 
 
-def test_validate_that_is_not_calibrated(planned: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("few_states")
+def test_answers_that_miss(three: Path, compared: Comparison, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An evidence less exact than asked, a design that is not proven best, ranks that are not uniform: exit code 1."""
+    rough = replace(compared, largest_error=1.0, by_emcee=2)
+    best = lb.design(lb.HybridModel.first(1), lb.read_campaign(three), tests=3, forces_N=(36.0, 742.0))
+    bound = best.certificate.bound
+    broken = replace(best, certificate=replace(best.certificate, max_sensitivity=2.0 * bound, holds=False))
     wrong = Validation(("C_XXX", LOG_LIKELIHOOD), np.zeros((10, 2), dtype=int), 19, "joint", 0.95, ())
-    monkeypatch.setattr(lb, "validate", lambda *_, **__: wrong)
-    code, shown, _ = invoke("validate", planned)
-    assert (code, "NOT CALIBRATED" in shown) == (1, True)
+    said = ("For 2 of the log evidences weights could not be trusted", "Not proven best", "NOT CALIBRATED")
+    for name, answer, words in zip(("compare", "design", "validate"), (rough, broken, wrong), said, strict=True):
+        monkeypatch.setattr(lb, name, lambda *_, own=answer, **__: own)
+        code, shown, _ = invoke(name, three)
+        assert (code, words in " ".join(shown.split())) == (1, True), name
+    assert json.loads(invoke("compare", three, "--json")[1])["largest_error"] == 1.0
 
 
 def test_machine(tmp_path: Path, invoke: Invoke) -> None:

@@ -4,27 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
+import awkward
 import pytest
-from campaigns import Invoke
+from campaigns import Invoke, written
 
 import ldbb_bayes as lb
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "studies" / "10_files"))
-import awkward
-
-
-def written(name: str, folder: Path) -> list[Path]:
-    for file, content in awkward.CASES[name].files.items():
-        (folder / file).write_bytes(content)
-    return [folder / file for file in awkward.CASES[name].files]
-
-
-@pytest.fixture
-def files(tmp_path: Path) -> list[Path]:
-    return written("02_semicolon", tmp_path)
 
 
 def test_it_says_what_it_assumed_and_what_to_do_next(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
@@ -49,8 +35,9 @@ def test_every_option_that_is_named_exists(tmp_path: Path, invoke: Invoke) -> No
     """Of awkward files, as JSON."""
     known = invoke("import", "--help")[1]
     for name in ("14_words", "20_no_header", "24_log", "19_distances", "22_tidy_psi", "09_windows"):
-        (tmp_path / name).mkdir()
-        given = (*written(name, tmp_path / name), "--out", tmp_path / name / "c", *awkward.CASES[name].options)
+        case, folder = awkward.CASES[name], tmp_path / name
+        folder.mkdir()
+        given = (*written(folder, case.files), "--out", folder / "c", *case.options)
         record = json.loads(invoke("import", *given, "--json")[1])
         assert (record["schema"], record["campaign"]["tests"], bool(record["layout"]["columns"])) == (1, 3, True)
         for assumed in record["assumptions"]:

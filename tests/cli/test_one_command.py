@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import awkward
 import numpy as np
 import pypdfium2
 import pytest
-from campaigns import Invoke
+from campaigns import Invoke, refuses
 from openpyxl import Workbook
 from reports import NOT_COMPARED, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.importing import matching
 from ldbb_bayes.cli import app, reporting
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "studies" / "10_files"))
-import awkward
 
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 HEAD = (("Maschine", "DMG Mori DMU 50"), ("Seriennummer", "1139-4711"), ("Bediener", "Jörg Müller"), ("Datum", "20.11.2026"),
@@ -160,12 +157,6 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(lb, name, lambda *_, **__: (_ for _ in ()).throw(lb.InputError(NOT_COMPARED)))
 
 
-def plain(folder: Path) -> list[Path]:
-    for file, content in awkward.CASES["02_semicolon"].files.items():
-        (folder / file).write_bytes(content)
-    return [folder / file for file in awkward.CASES["02_semicolon"].files]
-
-
 def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
     """A user at a terminal; what is asked."""
     asked: list[str] = []
@@ -181,10 +172,9 @@ def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
 
 
 @pytest.mark.usefixtures("quick")
-def test_at_most_three_questions(tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_at_most_three_questions(files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of what neither files nor options say; a wrong answer is asked again; the folder stands beside the first file."""
     asked = answering(monkeypatch, "9", "4", "perhaps", "n", "G20")
-    files = plain(tmp_path)
     code, shown, said = invoke("report", *files)
     assert code == 0, said
     assert len(asked) == 5
@@ -205,8 +195,8 @@ def test_at_most_three_questions(tmp_path: Path, invoke: Invoke, monkeypatch: py
 
 
 @pytest.mark.usefixtures("quick")
-def test_without_a_terminal_what_is_assumed_is_said(tmp_path: Path, invoke: Invoke) -> None:
-    code, shown, _ = invoke("report", *plain(tmp_path), "--out", tmp_path / "out")
+def test_without_a_terminal_what_is_assumed_is_said(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
+    code, shown, _ = invoke("report", *files, "--out", tmp_path / "out")
     assert code == 0
     for words in ("topology: wCAFYXZSt", "mount: readings compensated", "balls: as the model assumes"):
         assert words in shown
@@ -214,9 +204,10 @@ def test_without_a_terminal_what_is_assumed_is_said(tmp_path: Path, invoke: Invo
 
 
 @pytest.mark.usefixtures("quick")
-def test_an_interruption_or_a_full_disk_leaves_nothing(tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interruption_or_a_full_disk_leaves_nothing(
+    files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of what was written so far."""
-    files = plain(tmp_path)
     for error, raised in ((KeyboardInterrupt(), KeyboardInterrupt), (OSError(28, "No space left on device"), SystemExit)):
         monkeypatch.setattr(lb, "write_report", lambda *_, own=error, **__: (_ for _ in ()).throw(own))
         with pytest.raises(raised):
@@ -253,5 +244,4 @@ def test_patterns_are_expanded_in_natural_order(tmp_path: Path, monkeypatch: pyt
         ("my runs/*.xlsx", "my runs holds '2 N [b].csv', '2 N.csv'"),
         ("yours\\*.csv", "there is no folder yours"),
     ):
-        with pytest.raises(lb.InputError, match=f"must match a file, got none: {re.escape(said)}"):
-            matching([pattern])
+        refuses(f"must match a file, got none: {re.escape(said)}", matching, [pattern])

@@ -50,24 +50,14 @@ def test_one_force(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
 COMMANDS: dict[str, list[list[str]]] = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(
-    ("command", "arguments", "message"),
-    [(command, *case) for command, cases in COMMANDS.items() for case in cases],
-    ids=[f"{command} {arguments}" for command, cases in COMMANDS.items() for arguments, _ in cases],
-)
-def test_options(
-    command: str,
-    arguments: str,
-    message: str,
-    folder: Path,
-    planned: Path,
-    tmp_path: Path,
-    invoke: Invoke,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+CASES = {f"{command} {arguments}": message for command, cases in COMMANDS.items() for arguments, message in cases}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_options(case: str, folder: Path, planned: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    given = [{"CAMPAIGN": str(folder), "PLAN": str(planned)}.get(own, own) for own in arguments.split()]
-    assert message in refused(invoke, command, *given)
+    given = [{"CAMPAIGN": str(folder), "PLAN": str(planned)}.get(own, own) for own in case.split()]
+    assert CASES[case] in refused(invoke, *given)
     assert list(tmp_path.iterdir()) == []
 
 

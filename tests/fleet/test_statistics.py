@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from batches import CONSTANT, write_campaigns
+from campaigns import refuses
 from fleets import doubts, drawn_rows, one_campaign, row
 
 import ldbb_bayes as lb
@@ -144,10 +145,8 @@ def test_a_row_says_what_compliances_stand_for(tmp_path: Path) -> None:
 
 def test_what_statistics_refuse(found: statistics.SufficientStatistics) -> None:
     table = pd.DataFrame([row(found), row(found, topology="wXYZt")])
-    with pytest.raises(InputError, match="same joints, got wCAFYXZSt and wXYZt"):
-        statistics.fleet_statistics(table)
-    with pytest.raises(InputError, match="C_XXX"):
-        statistics.fleet_statistics(table[:1], parameters=["C_XX"])
+    refuses("same joints, got wCAFYXZSt and wXYZt", statistics.fleet_statistics, table)
+    refuses("C_XXX", statistics.fleet_statistics, table[:1], parameters=["C_XX"])
 
 
 # ---- which campaigns count
@@ -203,12 +202,9 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
         ({"since": "March"}, "since must be a date or time in ISO 8601, got 'March'"),
         ({"since": "2030-01-01"}, "campaigns must be left to rely on, got none of 8. Left out, without a date"),
     ):
-        with pytest.raises(InputError, match=said):
-            choose(rows, **options)
-    with pytest.raises(InputError, match=r"campaigns must be left to rely on, got none of 8. .*--include-misfits"):
-        choose(rows.assign(kinds=[SLIP] * 8))
-    with pytest.raises(InputError, match=r"got none of 8. Left out, because the fit failed: c01"):
-        choose(rows.assign(status="failed"))
+        refuses(said, choose, rows, **options)
+    refuses(r"campaigns must be left to rely on, got none of 8. .*--include-misfits", choose, rows.assign(kinds=[SLIP] * 8))
+    refuses(r"got none of 8. Left out, because the fit failed: c01", choose, rows.assign(status="failed"))
     with pytest.raises(InputError, match="rows must be the table of a batch, got one without name"):
         lb.population(pd.DataFrame({"campaign": ["a"], "status": ["done"]}))
     with pytest.raises(InputError, match=r"two machines, got only M6. Add campaigns of others. Left out on request: c01"):

@@ -18,8 +18,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
 from ldbb_bayes.report.figures import forest, prior_and_posterior
 from ldbb_bayes.report.figures.style import FAINT
-from ldbb_bayes.report.findings import full_result
-from ldbb_bayes.report.text import parameter_table
+from ldbb_bayes.report.text import full_result, parameter_table
 
 PRIORS = {"C_XXX": (5.1e-5, 4e-6), "C_YYY": (4.6e-5, 8e-6), "C_CXY": (-2e-8, 3e-8), "E_YY1": (-5e-5, 4e-5)}
 MEANS = {name: mean for name, (mean, _) in PRIORS.items()}

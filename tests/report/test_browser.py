@@ -22,21 +22,16 @@ BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browse
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
 OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 A4_PX = 794 - 2 * 53
+VIEWS = ((1280, "light", "screen"), (1280, "dark", "screen"), (390, "light", "screen"), (A4_PX, "light", "print"))
 # Elements whose text reaches outside themselves, or out of the page; what scrolls on purpose may.
 OVERFLOWING = SCRIPTS["overflowing"]
 # Where nothing can scroll, what stands in a scrolling box must fit as well.
-CUT_OFF = """() => [...document.querySelectorAll('.scroll, .picture')]
-  .filter(box => box.scrollWidth > box.clientWidth + 1)
-  .map(box => box.getAttribute('aria-label') || box.textContent.slice(0, 60))"""
+CUT_OFF = SCRIPTS["cut_off"]
 # Sheets whose text does not fit their page.
-SPILT = """() => [...document.querySelectorAll('.sheet')]
-  .filter(sheet => sheet.scrollHeight > sheet.clientHeight + 1).map(sheet => [sheet.scrollHeight, sheet.clientHeight])"""
+SPILT = SCRIPTS["spilt"]
 # Text of less contrast than WCAG's AA asks for, 4.5 to 1.
 FAINT = SCRIPTS["faint"]
-UNNAMED = """() => [...document.querySelectorAll('figure svg')].filter(svg => {
-  const title = document.getElementById(svg.getAttribute('aria-labelledby'));
-  return svg.getAttribute('role') !== 'img' || !title || !title.textContent.trim();
-}).length"""
+UNNAMED = SCRIPTS["unnamed"]
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +44,7 @@ def browser() -> Iterator[Any]:
 
 def look(browser: Any, page: Path) -> None:
     """At 1280 px light and dark, at 390 px, and as printed on A4."""
-    for width, scheme, medium in (
-        (1280, "light", "screen"),
-        (1280, "dark", "screen"),
-        (390, "light", "screen"),
-        (A4_PX, "light", "print"),
-    ):
+    for width, scheme, medium in VIEWS:
         context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
         opened = context.new_page()
         said: list[str] = []

@@ -12,14 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from campaigns import plan, simulated
+from campaigns import plan, refuses, simulated
 from layout import check_texts, check_units, visible_texts
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.circularity import TOGETHER
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.report import figures
 from ldbb_bayes.report.figures import FIGURES, corner, save_figures
@@ -143,8 +142,7 @@ def test_saved_in_both_formats_in_the_unit_of_the_tables(tmp_path: Path, monkeyp
 
 def test_choice_of_parameters(posterior: xr.DataTree) -> None:
     assert len(corner(posterior, ["C_XXX", "sigma"]).axes) == 4
-    with pytest.raises(InputError, match="Did you mean 'C_XXX'"):
-        corner(posterior, ["C_XXx"])
+    refuses("Did you mean 'C_XXX'", corner, posterior, ["C_XXx"])
 
 
 def test_atlases_are_tables_2_and_3() -> None:

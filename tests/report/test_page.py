@@ -15,16 +15,15 @@ from typing import Any
 import numpy as np
 import pypdfium2 as pdfium
 import pytest
-from campaigns import plan, simulated
+from campaigns import plan, refuses, simulated
 from reports import NOT_COMPARED, SCRIPT, awkward, fitted, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes import units
 from ldbb_bayes.inference.posterior import curves_of, record_of
 from ldbb_bayes.report.figures.style import new_figure
-from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, compose, html_page
-from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section
+from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section, find
 from ldbb_bayes.report.sheets import Banner, Fields, Pair, ReportSheet, languages, sheets, words_of
 from ldbb_bayes.report.text import nuisance_table
 from ldbb_bayes.result import Table
@@ -136,12 +135,8 @@ def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, 
 
 def drawn(page: str, known: Collection[tuple[str, str]]) -> Iterator[tuple[tuple[str, str], str]]:
     """What figures write beside their dots and bars: quantity and what is stated of it, as known from tables, and the number."""
-    for key, number, what in (
-        ("forest", r"(−?[\d.]+) (?:±|\[).*", "value"),
-        ("forest", r"−?[\d.]+ (?:± ([\d.]+)|\[.*\]) .*", "U"),
-        ("budget", r"([\d.]+) [^\d].*", "u"),
-        ("expected_widths", r"([\d.]+)", "u"),
-    ):
+    of_forest = ("forest", r"(−?[\d.]+) (?:±|\[).*", "value"), ("forest", r"−?[\d.]+ (?:± ([\d.]+)|\[.*\]) .*", "U")
+    for key, number, what in (*of_forest, ("budget", r"([\d.]+) [^\d].*", "u"), ("expected_widths", r"([\d.]+)", "u")):
         drawing = page[page.index(f'aria-labelledby="title-{key}"') :].partition("</svg>")[0]
         texts = [html.unescape(re.sub("<[^>]+>", "", own)) for own in re.findall("<text.*?</text>", drawing, re.S)]
         names = [(name, what) for text in texts if ((name := text.partition(" ")[0]), what) in known]
@@ -173,8 +168,7 @@ def test_catalogues_say_the_same() -> None:
     assert set(languages()) >= {"en", "de"}
     every = [leaves(dict(words_of(language).table)) for language in languages()]
     assert all(own == every[0] for own in every)
-    with pytest.raises(lb.InputError, match="language"):
-        words_of("xx")
+    refuses("language", words_of, "xx")
 
 
 def test_paper(tmp_path: Path) -> None:

@@ -31,9 +31,8 @@ from ldbb_bayes.fleet.dataset import CaveatKind, choose
 from ldbb_bayes.inference.posterior import ConcernKind
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import compose
-from ldbb_bayes.report.sections import Details, Picture
+from ldbb_bayes.report.sections import Details, Picture, find
 from ldbb_bayes.result import Table, json_text
 
 MODEL = lb.HybridModel.first(1)
@@ -122,13 +121,9 @@ def page_of(posterior: xr.DataTree) -> Any:
 
 def analyses_of(campaign: lb.Campaign) -> Any:
     models = {"constant": MODEL.with_degree(0), "linear": MODEL}
-    every = {
-        "preview": lb.preview(campaign),
-        "identify": lb.identify(MODEL, campaign),
-        "compare": lb.compare(models, campaign, evidence_only=True),
-        "design": lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N),
-    }
-    return plain_json({name: wording.with_words(own) for name, own in every.items()})
+    every = [lb.preview(campaign), lb.identify(MODEL, campaign), lb.compare(models, campaign, evidence_only=True)]
+    every.append(lb.design(MODEL, pilot=campaign, tests=2, forces_N=FORCES_N))
+    return plain_json(list(map(wording.with_words, every)))
 
 
 def rows_of(folders: dict[str, Path]) -> Any:

@@ -11,6 +11,7 @@ import fuzz
 import malformed
 import numpy as np
 import pytest
+from campaigns import written
 from typer.testing import CliRunner, Result
 
 import ldbb_bayes as lb
@@ -19,7 +20,7 @@ from ldbb_bayes.errors import LONGEST_MESSAGE
 
 
 def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Campaign:
-    files = [str(folder / name) for name in case.files]
+    files = map(str, written(folder, case.files))
     found = CliRunner().invoke(app, ["import", *files, "--out", str(folder / out), *options])
     assert found.exit_code == 0, found.output
     return lb.read_campaign(folder / out)
@@ -29,8 +30,6 @@ def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Ca
 def test_awkward(name: str, tmp_path: Path) -> None:
     """Forces, angles and readings as far as their digits tell; the import.toml that is written reads the same without options."""
     case, wanted = awkward.CASES[name], awkward.campaign()
-    for file, content in case.files.items():
-        (tmp_path / file).write_bytes(content)
     campaign = imported(tmp_path, case, "campaign", *case.options)
     assert len(campaign.tests) == len(wanted.tests)
     for test, own in zip(campaign.tests, wanted.tests, strict=True):

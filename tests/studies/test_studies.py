@@ -9,6 +9,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pandas as pd
@@ -104,20 +105,16 @@ def test_the_papers_tables_and_figures_are_found_by_number() -> None:
         assert f"[`{folder.name}`]" in text
 
 
-# The one in the docstring of study.py, whole.
-SMALLEST = """
+# The one in the docstring of study.py, and what stands above it.
+ABOVE = """
 import sys
 from pathlib import Path
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+from typing import Any
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import ldbb_bayes as lb
-from study import DATA, Study, run
-
-def measure(effort):
-    return {"rmse_um": lb.least_squares(lb.read_campaign(DATA / "recovered_experiment")).quality.rmse_um}
-
-run(Study(HERE, measure))
+from study import DATA, Effort, Study, run
 """
+SMALLEST = ABOVE + textwrap.dedent(str(study.__doc__).partition("The smallest study:\n")[2].partition("\nand in")[0])
 
 
 @pytest.fixture

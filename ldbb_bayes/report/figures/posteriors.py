@@ -17,16 +17,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ldbb_bayes.analysis.circularity import (
-    COMPLIANCE,
-    DRAWS,
-    GEOMETRY,
-    TOGETHER,
-    contribution_paths,
-    first_circle,
-    measured_circularity,
-)
-from ldbb_bayes.analysis.circularity import circularity as quantities
+from ldbb_bayes.analysis import circularity as of_path
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, numbers_of, priors_of, record_of
@@ -282,8 +273,8 @@ def circularity(posterior: xr.DataTree) -> Figure:
     readings themselves, balls and bar included."""
     bound = bound_of(posterior)
     top = float(bound.setting.force_N.max())
-    table = quantities(posterior, np.linspace(0.0, top, 13).tolist(), draws=_DRAWS_OF_PATHS)
-    measured, _ = measured_circularity(posterior)
+    table = of_path.circularity(posterior, np.linspace(0.0, top, 13).tolist(), draws=_DRAWS_OF_PATHS)
+    measured, _ = of_path.measured_circularity(posterior)
     planes = bound.setting.planes
     figure, every = panels(4 * len(planes), 2, 1.8, 0.3)
     for k, (axes, (names, label)) in enumerate(zip(every, _PANELS * len(planes), strict=True)):
@@ -303,7 +294,7 @@ def circularity(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-_SOURCES = {TOGETHER: ("black", "-"), COMPLIANCE: (PALETTE[0], "--"), GEOMETRY: (PALETTE[1], ":")}
+_SOURCES = {of_path.TOGETHER: ("black", "-"), of_path.COMPLIANCE: (PALETTE[0], "--"), of_path.GEOMETRY: (PALETTE[1], ":")}
 
 
 @styled
@@ -322,7 +313,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
             if source in drawn:
                 _path(axes, drawn[source], colour, linestyle=line, label=source)
         where = f"{plane}, " if len(planes) > 1 else ""
-        axes.set_title(f"{where}{force:g} N: {_swing(drawn[TOGETHER])}", fontsize=8)
+        axes.set_title(f"{where}{force:g} N: {_swing(drawn[of_path.TOGETHER])}", fontsize=8)
     _outer(every, 3)
     style.legend_below(figure, every[0])
     figure.suptitle(_HEAD.format("of both together"))
@@ -362,7 +353,8 @@ def _outer(every: Sequence[Axes], columns: int) -> None:
 def _paths(posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, *only: str) -> Mapping[str, Array]:
     """Paths on the first circle of a plane, (draws, 360) [µm], all or only these: of the very draws of
     `analysis.circularity.contributions`."""
-    return contribution_paths(bound, first_circle(bound, plane), force_N, draws_of(posterior, bound, DRAWS)[0], only)
+    r, (beta, _) = of_path.first_circle(bound, plane), draws_of(posterior, bound, of_path.DRAWS)
+    return of_path.contribution_paths(bound, r, force_N, beta, only)
 
 
 def _swing(path: Array) -> str:
@@ -424,15 +416,8 @@ def _atlas(columns: Mapping[str, Array], colour: Mapping[str, str], bold: set[st
     return figure
 
 
-FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
-    {
-        draw.__name__: draw
-        for draw in (
-            *(traces, residuals, forest, compliance_against_force, corner),
-            *(contributions, parameter_contributions, circularity),
-        )
-    }
-)
+_DRAWN = (traces, residuals, forest, compliance_against_force, corner, contributions, parameter_contributions, circularity)
+FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType({draw.__name__: draw for draw in _DRAWN})
 
 
 def save_figures(

@@ -27,18 +27,9 @@ WIDTH = 6.3  # inch: letters of 8 points stay readable where a screen is 390 pix
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 ACCENT, GREY, FAINT, LIGHT = PALETTE[0], "#8C8C8C", "#B8B8B8", "#D9D9D9"
 # One colour per source of uncertainty in every figure; a user's own terms take the spare ones in turn.
-_TERM_COLOURS = {
-    "BallForm": PALETTE[1],
-    "BarLength": PALETTE[3],
-    "Mount": PALETTE[0],
-    "ForceError": PALETTE[4],
-    "SetupShift": PALETTE[5],
-    "Discrepancy": PALETTE[2],
-    "Hysteresis": PALETTE[6],
-    "Drift": "#F0E442",
-    "ReadingNoise": GREY,
-    "Parameters": LIGHT,
-}
+_TERMS = "BallForm BarLength Mount ForceError SetupShift Discrepancy Hysteresis Drift ReadingNoise Parameters"
+_COLOURS = (*(PALETTE[k] for k in (1, 3, 0, 4, 5, 2, 6)), "#F0E442", GREY, LIGHT)
+_TERM_COLOURS = dict(zip(_TERMS.split(), _COLOURS, strict=True))
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
 _STYLE = mpl.rc_params_from_file(Path(__file__).with_name("figures.mplstyle"), use_default_template=False)
 
