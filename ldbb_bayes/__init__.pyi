@@ -66,13 +66,13 @@ from .inference.evidence import marginals as marginals
 from .inference.mcmc import StoppingRule as StoppingRule
 from .inference.posterior import load as load
 from .inference.posterior import nuisances as nuisances
+from .inference.posterior import predict as predict
 from .inference.posterior import save as save
 from .inference.posterior import summarize as summarize
 from .inference.posterior import to_units as to_units
+from .inference.posterior import with_predictive as with_predictive
 from .inference.predictive import LeastSquares as LeastSquares
 from .inference.predictive import least_squares as least_squares
-from .inference.replicates import predict as predict
-from .inference.replicates import with_predictive as with_predictive
 from .inference.sample import sample as sample
 from .machine.chain import Circle as Circle
 from .machine.chain import Machine as Machine
