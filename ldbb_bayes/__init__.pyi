@@ -36,12 +36,12 @@ from .campaign.certificates import read_dcc as read_dcc
 from .campaign.folder import embedded_campaign as embedded_campaign
 from .campaign.folder import read_campaign as read_campaign
 from .campaign.folder import write_campaign as write_campaign
+from .campaign.headers import Layout as Layout
+from .campaign.headers import read_layout as read_layout
 from .campaign.importing import Imported as Imported
 from .campaign.importing import import_campaign as import_campaign
 from .campaign.importing import mask_angles as mask_angles
 from .campaign.importing import mask_reversals as mask_reversals
-from .campaign.layout import Layout as Layout
-from .campaign.layout import read_layout as read_layout
 from .campaign.preview import preview as preview
 from .campaign.renishaw import BallbarFeature as BallbarFeature
 from .campaign.renishaw import BallbarRecord as BallbarRecord

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from ldbb_bayes.campaign.layout import WORDS
+from ldbb_bayes.campaign.headers import WORDS
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.files import bytes_of, xml_of
 from ldbb_bayes.result import Shown
