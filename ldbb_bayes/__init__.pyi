@@ -32,6 +32,9 @@ from .campaign.campaign import ForceLaw as ForceLaw
 from .campaign.campaign import Instrument as Instrument
 from .campaign.campaign import MountCompensation as MountCompensation
 from .campaign.campaign import Plan as Plan
+from .campaign.certificates import BallbarFeature as BallbarFeature
+from .campaign.certificates import BallbarRecord as BallbarRecord
+from .campaign.certificates import read_b5r as read_b5r
 from .campaign.certificates import read_dcc as read_dcc
 from .campaign.folder import embedded_campaign as embedded_campaign
 from .campaign.folder import read_campaign as read_campaign
@@ -43,9 +46,6 @@ from .campaign.importing import import_campaign as import_campaign
 from .campaign.importing import mask_angles as mask_angles
 from .campaign.importing import mask_reversals as mask_reversals
 from .campaign.preview import preview as preview
-from .campaign.renishaw import BallbarFeature as BallbarFeature
-from .campaign.renishaw import BallbarRecord as BallbarRecord
-from .campaign.renishaw import read_b5r as read_b5r
 from .errors import InputError as InputError
 from .fleet.batch import Batch as Batch
 from .fleet.batch import batch as batch

@@ -18,9 +18,9 @@ from pydantic import PlainSerializer
 
 from ldbb_bayes.campaign import headers, spreadsheet
 from ldbb_bayes.campaign.campaign import LABELS, PER_TEST, Campaign, CircularTest, ForceLaw, MountCompensation
+from ldbb_bayes.campaign.certificates import SUFFIX, BallbarRecord, read_b5r
 from ldbb_bayes.campaign.headers import UNITS, WORDS, Assumption, Heading, Layout, Notes, Said
 from ldbb_bayes.campaign.preview import resolution_of
-from ldbb_bayes.campaign.renishaw import SUFFIX, BallbarRecord, read_b5r
 from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.machine.chain import PLANES
