@@ -14,7 +14,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import ldbb_bayes
-from ldbb_bayes.campaign.layout import Layout, TestLayout
+from ldbb_bayes.campaign.headers import Layout, TestLayout
 from ldbb_bayes.cli import app
 
 

@@ -17,7 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
-from ldbb_bayes.campaign.renishaw import BallbarRecord
+from ldbb_bayes.campaign.certificates import BallbarRecord
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.posterior import bound_of, check_probability, draws_of, parts_of
 from ldbb_bayes.inference.predictive import draw_shared, shared_columns, shared_terms

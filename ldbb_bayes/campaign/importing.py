@@ -16,22 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainSerializer
 
-from ldbb_bayes.campaign import spreadsheet
+from ldbb_bayes.campaign import headers, spreadsheet
 from ldbb_bayes.campaign.campaign import LABELS, PER_TEST, Campaign, CircularTest, ForceLaw, MountCompensation
-from ldbb_bayes.campaign.headers import (
-    Heading,
-    Said,
-    directions_said,
-    find_headings,
-    load_in_name,
-    not_understood,
-    note_heading,
-    said_above,
-    said_elsewhere,
-)
-from ldbb_bayes.campaign.layout import UNITS, WORDS, Assumption, Layout, Notes
+from ldbb_bayes.campaign.certificates import SUFFIX, BallbarRecord, read_b5r
+from ldbb_bayes.campaign.headers import UNITS, WORDS, Assumption, Heading, Layout, Notes, Said
 from ldbb_bayes.campaign.preview import resolution_of
-from ldbb_bayes.campaign.renishaw import SUFFIX, BallbarRecord, read_b5r
 from ldbb_bayes.campaign.spreadsheet import Sheet, numbers_of, read_sheets
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.machine.chain import PLANES
@@ -59,6 +48,7 @@ _LOADS = {"force_N": ("force", "forces_N"), "pressure_bar": ("pressure", "pressu
 # What lines above a table say of the campaign, and what says otherwise.
 _OF_CAMPAIGN = {"plane": "--plane", "resolution_um": "--resolution-um", "mount": "--raw, or --mount-um-per-bar"}
 _OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {key: f"--{key.replace('_', '-')}" for key in LABELS}
+_OF_ALL = {*_OF_CAMPAIGN, "radius_mm", "temperature_C"}
 # Of these each test may say its own; of people, places and instruments all are named.
 _OF_EACH, _OF_SEVERAL = ("plane", "date"), ("operator", "place", "ball_bar", "force_device")
 _MAY_DIFFER = (*_OF_SEVERAL, "ball_bar_calibrated", "feed_mm_per_min")
@@ -144,7 +134,7 @@ class _Table:
     def quantity(self, key: str, column: float | None = None) -> float | None:
         """A quantity of the test: by its column, as given, by the lines above the table, the name; None where none says it."""
         unit, option = _UNIT.get(key, "°"), _option(key)
-        named = load_in_name(self.names(), key) if key in _LOADS else None
+        named = headers.load_in_name(self.names(), key) if key in _LOADS else None
         first = [(column, "its column", _IN_LINE), (self.given(key), "as given", _IN_LINE)]
         first = first if key == "radius_mm" else first[::-1]
         sure = [(float(value), where, within) for value, where, within in first if value is not None]
@@ -171,8 +161,9 @@ class _Table:
         """CW or CCW: as given, by the words of its column, the lines above and names; None where none says it."""
         given: str | None = self.given("direction")
         lines = {_sense(word): line for word, line in self.words.items() if word}
-        elsewhere = directions_said(self.of_all, ())  # both: not of one test
-        said = set(lines) or directions_said(self.heading.above, self.names()) or (elsewhere if len(elsewhere) == 1 else set())
+        elsewhere = headers.directions_said(self.of_all, ())
+        elsewhere = elsewhere if len(elsewhere) == 1 else set()  # both: not of one test
+        said = set(lines) or headers.directions_said(self.heading.above, self.names()) or elsewhere
         if given is not None:
             if said - {given}:
                 self.note("direction", f"{given}, as given", "the file says the other", "--direction")
@@ -371,7 +362,7 @@ def _tests_in(
     while rows and not any(spreadsheet.looks_like_number(cell) or spreadsheet.is_missing(cell) for cell in rows[-1][1]):
         rows.pop()  # what is no row of numbers may only stand below the table
     lines, columns = spreadsheet.columns_of(sheet.place, rows, len(heading.headers))
-    note_heading(sheet, heading, layout, notes)
+    headers.note_heading(sheet, heading, layout, notes)
     numeric = {role: c for role, c in heading.roles.items() if role not in ("test", "direction", "reading")}
     clock = numeric.pop("time") if "time" in numeric and spreadsheet.is_clock(columns[numeric["time"]][0]) else None
     decimal = _decimal(sheet, lines, [columns[c] for c in (*numeric.values(), *heading.readings)], layout, notes)
@@ -402,12 +393,10 @@ def _tests_in(
                 for key, c in per_test.items()
             }
             part = {role: values[mine] for role, values in numbers.items()}
-            of_all, of_one = said_elsewhere(left_out, [label or sheet.name or sheet.path.stem, sheet.path.name])
-            all_said = {
-                key: said for key, said in said_above(of_all).items() if key in (*_OF_CAMPAIGN, "radius_mm", "temperature_C")
-            }
+            of_all, of_one = headers.said_elsewhere(left_out, [label or sheet.name or sheet.path.stem, sheet.path.name])
+            all_said = {key: said for key, said in headers.said_above(of_all).items() if key in _OF_ALL}
             heard = replace(own, above=[*own.above, *of_one])
-            above = all_said | said_above(heard.above)
+            above = all_said | headers.said_above(heard.above)
             yield _Table(sheet, heard, name, at, part, words, above, layout, stated, campaign, notes, fields, of_all)
 
 
@@ -493,7 +482,7 @@ def import_campaign(
     tables: list[_Table] = []
     read = partial(read_sheets, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets)
     sheets = [sheet for path in paths for sheet in read(path)]
-    found, left_out = find_headings(sheets, layout, notes, set(paths) - named)
+    found, left_out = headers.find_headings(sheets, layout, notes, set(paths) - named)
     for sheet, heading in found:
         tables += list(_tests_in(sheet, heading, layout, campaign, notes, left_out))
         if len(tables) > LARGEST_TESTS:
@@ -520,11 +509,11 @@ def import_campaign(
         if entry.file not in used:
             notes.add("", "[[test]] not used", entry.file[:_LONGEST_LIST], "no file, sheet or label of that name", "--layout")
     _take_resolution(campaign, tests, notes)
-    for key, said in said_above(tables[0].of_all).items():
+    for key, said in headers.said_above(tables[0].of_all).items():
         for own in said if key in _LOADS else ():
             why = f"line {own.line} says {own.value:g} {key.partition('_')[2]} outside the list of tests"
             notes.add("", key, "taken for no test", why, _option(_LOADS[key][1]))
-    unsaid = _note_machine(campaign, tests, notes, not_understood(tables[0].of_all))
+    unsaid = _note_machine(campaign, tests, notes, headers.not_understood(tables[0].of_all))
     campaign.setdefault("name", paths[0].stem if len(paths) == 1 else paths[0].resolve().parent.name or "campaign")
     return Imported(Campaign(tuple(tests), **campaign), notes.layout(layout), notes.told(), unsaid, records)
 

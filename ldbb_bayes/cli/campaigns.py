@@ -16,7 +16,7 @@ from ldbb_bayes.cli.options import Kind, Output, command, group, option, options
 from ldbb_bayes.errors import InputError, require
 
 if TYPE_CHECKING:
-    from ldbb_bayes.campaign.layout import Layout
+    from ldbb_bayes.campaign.headers import Layout
     from ldbb_bayes.machine.chain import Circle, Machine
     from ldbb_bayes.result import Table
 
@@ -65,7 +65,7 @@ def import_(
     Every assumption can be given as an option, or in --layout.
     """
     from ldbb_bayes.campaign.folder import IMPORT_NAME, files_of
-    from ldbb_bayes.campaign.layout import layout_to_toml
+    from ldbb_bayes.campaign.headers import layout_to_toml
 
     output = Output(out, force, as_json, quiet=False)
     output.check(*files_of(out))

@@ -260,7 +260,7 @@ def _write_beside(
 ) -> None:
     """What stands beside the page: the fit, the campaign as it was understood, comparison and design."""
     from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
-    from ldbb_bayes.campaign.layout import layout_to_toml
+    from ldbb_bayes.campaign.headers import layout_to_toml
     from ldbb_bayes.inference.posterior import campaign_of
 
     write_result(fit, result, folder)
@@ -277,7 +277,7 @@ def _write_beside(
 
 def _said(imported: Imported | None, fit: xr.DataTree, result: dict[str, Any], worked: dict[str, Any]) -> tuple[Any, ...]:
     """What is printed: what was assumed, what looks odd, the results but for slopes, constant or linear, what to run next."""
-    from ldbb_bayes.campaign.layout import Assumption
+    from ldbb_bayes.campaign.headers import Assumption
     from ldbb_bayes.inference.posterior import campaign_of, model_of
     from ldbb_bayes.report import text, wording
 

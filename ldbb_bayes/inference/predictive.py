@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ import pandas as pd
 from scipy.special import chdtrc, ndtr, stdtr
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, check_campaign
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.jobs import one_blas_thread
@@ -135,6 +135,53 @@ def _own(bound: BoundModel, phi: Array, r: int) -> Iterator[tuple[Array, Array]]
             yield term.values[r], np.broadcast_to(term.sd_at(value), (len(phi), len(term.names)))
 
 
+def new_circles(part: Part, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
+    """Readings (draws, n) [mm] of each planned test in turn, one circle for every draw."""
+    bound, beta = part.bound, part.beta
+    measured, planned = _beside(bound, plan)
+    names = planned.hyper_prior.names
+    phi = planned.hyper_prior.draw(len(beta), rng)
+    for j, name in enumerate(bound.hyper_prior.names):
+        phi[:, names.index(name)] = part.phi[:, j]
+    value = dict(zip(names, phi.T, strict=True))
+    learnt = [name for term in shared_terms(measured.nuisance_columns) for name in term.names]
+    drawn, total = draw_shared(measured, phi, beta, rng), machine_coefficients(planned, beta)
+    for term in shared_terms(planned.nuisance_columns):
+        own = term.sd_at(value) * rng.standard_normal((len(beta), len(term.names))) + (0.0 if term.mean is None else term.mean)
+        for j, name in enumerate(term.names):
+            if name in learnt:
+                own[:, j] = drawn[:, learnt.index(name)]
+        total = total + np.einsum("tkq,wq->wtk", term.values, own)
+    for r, test in enumerate(plan.tests):
+        own = total[:, r] + draw_of_circle(planned, phi, r, rng)
+        yield readings_drawn(own, value["sigma"], test.angles_rad(), rng)
+
+
+def readings_drawn(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator) -> Array:
+    """Readings (draws, n) [mm] of circles (draws, 25) with white noise (draws,)."""
+    smooth = coefficients @ basis(angle_rad).T
+    return np.asarray(smooth + sigma_mm[:, None] * rng.standard_normal(smooth.shape))
+
+
+def _beside(bound: BoundModel, plan: Campaign) -> tuple[BoundModel, BoundModel]:
+    """The tests measured and those planned as one campaign's: with both balls' forms, all radii and directions of either."""
+    campaign, model = bound.campaign, bound.model
+    machines = [(one.topology, dict(one.frames_mm)) for one in (campaign, plan)]
+    got = f"got {machines[1][0]}. Make the plan with the campaign's topology and frames."
+    require(machines[0] == machines[1], f"the plan must be of the posterior's machine {machines[0][0]}, its frames too, {got}")
+    new = tuple(replace(test.with_reading_um(None), name="") for test in plan.tests)
+    union = replace(campaign, tests=(*campaign.plan().tests, *new))
+    model = model if bound.setting.circle[0] else model.without("circle-scale")
+    whole = BoundModel(model, union, pilot=campaign)
+    other = sorted(set(whole.names) ^ set(bound.names))
+    cure = "Fit with replace(campaign, foreseen=plan.tests), so that the model knows of them."
+    require(not other, f"the plan must show only what the fit has, got planes or set-ups with {', '.join(other)} too. {cure}")
+    names, run = [test.name for test in union.tests], len(campaign.tests)
+    measured = whole.keeping(names[:run])
+    measured.reduced = bound.reduced
+    return measured, whole.keeping(names[run:])
+
+
 def replicate_left_out(
     bound: BoundModel, others: Nodes, name: str, size: int, rng: np.random.Generator, *, each: int = 1
 ) -> Array:
@@ -153,8 +200,7 @@ def replicate_left_out(
 
 def band_um(coefficients: Array, sigma_mm: Array, angle_rad: Array, rng: np.random.Generator, *, prob: float = 0.95) -> Array:
     """Equal-tailed pointwise band of readings, white noise included: (2, angles) [µm] from (draws, 25) and (draws,)."""
-    readings = coefficients @ basis(angle_rad).T
-    readings = readings + sigma_mm[:, None] * rng.standard_normal(readings.shape)
+    readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3
 
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.design import Design
     from ldbb_bayes.analysis.identifiability import Budget, DescribedMachine, Identifiability, ParameterIdentifiability, Seen
     from ldbb_bayes.campaign.campaign import Campaign
+    from ldbb_bayes.campaign.certificates import BallbarRecord
     from ldbb_bayes.campaign.importing import Imported
-    from ldbb_bayes.campaign.renishaw import BallbarRecord
     from ldbb_bayes.inference.density import LogDensity
     from ldbb_bayes.inference.posterior import Fit
     from ldbb_bayes.inference.predictive import LeastSquares

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from openpyxl import Workbook
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.headers import layout_to_toml
 from ldbb_bayes.campaign.importing import angles_from_time, average_laps, on_the_circle
-from ldbb_bayes.campaign.layout import layout_to_toml
 from ldbb_bayes.campaign.spreadsheet import decimal_mark, numbers_of, read_sheets, seconds_of
 
 CASES = tomllib.loads(Path(__file__).with_name("importing.toml").read_text(encoding="utf-8"))

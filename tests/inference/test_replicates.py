@@ -15,8 +15,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidence import Evidences, leave_one_out
 from ldbb_bayes.inference.mcmc import StoppingRule
-from ldbb_bayes.inference.predictive import Part
-from ldbb_bayes.inference.replicates import log_likelihood_of_tests, new_circles
+from ldbb_bayes.inference.posterior import log_likelihood_of_tests
+from ldbb_bayes.inference.predictive import Part, new_circles
 
 MODEL = lb.HybridModel.first(1)
 CAMPAIGN = simulated(plan())
