@@ -16,6 +16,7 @@ from ldbb_bayes.model.fourier import basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.result import Array, Result
+from ldbb_bayes.units import ranked
 
 __all__ = ["Cure", "Degeneracy", "Standing", "StandingKind", "cures", "degeneracies", "standing_degeneracies"]
 
@@ -170,7 +171,8 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         effect = space.largest * np.abs(vector)
         moving = np.flatnonzero(effect > _ROUNDING * effect.max())
         own = [i for i in moving if i < p]
-        others = sorted((i for i in moving if i >= p), key=lambda i: (i != pivot, -effect[i]))
+        others = [pivot] if pivot >= p else list[int]()
+        others += ranked([int(i) for i in moving if i >= p and i != pivot], effect.__getitem__)
         main = tuple(names[i] for i in own if effect[i] > _NEGLIGIBLE * effect.max())
         if not main:
             continue
