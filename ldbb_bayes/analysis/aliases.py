@@ -170,9 +170,9 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
         vector = alone if pivot < p and np.abs(scaled @ alone).max() <= good else sparse
         effect = space.largest * np.abs(vector)
         moving = np.flatnonzero(effect > _ROUNDING * effect.max())
-        own = [i for i in moving if i < p]
+        own = [int(i) for i in moving if i < p]
         others = [pivot] if pivot >= p else list[int]()
-        others += ranked([int(i) for i in moving if i >= p and i != pivot], effect.__getitem__)
+        others += ranked([int(i) for i in moving if i >= p and i != pivot], key=lambda i: float(effect[i]))
         main = tuple(names[i] for i in own if effect[i] > _NEGLIGIBLE * effect.max())
         if not main:
             continue
