@@ -378,11 +378,10 @@ def _tests(folder: Path, stamp: int, text: str) -> tuple[Space, tuple[lb.Circula
             return space, chosen.tests_of(chosen.search.of_number(count)), own
         counts = efficient_rounding(chosen.search.shares(float(count)).share, count)
         return space, tuple(chosen.tests[k] for k in np.repeat(np.arange(len(counts)), counts)), own
-    forces, made = _levels(own["low"], own["high"], levels), []
-    for k in range(count):
-        kind = kinds[(k // len(forces) + k % len(forces)) % len(kinds)]
-        made.append(replace(kind, force_N=forces[k % len(forces)]))
-    return space, tuple(made), own
+    forces = _levels(own["low"], own["high"], levels)
+    around = math.lcm(len(forces), len(kinds))  # after so many every level meets another kind
+    pairs = ((kinds[(k + k // around) % len(kinds)], forces[k % len(forces)]) for k in range(count))
+    return space, tuple(replace(kind, force_N=force) for kind, force in pairs), own
 
 
 def _levels(low: float, high: float, count: int) -> list[float]:
