@@ -60,6 +60,7 @@ _ALWAYS = {
     "cross-origin-opener-policy": "same-origin", "cross-origin-resource-policy": "same-origin",
 }  # fmt: skip
 _BACKLOG = 512
+_PREFIX = "ldbb-bayes-"
 _FIT = "from ldbb_bayes.cli.worker import main; main()"
 _SHOWN = {"report.html": "text/html", "report.pdf": "application/pdf"}
 _LOADED = {"report.json": "", "dcc.xml": "", "posterior.nc": "", "results.csv": "tables/results.csv"}
@@ -343,7 +344,7 @@ async def _add(house: House, session: Session, request: Request) -> Response:
                     return too_large
                 file.write(chunk)
         part.replace(session.folder / worker.FILES / name)
-    except ClientDisconnect:
+    except (ClientDisconnect, OSError):  # or its session has ended
         return _refused(session.word("broken_off", name=name), 400)
     finally:
         part.unlink(missing_ok=True)
@@ -507,12 +508,31 @@ class _Guard:
         return None
 
 
+def _clear_up() -> None:
+    """Delete what servers have left that were ended by force."""
+    for left in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*-*"):
+        owner = left.name.removeprefix(_PREFIX).partition("-")[0]
+        if owner.isdecimal() and not _is_running(int(owner)):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _is_running(process: int) -> bool:
+    if os.name != "posix":
+        return True  # asking would end it
+    try:
+        os.kill(process, 0)
+    except OSError as error:
+        return isinstance(error, PermissionError)
+    return True
+
+
 def application(token: str, port: int) -> ASGIApp:
     """Return the server of a token and a port of loopback: what is asked for without either is refused."""
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        folder, desk = Path(tempfile.mkdtemp(prefix="ldbb-bayes-")), Desk()
+        _clear_up()
+        folder, desk = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-")), Desk()
         app.state.house = house = House(folder, desk)
         watch = asyncio.create_task(house.look_after())
         try:
@@ -551,9 +571,13 @@ def application(token: str, port: int) -> ASGIApp:
             return Response("There is nothing here.\n", 404, media_type="text/plain")
         return Response((_PAGES / name).read_bytes(), media_type=kinds[name])
 
+    async def unexpected(request: Request, error: Exception) -> Response:
+        return _refused(str(words_of_page(LANGUAGES[0])["errors"]["unexpected"]).format(error=type(error).__name__), 500)
+
     inside = [Route(path, answering(answer), methods=[method]) for method, path, answer in _ROUTES]
     routes = [Route("/", begin), Route("/static/{name}", static), Mount("/s/{key}", routes=inside)]
-    return _Guard(Starlette(routes=[Mount(f"/{token}", routes=routes)], lifespan=lifespan), token, port)
+    inner = Starlette(routes=[Mount(f"/{token}", routes=routes)], lifespan=lifespan, exception_handlers={Exception: unexpected})
+    return _Guard(inner, token, port)
 
 
 @contextmanager

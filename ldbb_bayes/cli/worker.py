@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -282,7 +285,14 @@ def _change(name: str, before: float, after: float, unit: str) -> dict[str, Any]
 
 def main() -> None:
     """Report what job.json in the folder that is the argument asks for; progress.json and outcome.json say how far it is."""
-    folder = Path(sys.argv[1])
+    folder, parent = Path(sys.argv[1]), os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)  # whoever asked has ended
+
+    threading.Thread(target=watch, daemon=True).start()
     choices = json.loads((folder / "job.json").read_text(encoding="utf-8"))
     outcome = answer(_report, str(folder), choices)
     write_whole(folder / "outcome.json", json.dumps(outcome).encode())
