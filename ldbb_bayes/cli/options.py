@@ -213,7 +213,10 @@ def points_in(entries: Iterable[str], option: str) -> list[tuple[float, ...]]:
 
 def ball_in(text: str, option: str) -> Ball:
     """A grade, or a deviation from sphericity with its unit."""
-    size, like = re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text), "a grade like G20, or a deviation from sphericity like 0.5um"
+    size, like = (
+        re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text.replace(",", ".")),
+        "a grade like G20, or a deviation from sphericity like 0.5um",
+    )
     require(size or text[:1] not in {*"+-.0123456789"}, f"{option} must be {like}, got {text!r}. Correct it.")
     with placed(option):
         return lb.Ball(grade=text) if size is None else lb.Ball(sphericity_um=float(size[1]))

@@ -111,7 +111,9 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
     except ValueError:
         raise InputError(f"{flag} must be a {'whole ' * (typed is int)}number, got {text!r}. Correct it.") from None
     low, high = own.more.get("min", -math.inf), own.more.get("max", math.inf)
-    require(low <= number <= high, f"{flag} must be between {low:g} and {high:g}, got {number:g}. Correct it.")
+    bounds = [f"at least {low:g}"] * (low > -math.inf) + [f"at most {high:g}"] * (high < math.inf)
+    fits = math.isfinite(number) and low <= number <= high
+    require(fits, f"{flag} must be {' and '.join(bounds) or 'finite'}, got {number:g}. Correct it.")
     return number
 
 
@@ -128,7 +130,7 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
     from ldbb_bayes.campaign.importing import matching
 
     held = sorted(own for own in (folder / FILES).iterdir() if own.suffix.lower() != _DCC)
-    require(held, "files must be given, got none. Drop a workbook, CSV or text files, or take the example.")
+    require(held, "files with readings must be given, got none. Drop a workbook, CSV or text files, or take the example.")
     # One file is named; of several, as where * is typed, some may hold no readings. A folder is a campaign.
     named = held if len(held) == 1 else [folder / FILES / f"*{end}" for end in sorted({own.suffix for own in held})]
     if any(own.name == _TOML for own in held):
@@ -141,10 +143,12 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
 
 
 def _read(folder: Path, choices: Mapping[str, str]) -> tuple[lb.Campaign, Imported | None]:
+    from ldbb_bayes.analysis.conformity import check_force
     from ldbb_bayes.cli.analyses import with_tolerances
 
     campaign, imported = _given(folder, choices).campaign(ask=False)
     asked = _made("report", dict, choices, folder)
+    check_force(campaign, asked.get("force_N"))
     return with_tolerances(campaign, options.model_from(), asked.get("tolerances", {})), imported
 
 

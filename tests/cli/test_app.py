@@ -121,7 +121,9 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
     ("said", "message"),
     [
         ({"radius_mm": "wide"}, "--radius-mm must be a number"),
-        ({"force_U_percent": "1000"}, "--force-U-percent must be between"),
+        ({"force_U_percent": "1000"}, "--force-U-percent must be at least 1e-06 and at most 100"),
+        ({"mount_um_per_bar": "nan"}, "--mount-um-per-bar must be finite"),
+        ({"force_N": "9999"}, "Choose one within what was tested"),
         ({"balls": "G7"}, "must be one of G3, G5"),
         ({"tolerance": "C_XXX"}, "--tolerance must be"),
         ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
@@ -373,17 +375,20 @@ def processes(word: str) -> list[int]:
 
 
 def test_the_command_prints_an_address_and_leaves_nothing(tmp_path: Path) -> None:
+    """Even where an earlier one was ended by force."""
     started = [sys.executable, "-m", "ldbb_bayes", "app", "--no-browser"]
     own = {**os.environ, "TMPDIR": str(tmp_path)}
-    with subprocess.Popen(started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own) as running:
-        assert running.stdout is not None
-        address = running.stdout.readline().strip()
-        port, base = re.fullmatch(r"http://127\.0\.0\.1:(\d+)(/[\w-]{20,}/)", address).groups()  # type: ignore[union-attr]
-        assert Tab(int(port), base).ask("GET", "")[0] == 303
-        assert len([*tmp_path.glob("ldbb-bayes-*/*")]) == 1
-        running.send_signal(signal.SIGINT)
-        _, said = running.communicate(timeout=20)
-    assert (running.returncode, "Traceback" in said, [*tmp_path.iterdir()]) == (0, False, [])
+    for way, code in ((signal.SIGKILL, -9), (signal.SIGINT, 0)):
+        with subprocess.Popen(started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own) as running:
+            assert running.stdout is not None
+            address = running.stdout.readline().strip()
+            port, base = re.fullmatch(r"http://127\.0\.0\.1:(\d+)(/[\w-]{20,}/)", address).groups()  # type: ignore[union-attr]
+            assert Tab(int(port), base).ask("GET", "")[0] == 303
+            assert len([*tmp_path.glob("ldbb-bayes-*/*")]) == 1
+            running.send_signal(way)
+            _, said = running.communicate(timeout=20)
+        assert (running.returncode, "Traceback" in said) == (code, False)
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_a_port_in_use_and_a_missing_library_are_said(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
