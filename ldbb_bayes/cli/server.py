@@ -321,7 +321,7 @@ def file_name(sent: str) -> str:
     """Return the name by which a file is kept: the last part of a path, of plain signs."""
     last = PureWindowsPath(PurePosixPath(sent).name).name
     plain = re.sub(r"[^\w+\-.,()\[\] ]", "_", last).strip(" .")[-120:].lstrip(" .")
-    return f"_{plain}" if PureWindowsPath(plain).is_reserved() else plain
+    return re.sub(r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", plain)  # names of devices on Windows
 
 
 async def _add(house: House, session: Session, request: Request) -> Response:
