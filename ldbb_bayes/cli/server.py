@@ -604,6 +604,8 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
             timeout_graceful_shutdown=2, backlog=_BACKLOG,
         )  # fmt: skip
         server = uvicorn.Server(settings)
+        if hasattr(signal, "SIGHUP"):  # the terminal was closed
+            signal.signal(signal.SIGHUP, lambda *_: setattr(server, "should_exit", True))
         say(address)
         if show:
             settings.load()

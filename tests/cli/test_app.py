@@ -378,7 +378,7 @@ def test_the_command_prints_an_address_and_leaves_nothing(tmp_path: Path) -> Non
     """Even where an earlier one was ended by force."""
     started = [sys.executable, "-m", "ldbb_bayes", "app", "--no-browser"]
     own = {**os.environ, "TMPDIR": str(tmp_path)}
-    for way, code in ((signal.SIGKILL, -9), (signal.SIGINT, 0)):
+    for way, code in ((signal.SIGKILL, -9), (signal.SIGHUP, 0), (signal.SIGINT, 0)):
         with subprocess.Popen(started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=own) as running:
             assert running.stdout is not None
             address = running.stdout.readline().strip()
