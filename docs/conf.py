@@ -21,7 +21,7 @@ from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
 
 import ldbb_bayes
-from ldbb_bayes.campaign import layout
+from ldbb_bayes.campaign import headers
 from ldbb_bayes.fleet import dataset
 from ldbb_bayes.result import Result
 from ldbb_bayes.units import _ATOMS as atoms
@@ -156,12 +156,12 @@ def table(heads: str, rows: Mapping[str, Any]) -> str:
 
 def roles() -> str:
     """Words for what a column holds."""
-    return table("Column | Words", {role: ", ".join(words) for role, words in layout.ROLES.items()})
+    return table("Column | Words", {role: ", ".join(words) for role, words in headers.ROLES.items()})
 
 
 def units() -> str:
     """Units of what a column holds, in the names that the layout of tables uses."""
-    return table("Of | Units", {role: ", ".join(f"`{unit}`" for unit in known) for role, known in layout.UNITS.items()})
+    return table("Of | Units", {role: ", ".join(f"`{unit}`" for unit in known) for role, known in headers.UNITS.items()})
 
 
 def reading() -> str:
