@@ -423,9 +423,11 @@ counting_progress = functools.partial(_progress, _counted)
 sampling_progress = functools.partial(_progress, _sampled)
 
 
-def steps_of(update: Callable[[float, str], None] | None, **weights: float) -> Callable[[str], Callable[..., None] | None]:
+def steps_of(
+    update: Callable[[float, str, int, int], None] | None, **weights: float
+) -> Callable[[str], Callable[..., None] | None]:
     """Return what begins a step and returns what tells how far it is: ``update`` gets the share of all steps done, each as long
-    as its weight, and words."""
+    as its weight, the step, and what of it is done of how much (0: not known)."""
     before, total = dict(zip(weights, accumulate(weights.values(), initial=0.0), strict=False)), sum(weights.values())
 
     def begin(step: str) -> Callable[..., None] | None:
@@ -433,8 +435,7 @@ def steps_of(update: Callable[[float, str], None] | None, **weights: float) -> C
             return None
 
         def tell(done: int, of: int, _: int = 0) -> None:
-            name = step.replace("_", " ")
-            update((before[step] + weights[step] * done / max(of, 1)) / total, f"{name} {done}/{of}" if of else name)
+            update((before[step] + weights[step] * done / max(of, 1)) / total, step, done, of)
 
         tell(0, 0)
         return tell
@@ -445,5 +446,5 @@ def steps_of(update: Callable[[float, str], None] | None, **weights: float) -> C
 @contextmanager
 def step_progress(quiet: bool, **weights: float) -> Iterator[Callable[[str], Callable[..., None] | None]]:
     """One bar over named steps, as of `steps_of`."""
-    with _progress(lambda share, text: (share, text), quiet, "report") as update:
+    with _progress(lambda share, step, done, of: (share, f"{step} {done}/{of}" if of else step), quiet, "report") as update:
         yield steps_of(update, **weights)

@@ -54,7 +54,8 @@ _PAGES = files("ldbb_bayes.cli") / "pages"
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'"
 _OF_PAGE = f"{_POLICY}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 # The report brings its own style and no script.
-_OF_REPORT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+_OF_REPORT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+_OF_REPORT += "; frame-ancestors 'self'"
 _ALWAYS = {
     "x-content-type-options": "nosniff", "referrer-policy": "no-referrer", "cache-control": "no-store",
     "cross-origin-opener-policy": "same-origin", "cross-origin-resource-policy": "same-origin",
@@ -118,6 +119,7 @@ class Session:
     process: asyncio.subprocess.Process | None = None
     seen: float = field(default_factory=time.monotonic)
     tabs: set[str] | None = None  #: that show it; none has asked yet
+    adding: asyncio.Lock = field(default_factory=asyncio.Lock)  #: files come one after another, so that they fit together
 
     @property
     def is_over(self) -> bool:
@@ -128,7 +130,23 @@ class Session:
     @property
     def held(self) -> dict[str, int]:
         """Sizes of its files [bytes]."""
-        return {own.name: own.stat().st_size for own in sorted((self.folder / worker.FILES).iterdir()) if own.suffix != ".part"}
+        return {own.name: own.stat().st_size for own in sorted((self.folder / worker.FILES).iterdir())}
+
+    def drop(self, name: str = "*") -> None:
+        """Delete a file, or all."""
+        for own in self.held:
+            if name in (own, "*"):
+                (self.folder / worker.FILES / own).unlink(missing_ok=True)
+        self.changed()
+
+    def changed(self) -> None:
+        """Forget what no longer applies to the files: what a campaign says itself, and certificates that are gone."""
+        held, fields = self.held, worker.FIELDS
+        gone = {name for name, own in self.choices.items() if fields[name].kind == "file" and own not in held}
+        if worker.TOML in held:
+            gone |= {name for name in self.choices if fields[name].group in ("name", "table", "layout")}
+        self.choices = {name: own for name, own in self.choices.items() if name not in gone}
+        self.edition += 1
 
     @property
     def certificates(self) -> list[str]:
@@ -142,10 +160,10 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """Return what the page asks for again and again."""
-        progress: dict[str, Any] = {"share": 0.0, "text": "waiting" if self.process is None else "start"}
+        progress: dict[str, Any] = {"share": 0.0, "step": "start" if self.process else "waiting", "of": 0}
         if self.running and self.process is not None:
             with suppress(OSError, ValueError):
-                progress = json.loads((self.folder / "progress.json").read_text(encoding="utf-8"))
+                progress = json.loads((self.folder / "job" / "progress.json").read_text(encoding="utf-8"))
         return {
             "files": len(self.held), "edition": self.edition, "fitted": self.fitted, "running": self.running,
             "progress": progress, "outcome": self.outcome,
@@ -180,7 +198,7 @@ class Desk:
     """One process that answers all pages' short questions in turn; where it dies or hangs another begins."""
 
     def __init__(self) -> None:
-        self._waiting = 0
+        self._waiting, self._turn = 0, asyncio.Semaphore(1)
         self._begin()
 
     def _begin(self) -> None:
@@ -189,22 +207,28 @@ class Desk:
         self._pool.submit(worker.warm)
 
     async def ask(self, work: Callable[..., dict[str, Any]], session: Session, *more: Any) -> dict[str, Any]:
-        """Return the answer of a function of the worker, or why there is none."""
+        """Return the answer of a function of the worker, or why there is none. The process has one question at a time: its time
+        counts from where it begins."""
         if self._waiting >= MOST_WAITING:
             return {"refused": session.word("busy")}
         self._waiting += 1
         try:
-            for _ in range(2):
-                with suppress(WorkerDied):
-                    future = self._pool.submit(worker.answer, work, str(session.folder), *more)
-                    return await asyncio.wait_for(asyncio.wrap_future(future), ANSWER_S)
-        except TimeoutError:
-            await asyncio.to_thread(self.stop)
-            self._begin()
+            async with self._turn:
+                return await self._answer(partial(worker.answer, work, str(session.folder), *more), session)
         except Exception as error:  # noqa: BLE001  # whatever it is, the page says so and goes on
             return {"refused": session.word("unexpected", error=f"{type(error).__name__}: {error}"[:300])}
         finally:
             self._waiting -= 1
+
+    async def _answer(self, call: Callable[[], dict[str, Any]], session: Session) -> dict[str, Any]:
+        for _ in range(2 if session.folder.exists() else 0):
+            with suppress(WorkerDied):
+                try:
+                    return await asyncio.wait_for(asyncio.wrap_future(self._pool.submit(call)), ANSWER_S)
+                except TimeoutError:
+                    await asyncio.to_thread(self.stop)
+                    self._begin()
+                    break
         return {"refused": session.word("died")}
 
     def stop(self) -> None:
@@ -247,24 +271,26 @@ class House:
                 self.end(session)
 
     async def fit(self, session: Session) -> None:
-        """Run the report in a process of its own."""
-        edition, said = session.edition, session.said()
+        """Run the report in a process of its own, on a copy of what is there when it begins."""
+        job, nowhere = session.folder / "job", asyncio.subprocess.DEVNULL
         try:
             async with self.turn:
-                for name in ("outcome.json", "progress.json"):
-                    (session.folder / name).unlink(missing_ok=True)
-                (session.folder / "job.json").write_text(json.dumps(said), encoding="utf-8")
-                nowhere = asyncio.subprocess.DEVNULL
+                edition = session.edition
+                shutil.rmtree(job, ignore_errors=True)
+                await asyncio.to_thread(shutil.copytree, session.folder / worker.FILES, job / worker.FILES)
+                (job / "said.json").write_text(json.dumps(session.said()), encoding="utf-8")
                 session.process = await asyncio.create_subprocess_exec(
-                    sys.executable, "-P", "-c", _FIT, str(session.folder), stdin=nowhere, stdout=nowhere, stderr=nowhere,
+                    sys.executable, "-P", "-c", _FIT, str(job), stdin=nowhere, stdout=nowhere, stderr=nowhere,
                     env={**os.environ, **ONE_THREAD}, start_new_session=True,
                 )  # fmt: skip
                 await session.process.wait()
             session.outcome = {"refused": session.word("fit_died")}
             with suppress(OSError, ValueError):
-                session.outcome = json.loads((session.folder / "outcome.json").read_text(encoding="utf-8"))
+                session.outcome = json.loads((job / "outcome.json").read_text(encoding="utf-8"))
             if "refused" not in session.outcome:
                 session.fitted = edition
+        except OSError as error:
+            session.outcome = {"refused": session.word("unexpected", error=error.strerror)}
         finally:
             _kill(session.process)
             session.process = None
@@ -320,57 +346,54 @@ async def _json(request: Request) -> dict[str, Any] | None:
 def file_name(sent: str) -> str:
     """Return the name by which a file is kept: the last part of a path, of plain signs."""
     last = PureWindowsPath(PurePosixPath(sent).name).name
-    plain = re.sub(r"[^\w+\-.,()\[\] ]", "_", last).strip(" .")[-120:].lstrip(" .")
+    plain = re.sub(r"[^\w+\-.,()\[\] ]", "_", last).strip(" .").encode()[-120:].decode(errors="ignore").lstrip(" .")
     return re.sub(r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", plain)  # names of devices on Windows
 
 
 async def _add(house: House, session: Session, request: Request) -> Response:
     """Keep a file: whole, or not at all."""
-    name, held = file_name(request.path_params["name"]), session.held
-    if not name or name.endswith(".part"):
+    name = file_name(request.path_params["name"])
+    if not name:
         return _refused(session.word("name"), 422)
-    room = min(LARGEST_FILE, LARGEST_SESSION - sum(size for own, size in held.items() if own != name))
-    too_large = _refused(session.word("too_large", name=name, most=max(room, 0) // 2**20), 413)
-    if name not in held and len(held) >= MOST_FILES:
-        return _refused(session.word("too_many", most=MOST_FILES), 413)
-    if int(request.headers.get("content-length", 0)) > room:
-        return too_large
-    part, size = session.folder / worker.FILES / f"{secrets.token_hex(8)}.part", 0
-    try:
-        with part.open("wb") as file:
-            async for chunk in request.stream():
-                size += len(chunk)
-                if size > room:
-                    return too_large
-                file.write(chunk)
-        part.replace(session.folder / worker.FILES / name)
-    except (ClientDisconnect, OSError):  # or its session has ended
-        return _refused(session.word("broken_off", name=name), 400)
-    finally:
-        part.unlink(missing_ok=True)
-    session.edition += 1
+    async with session.adding:
+        held = session.held
+        room = min(LARGEST_FILE, LARGEST_SESSION - sum(size for own, size in held.items() if own != name))
+        too_large = _refused(session.word("too_large", name=name, most=max(room, 0) // 2**20), 413)
+        if name not in held and len(held) >= MOST_FILES:
+            return _refused(session.word("too_many", most=MOST_FILES), 413)
+        if int(request.headers.get("content-length", 0)) > room:
+            return too_large
+        part, size = session.folder / f"{secrets.token_hex(8)}.part", 0
+        try:
+            with part.open("wb") as file:
+                async for chunk in request.stream():
+                    size += len(chunk)
+                    if size > room:
+                        return too_large
+                    file.write(chunk)
+            part.replace(session.folder / worker.FILES / name)
+            session.changed()
+        except (ClientDisconnect, OSError):  # or its session has ended
+            return _refused(session.word("broken_off", name=name), 400)
+        finally:
+            part.unlink(missing_ok=True)
     return JSONResponse({"name": name})
 
 
 async def _remove(house: House, session: Session, request: Request) -> Response:
     """Drop one file, or all (*)."""
-    name = request.path_params["name"]
-    for own in session.held:
-        if name in (own, "*"):
-            (session.folder / worker.FILES / own).unlink(missing_ok=True)
-    session.edition += 1
+    session.drop(request.path_params["name"])
     return JSONResponse({})
 
 
 async def _example(house: House, session: Session, request: Request) -> Response:
     """The published experiment in place of what is there."""
-    for own in session.held:
-        (session.folder / worker.FILES / own).unlink(missing_ok=True)
+    session.drop()
     for path in Path(lb.embedded_campaign()).iterdir():
         if path.suffix in (".csv", ".toml"):
             shutil.copyfile(path, session.folder / worker.FILES / path.name)
     session.choices.clear()
-    session.edition += 1
+    session.changed()
     return JSONResponse({})
 
 
@@ -382,8 +405,9 @@ async def _say(house: House, session: Session, request: Request) -> Response:
     if "language" in sent:
         session.language = sent["language"] if sent["language"] in LANGUAGES else session.language
         return JSONResponse({})
-    session.choices = {name: own.strip() for name, own in sent.items() if name in worker.FIELDS and own.strip()}
-    session.edition += 1
+    choices = {name: own.strip() for name, own in sent.items() if name in worker.FIELDS and own.strip()}
+    session.edition += choices != session.choices
+    session.choices = choices
     return JSONResponse({})
 
 
@@ -545,6 +569,8 @@ def application(token: str, port: int) -> ASGIApp:
             shutil.rmtree(folder, ignore_errors=True)
 
     async def begin(request: Request) -> Response:
+        if request.method == "HEAD":  # as of a browser that looks ahead
+            return Response()
         wanted = request.headers.get("accept-language", "").strip().lower()
         language = next((own for own in LANGUAGES if wanted.startswith(own)), LANGUAGES[0])
         session = request.app.state.house.begin(language)

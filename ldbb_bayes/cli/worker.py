@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.candidates import Space
     from ldbb_bayes.campaign.importing import Imported
 
-__all__ = ["FIELDS", "FILES", "RESULT", "Field", "answer", "forecast", "main", "plan", "understand", "warm", "worth"]
+__all__ = ["FIELDS", "FILES", "RESULT", "TOML", "Field", "answer", "forecast", "main", "plan", "understand", "warm", "worth"]
 
 FILES, RESULT, PLAN = "campaign", "result", "plan"
-_TOML, _DCC = "campaign.toml", ".xml"
+TOML, _DCC = "campaign.toml", ".xml"
 _WAYS: Mapping[str, tuple[Direction, ...]] = {"both": ("CW", "CCW"), "CW": ("CW",), "CCW": ("CCW",)}
 _ALL_DRAWN, _MOST_CIRCLES, _CANDIDATES, _SEARCHED, _FEW = 360, 60, 240, 12, 32
 # Of the largest reductions of a certificate those shown, and the least that is one.
@@ -106,6 +106,8 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
         return [line.strip() for line in text.splitlines() if line.strip()]
     if typed not in (int, float):
         return text
+    grouped = re.fullmatch(r"[-−]?[1-9]\d{0,2}(,\d{3})+", text)
+    require(not grouped, f"{flag} must be a number without marks between thousands, got {text!r}. Write it like 1000 or 1.5.")
     try:
         number = typed(text.replace(",", ".").replace("−", "-"))
     except ValueError:
@@ -133,7 +135,7 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
     require(held, "files with readings must be given, got none. Drop a workbook, CSV or text files, or take the example.")
     # One file is named; of several, as where * is typed, some may hold no readings. A folder is a campaign.
     named = held if len(held) == 1 else [folder / FILES / f"*{end}" for end in sorted({own.suffix for own in held})]
-    if any(own.name == _TOML for own in held):
+    if any(own.name == TOML for own in held):
         named = [folder / FILES]
     said = {key: own for of in ("name", "table", "labels") for key, own in _made(of, dict, choices, folder).items()}
     layout = LAYOUT_OPTIONS.make(**_made("layout", dict, choices, folder))
@@ -165,7 +167,12 @@ def _reason(error: Exception, folder: Path) -> str:
     said = plain_reason(error)
     if said is None:
         raise error
-    return said.replace(f"{folder / FILES}/", "").replace(f"{folder / FILES}\\", "").replace(str(folder / FILES), "the files")
+    return _plain(said, folder)
+
+
+def _plain(text: str, folder: Path) -> str:
+    """Files by the names they were dropped with."""
+    return re.sub(re.escape(str(folder / FILES)) + r"[/\\]?", "", text)
 
 
 # ---- what was understood
@@ -195,13 +202,13 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         "name": campaign.name, "topology": campaign.topology, "planes": campaign.machine().plane, "tests": tests,
         "readings": campaign.readings, "assumptions": assumed, "remarks": [wording.remark_words(own) for own in seen.remarks],
         "fit": [wording.remark_words(own) for own in seen.assumptions], "traces": traces,
-        "instrument": _instrument(campaign), "tolerances": dict(campaign.tolerances),
+        "instrument": _instrument(campaign),
     }  # fmt: skip
 
 
 def _assumed(own: Any, folder: Path) -> dict[str, Any]:
     fields = [field.name for field in FIELDS.values() if field.flag in re.findall(r"--[\w-]+", own.option)]
-    shown = {key: str(getattr(own, key)).replace(f"{folder / FILES}/", "") for key in ("place", "what", "value", "because")}
+    shown = {key: _plain(str(getattr(own, key)), folder) for key in ("place", "what", "value", "because")}
     return shown | {"fields": fields, "option": own.option}
 
 
@@ -215,7 +222,8 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
         part = "balls" if stem in ("work", "tool") else stem
         if part == "balls":
             ball = getattr(campaign.instrument, stem)
-            words = {"words": stem, "size": ball.grade or f"{ball.stated_sphericity_um or 2.5:g} µm"}
+            # Two and three lobes share the deviation from sphericity: S² / 24 each.
+            words = {"words": stem, "size": ball.grade or f"{math.sqrt(24.0) * own.sd * 1e3:.3g} µm"}
         else:
             factor, label = {"1": (100.0, "%"), "rad": (180.0 / math.pi, "°"), "N": (1.0, "N")}.get(own.unit, (1e3, "µm"))
             label = "µm/bar" if own.unit.endswith("/bar") else label
@@ -244,6 +252,8 @@ def _traces(campaign: lb.Campaign) -> Iterator[dict[str, Any]]:
         for k, reading in zip(here, readings, strict=True):
             every = slice(None, None, max(1, len(reading) // _ALL_DRAWN))
             angle, radius = campaign.tests[k].angles_rad()[every], 22.0 + scale * (reading[every] - low)
+            if campaign.tests[k].arc_deg == 360.0:
+                angle, radius = np.append(angle, angle[0]), np.append(radius, radius[0])
             points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(radius * np.cos(angle), -radius * np.sin(angle), strict=True))
             paths.append({"points": points, "hue": round(215 - 205 * float(share[k])), "name": campaign.tests[k].name})
         yield {
@@ -262,15 +272,15 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
     bound = options.model_from().bind(_read(folder, choices)[0])
     found = worth_of_certificates(bound, *hyper_nodes(bound))
-    today, units = found.pop("none of these"), {own.name: own.unit for own in bound.parameters}
+    today, units = found.pop("none of these"), {own.name: own.unit for own in bound.parameters if own.group != "slope"}
     parts = {"work": "balls", "bar_U_um": "bar", "mount_U_percent": "mount", "force_U_percent": "force", "angle_U_deg": "angle"}
     effects = {}
     for name, left in found.items():
         part = parts[next(iter(CERTIFICATES[name]))] if name in CERTIFICATES else "all"
-        gains = sorted(((1.0 - left[own] / today[own], own) for own in today if not re.fullmatch(r"C_.*_\d", own)), reverse=True)
+        gains = sorted(((1.0 - left[own] / today[own], own) for own in units), reverse=True)
         rows = [_change(own, today[own], left[own], units[own]) for gain, own in gains[:_MOST_EFFECTS] if gain > _LEAST_EFFECT]
         effects[part] = {"name": name, "rows": rows}
-    shown = [_change(own, sd, sd, units[own]) for own, sd in today.items() if not re.fullmatch(r"C_.*_\d", own)]
+    shown = [_change(own, today[own], today[own], unit) for own, unit in units.items()]
     return {"effects": effects, "today": shown}
 
 
@@ -288,8 +298,8 @@ def _change(name: str, before: float, after: float, unit: str) -> dict[str, Any]
 
 
 def main() -> None:
-    """Report what job.json in the folder that is the argument asks for; progress.json and outcome.json say how far it is."""
-    folder, parent = Path(sys.argv[1]), os.getppid()
+    """Report what a session's job, the folder that is the argument, holds; progress.json and outcome.json say how far it is."""
+    job, parent = Path(sys.argv[1]), os.getppid()
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -297,14 +307,14 @@ def main() -> None:
         os._exit(1)  # whoever asked has ended
 
     threading.Thread(target=watch, daemon=True).start()
-    choices = json.loads((folder / "job.json").read_text(encoding="utf-8"))
-    outcome = answer(_report, str(folder), choices)
-    write_whole(folder / "outcome.json", json.dumps(outcome).encode())
+    choices = json.loads((job / "said.json").read_text(encoding="utf-8"))
+    outcome = answer(_report, str(job), choices)
+    write_whole(job / "outcome.json", json.dumps(outcome).encode())
 
 
 def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     asked = _made("report", dict, choices, folder)
-    output = options.Output(folder / RESULT, force=True)
+    output = options.Output(folder.parent / RESULT, force=True)
     document, _, converged = report_files(_given(folder, choices), output, asked, options.model_from(), _told(folder))
     return {"converged": converged, "alerts": list(document.alerts), "state": document.state}
 
@@ -313,8 +323,8 @@ def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 def _told(folder: Path) -> Iterator[Callable[[str], Callable[..., None] | None]]:
     """Progress, in a file."""
 
-    def update(share: float, text: str) -> None:
-        write_whole(folder / "progress.json", json.dumps({"share": share, "text": text}).encode())
+    def update(share: float, step: str, done: int, of: int) -> None:
+        write_whole(folder / "progress.json", json.dumps({"share": share, "step": step, "done": done, "of": of}).encode())
 
     yield options.steps_of(update, **STEPS)
 
@@ -330,7 +340,7 @@ def _pilot(folder: Path, stamp: int) -> tuple[lb.Campaign, dict[str, float]]:
     return lb.read_campaign(folder / RESULT / "campaign"), today
 
 
-@lru_cache(maxsize=24)
+@lru_cache(maxsize=6)
 def _space(
     folder: Path, stamp: int, clockings: tuple[Any, ...], radii: tuple[float, ...], ways: tuple[Direction, ...], augment: bool
 ) -> Space:
@@ -342,114 +352,121 @@ def _space(
     return Space(options.model_from(), pilot, forces, clockings, radii, ways, augment=augment)
 
 
-def _numbers(asked: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
-    """What the sliders say, each within its range."""
-    low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
-    usual = {
-        "circles": (len(pilot.tests), 1, _MOST_CIRCLES), "levels": (min(len(pilot.tests), 6), 1, _MOST_CIRCLES),
-        "low": (low, 1.0, 5 * high), "high": (high, 1.0, 5 * high), "work": (1, 1, 6), "tool": (1, 1, 6), "turn": (45, 1, 180),
-        "radius": (0, 0, 2000), "minutes": (6, 0, 600), "turn_minutes": (5, 0, 600), "radius_minutes": (20, 0, 600),
-        "hourly": (0, 0, 1e5),
-    }  # fmt: skip
+_COSTS = {"minutes": (6, 0, 600), "turn_minutes": (5, 0, 600), "radius_minutes": (20, 0, 600), "hourly": (0, 0, 1e5)}
+
+
+def _numbers(asked: Mapping[str, Any], usual: Mapping[str, tuple[float, float, float]]) -> dict[str, float]:
+    """What sliders say, by name: each its usual value, or one between its least and its most."""
     found = {}
     for name, (default, least, most) in usual.items():
         value = asked.get(name, default)
         fits = isinstance(value, int | float) and math.isfinite(value) and least <= value <= most
         require(fits, f"{name} must be between {least:g} and {most:g}, got {value!r}. Move its slider.")
         found[name] = float(value)
+    return found
+
+
+def _sliders(asked: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
+    low, high = float(pilot.forces_N.min()), float(pilot.forces_N.max())
+    count, least = min(len(pilot.tests), _MOST_CIRCLES), min(1.0, low)
+    found = _numbers(asked, {
+        "circles": (count, 1, _MOST_CIRCLES), "levels": (min(count, 6), 1, _MOST_CIRCLES), "low": (low, least, 5 * high),
+        "high": (high, least, 5 * high), "work": (1, 1, 6), "tool": (1, 1, 6), "turn": (45, 1, 180), "radius": (0, 0, 2000),
+    })  # fmt: skip
     require(found["low"] <= found["high"], f"the lowest force must not exceed the highest, got {found['low']:g} N. Lower it.")
     return found
 
 
-def _stamp(folder: Path) -> int:
-    path = folder / RESULT / "summary.json"
-    require(path.is_file(), "a plan must follow a fit, got none yet. Fit first.")
-    return path.stat().st_mtime_ns
+def _in_turn(first: Sequence[Any], second: Sequence[Any], count: int) -> list[tuple[Any, Any]]:
+    """So many pairs: both sequences run on together, and shift where they would repeat; as many as there are hold each once."""
+    around = math.lcm(len(first), len(second))
+    return [(first[k % len(first)], second[(k + k // around) % len(second)]) for k in range(count)]
 
 
-@lru_cache(maxsize=64)
-def _tests(folder: Path, stamp: int, text: str) -> tuple[Space, tuple[lb.CircularTest, ...], dict[str, float]]:
+class _Planned(NamedTuple):
+    space: Space
+    tests: tuple[lb.CircularTest, ...]  #: in the order in which to run them
+    sliders: dict[str, float]
+
+
+@lru_cache(maxsize=32)
+def _planned(folder: Path, stamp: int, text: str) -> _Planned:
     """The tests that the sliders describe: levels of force in equal steps, over clockings, radii and directions in turn; where
     the best are asked for, those of the most expected information."""
     import numpy as np
 
-    from ldbb_bayes.analysis.candidates import Space, grid_of_tests
+    from ldbb_bayes.analysis.candidates import Space, grid_of_tests, running_order
     from ldbb_bayes.analysis.optimal import efficient_rounding
 
     asked, (pilot, _) = json.loads(text), _pilot(folder, stamp)
-    own = _numbers(asked, pilot)
+    own = _sliders(asked, pilot)
     ways = _WAYS.get(str(asked.get("directions")), ())
-    turns = [tuple(own["turn"] * k for k in range(int(own[ball]))) for ball in ("work", "tool")]
+    work, tool = ([own["turn"] * k for k in range(int(own[ball]))] for ball in ("work", "tool"))
+    clockings = _in_turn(work, tool, len(work) * len(tool))
     radii = tuple(sorted({float(test.radius_mm or 150.0) for test in pilot.tests} | {own["radius"]} - {0.0}))
-    space = _space(folder, stamp, tuple(product(*turns)), radii, ways, bool(asked.get("augment")))
-    count, levels = int(own["circles"]), int(min(own["levels"], own["circles"]))
-    kinds = grid_of_tests(space.templates, [own["low"]], space.clockings_deg, radii)
+    space = _space(folder, stamp, tuple(clockings), radii, ways, bool(asked.get("augment")))
+    count, low, high = int(own["circles"]), own["low"], own["high"]
+    kinds = grid_of_tests(space.templates, [low], space.clockings_deg, radii)
     if asked.get("best"):
-        steps = max(2, min(round(own["high"] - own["low"]), _CANDIDATES // len(kinds))) if own["high"] > own["low"] else 1
-        grid = _levels(own["low"], own["high"], steps)
-        chosen = Space(space.model, pilot, grid, space.clockings_deg, radii, ways, augment=space.augment)
+        grid = _levels(low, high, max(2, min(round(high - low), _CANDIDATES // len(kinds))))
+        among = Space(space.model, pilot, grid, space.clockings_deg, radii, ways, augment=space.augment)
         if count <= _SEARCHED:
-            return space, chosen.tests_of(chosen.search.of_number(count)), own
-        counts = efficient_rounding(chosen.search.shares(float(count)).share, count)
-        return space, tuple(chosen.tests[k] for k in np.repeat(np.arange(len(counts)), counts)), own
-    forces = _levels(own["low"], own["high"], levels)
-    around = math.lcm(len(forces), len(kinds))  # after so many every level meets another kind
-    pairs = ((kinds[(k + k // around) % len(kinds)], forces[k % len(forces)]) for k in range(count))
-    return space, tuple(replace(kind, force_N=force) for kind, force in pairs), own
+            tests = among.tests_of(among.search.of_number(count))
+        else:
+            counts = efficient_rounding(among.search.shares(float(count)).share, count)
+            tests = tuple(among.tests[k] for k in np.repeat(np.arange(len(counts)), counts))
+    else:
+        levels = _levels(low, high, int(min(own["levels"], count)))
+        tests = tuple(replace(kind, force_N=force) for force, kind in _in_turn(levels, kinds, count))
+    return _Planned(space, running_order(tests, np.random.default_rng(1)), own)
 
 
 def _levels(low: float, high: float, count: int) -> list[float]:
-    """Forces in equal steps, in whole newtons where these differ."""
-    steps = [low + (high - low) * k / max(count - 1, 1) for k in range(count)]
+    """Forces in equal steps, in whole newtons where these differ; of one level the highest, which shows most."""
+    steps = [low + (high - low) * k / (count - 1) for k in range(count)] if count > 1 else [high]
     whole = sorted({float(round(force)) for force in steps})
-    return whole if len(whole) == count else sorted({round(force, 1) for force in steps})
+    return whole if len(whole) == count and whole[0] > 0.0 else sorted({round(force, 1) for force in steps})
 
 
 def _asked(folder: Path, asked: Mapping[str, Any]) -> tuple[Path, int, str]:
-    """What the sliders say, of which report: as a key, so that nothing is worked out twice."""
-    return folder, _stamp(folder), json.dumps({key: own for key, own in sorted(asked.items()) if key != "fine"})
+    """What the sliders say of the tests, after which report: as a key, so that nothing is worked out twice."""
+    path = folder / RESULT / "summary.json"
+    require(path.is_file(), "a plan must follow a fit, got none yet. Fit first.")
+    text = json.dumps({key: own for key, own in sorted(asked.items()) if key not in ("fine", *_COSTS)})
+    return folder, path.stat().st_mtime_ns, text
 
 
 def forecast(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return what to expect of the tests that the sliders describe: U of every parameter beside today's, the chances that the
     evidence settles constant or linear, time and cost; and the tests in their order."""
-    return _forecast(*_asked(folder, asked), fine=bool(asked.get("fine", True)))
-
-
-@lru_cache(maxsize=256)
-def _forecast(folder: Path, stamp: int, text: str, *, fine: bool) -> dict[str, Any]:
-    from ldbb_bayes.analysis.candidates import states_before
-
-    (space, tests, own), asked = _tests(folder, stamp, text), json.loads(text)
-    _, today = _pilot(folder, stamp)
-    # While a slider moves, fewer states of the machine will do.
-    few = None if fine else states_before(space.model, space.pilot, _FEW, space.seed, augment=space.augment)
-    found = space.forecast(tests, states=few)
-    order = _ordered(tests)
-    turns = sum(a.work_ball_deg != b.work_ball_deg or a.tool_ball_deg != b.tool_ball_deg for a, b in pairwise(order))
-    changes = sum(a.radius_mm != b.radius_mm for a, b in pairwise(order))
-    minutes = own["minutes"] * len(tests) + own["turn_minutes"] * turns + own["radius_minutes"] * changes
-    rows = [
-        _change(name, today.get(name, math.inf), entry.sd, entry.unit)
-        for name, entry in found.expected.items()
-        if not re.fullmatch(r"C_.*_\d", name)
-    ]
-    settle = found.discrimination
-    return {
-        "rows": rows, "asked": own | {"directions": str(asked.get("directions") or ""), "augment": space.augment},
-        "settle": None if settle is None else {"linear": settle.decisive_with, "constant": settle.decisive_without},
-        "best": bool(asked.get("best")),
-        "minutes": round(minutes), "cost": round(minutes / 60.0 * own["hourly"]), "turns": turns, "changes": changes,
-        "tests": [_row(test, space.pilot) for test in order], "pilot": _about(space.pilot),
+    costs, key = _numbers(asked, _COSTS), _asked(folder, asked)
+    planned, found = _planned(*key), _forecast(*key, fine=bool(asked.get("fine", True)))
+    pairs = [*pairwise(planned.tests)]
+    turns = sum((a.work_ball_deg != b.work_ball_deg) + (a.tool_ball_deg != b.tool_ball_deg) for a, b in pairs)
+    changes = sum(a.radius_mm != b.radius_mm for a, b in pairs)
+    minutes = costs["minutes"] * len(planned.tests) + costs["turn_minutes"] * turns + costs["radius_minutes"] * changes
+    ways, pilot = {"directions": str(asked.get("directions") or ""), "augment": planned.space.augment}, planned.space.pilot
+    return found | {
+        "asked": planned.sliders | costs | ways, "best": bool(asked.get("best")), "turns": turns, "changes": changes,
+        "minutes": round(minutes), "cost": round(minutes / 60.0 * costs["hourly"]), "pilot": _about(pilot),
+        "tests": [_row(test, pilot) for test in planned.tests],
     }  # fmt: skip
 
 
-def _ordered(tests: Sequence[lb.CircularTest]) -> tuple[lb.CircularTest, ...]:
-    import numpy as np
+@lru_cache(maxsize=128)
+def _forecast(folder: Path, stamp: int, text: str, *, fine: bool) -> dict[str, Any]:
+    from ldbb_bayes.analysis.candidates import states_before
 
-    from ldbb_bayes.analysis.candidates import running_order
-
-    return running_order(tests, np.random.default_rng(1))
+    (space, tests, _), (_, today) = _planned(folder, stamp, text), _pilot(folder, stamp)
+    # While a slider moves, fewer states of the machine will do.
+    few = None if fine else states_before(space.model, space.pilot, _FEW, space.seed, augment=space.augment)
+    found = space.forecast(tests, states=few)
+    shown = {own.name: found.expected[own.name] for own in space.bound.parameters if own.group != "slope"}
+    settle = found.discrimination
+    return {
+        "rows": [_change(name, today.get(name, math.inf), own.sd, own.unit) for name, own in shown.items()],
+        "settle": None if settle is None else {"linear": settle.decisive_with, "constant": settle.decisive_without},
+    }
 
 
 def _row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:
@@ -470,9 +487,9 @@ def _about(pilot: lb.Campaign) -> dict[str, Any]:
 
 def plan(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Write the tests as a plan, a campaign folder without readings, and return what `forecast` does."""
-    found, (space, tests, _) = forecast(folder, asked), _tests(*_asked(folder, asked))
-    whole = replace(space.pilot, tests=_ordered(tests), foreseen=(), name=f"{space.pilot.name}, next campaign", tolerances={})
-    lb.write_campaign(whole, folder / PLAN, force=True)
+    found, (space, tests, _) = forecast(folder, asked), _planned(*_asked(folder, asked))
+    name = f"{space.pilot.name}, next campaign"
+    lb.write_campaign(replace(space.pilot, tests=tests, foreseen=(), name=name, tolerances={}), folder / PLAN, force=True)
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import io
 import json
@@ -17,6 +18,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -110,7 +112,7 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
     assert all(test.name in page for test in imported.campaign.tests)
     for own in imported.assumptions:
         assert own.value in page.replace("&#39;", "'")
-    assert page.count("<polygon") == 6
+    assert page.count("<polyline") == 6
     assert tab.ask("POST", "say", {"bar_U_um": "1,5", "topology": "wXYFZSt", "nonsense": "1"})[0] == 200
     page = tab.ask("GET", "part/understood")[1]
     assert "± 1.5 µm" in page
@@ -128,6 +130,7 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
         ({"tolerance": "C_XXX"}, "--tolerance must be"),
         ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
         ({"forces_N": "1,2"}, "must hold one number for each test"),
+        ({"radius_mm": "1,000"}, "without marks between thousands"),
     ],
 )
 def test_what_cannot_be_is_refused_with_the_cure(tab: Tab, said: dict[str, str], message: str) -> None:
@@ -196,6 +199,10 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     plan = lb.read_campaign(fitted / "plan")
     assert plan.is_plan
     assert [f"{test.force_N:.4g}" for test in plan.tests] == [own["force"] for own in found["tests"]]
+    one = worker.answer(worker.forecast, str(fitted), {"circles": 3, "levels": 1, "work": 3, "tool": 3})
+    assert {own["force"] for own in one["tests"]} == {"742"}
+    assert {(own["work"], own["tool"]) for own in one["tests"]} == {("0", "0"), ("45", "45"), ("90", "90")}
+    assert one["turns"] == 4
     refused = {"circles": 0}, {"low": 700, "high": 100}, {"turn": "x"}
     assert all(
         "Move its slider" in (own := worker.answer(worker.plan, str(fitted), asked)["refused"]) or "Lower it" in own
@@ -261,7 +268,7 @@ def test_only_the_page_may_ask(tab: Tab, method: str, path: str, headers: dict[s
         ("a%00b.csv", "a_b.csv"),
         ("%3Cscript%3E.csv", "_script_.csv"),
         ("...", None),
-        ("x.part", None),
+        ("%E6%BC%A2" * 120, "漢" * 40),
     ],
 )
 def test_names_of_files_lead_nowhere(house: tuple[Tab, Path], tab: Tab, sent: str, kept: str | None) -> None:
@@ -280,6 +287,58 @@ def test_what_is_too_large_is_refused_and_nothing_is_kept(tab: Tab) -> None:
     assert tab.ask("POST", "say", "x" * 2**18)[0] == 422
     assert tab.ask("POST", "say", b"[1]")[0] == 422
     assert tab.ask("POST", "plan", b"{" * 100_000)[0] == 422
+
+
+def test_what_is_on_its_way_is_not_read(tab: Tab) -> None:
+    """And nothing else is let in beside it than what fits."""
+    tab.holding(*sorted(RECOVERED.glob("f*.csv"))[:3])
+    whole = (RECOVERED / "f742.csv").read_bytes()
+    with closing(http.client.HTTPConnection("127.0.0.1", tab.port, timeout=60)) as link:
+        link.putrequest("PUT", f"{tab.base}files/f742.csv")
+        link.putheader("Content-Length", str(len(whole)))
+        link.putheader("Origin", f"http://127.0.0.1:{tab.port}")
+        link.endheaders(whole[:5000])
+        time.sleep(0.3)
+        page = tab.ask("GET", "part/understood")[1]
+        link.send(whole[5000:])
+        assert link.getresponse().status == 200
+    assert ("3 circles" in page, "4 circles" in tab.ask("GET", "part/understood")[1]) == (True, True)
+
+
+def test_what_no_longer_applies_is_forgotten(tab: Tab) -> None:
+    tab.ask("PUT", "files/bar.xml", b"<a/>")
+    tab.holding(RECOVERED / "f036.csv")
+    edition = tab.state()["edition"]
+    for _ in range(2):
+        tab.ask("POST", "say", {"bar_dcc": "bar.xml", "radius_mm": "150", "operator": "A"})
+    assert tab.state()["edition"] == edition + 1  # what was said again changes nothing
+    tab.ask("DELETE", "files/bar.xml")
+    assert 'role="alert"' not in tab.ask("GET", "part/understood")[1]
+    tab.holding(RECOVERED / "campaign.toml", *RECOVERED.glob("f*.csv"))
+    page = tab.ask("GET", "part/understood")[1]
+    assert ('role="alert"' in page, 'value="A"' in page) == (False, True)
+
+
+def test_a_question_that_hangs_takes_no_other_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time of an answer counts from where it begins."""
+    monkeypatch.setattr(server, "ANSWER_S", 2.0)
+
+    async def asked() -> list[dict[str, Any]]:
+        desk, session = server.Desk(), server.Session("key", tmp_path, "en")
+        try:
+            works = [partial(pause, 60.0), *[partial(pause, 0.7)] * 5]
+            return await asyncio.gather(*(desk.ask(work, session) for work in works))
+        finally:
+            desk.stop()
+
+    first, *others = asyncio.run(asked())
+    assert "had to be started again" in first["refused"]
+    assert others == [{"slept": 0.7}] * 5
+
+
+def pause(seconds: float, folder: Path) -> dict[str, Any]:
+    time.sleep(seconds)
+    return {"slept": seconds}
 
 
 def test_a_bomb_is_refused(tab: Tab) -> None:
@@ -340,7 +399,7 @@ def test_sessions_do_not_meet_and_end_with_their_tabs(house: tuple[Tab, Path], t
     assert tab.ask("GET", "")[0] == 200
 
 
-def test_a_killed_worker_loses_nothing(tab: Tab) -> None:
+def test_a_killed_worker_loses_nothing(house: tuple[Tab, Path], tab: Tab) -> None:
     tab.ask("POST", "example")
     assert "f742" in tab.ask("GET", "part/understood")[1]
     for process in processes("multiprocessing.spawn"):
@@ -353,6 +412,7 @@ def test_a_killed_worker_loses_nothing(tab: Tab) -> None:
     assert "Nothing was lost" in tab.ask("GET", "part/fit")[1]
     tab.ask("POST", "fit")
     until(lambda: processes("ldbb_bayes.cli.worker"))
+    assert [own.name for own in (house[1] / tab.base.split("/")[-2] / "job").rglob("f*.csv")]  # a copy of its own
     assert json.loads(tab.ask("POST", "cancel")[1])["outcome"] == {"cancelled": True}
     until(lambda: not processes("ldbb_bayes.cli.worker"), 10)
     assert tab.state()["files"] == 7

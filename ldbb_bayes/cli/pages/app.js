@@ -5,7 +5,7 @@ const at = (id) => document.getElementById(id);
 const words = document.body.dataset;
 const tab = `tab=${crypto.randomUUID()}`;
 const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, LARGEST = 64 * 2 ** 20;
-let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = false, wanted = null, resting = 0, sending = false, looking = Promise.resolve();
+let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = null, wanted = null, resting = 0, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false;
 
 const tell = (text) => { at("status").textContent = text; };
 
@@ -20,6 +20,9 @@ async function ask(method, path, body, kind) {
     throw error;
   }
 }
+
+// What a refusal says, whatever came of it.
+const reason = async (answer) => (await answer.json().catch(() => ({}))).refused ?? words.gone;
 
 const say = (path, record) => ask("POST", path, JSON.stringify(record ?? {}), "application/json");
 
@@ -64,6 +67,14 @@ function look() {
 async function lookOnce() {
   clearTimeout(timer);
   if (sending) return;
+  try {
+    await drawChanges();
+  } finally {
+    timer = setTimeout(look, state.running ? WORKING_MS : SLEEPING_MS);
+  }
+}
+
+async function drawChanges() {
   const found = await (await ask("GET", `state?${tab}`)).json(), before = state;
   state = found;
   const changed = found.edition !== before.edition, finished = before.running && !found.running;
@@ -76,8 +87,15 @@ async function lookOnce() {
     tell(words.ready);
     at("fit-part").querySelector("[role=alert]")?.focus();
   }
-  if (changed) await understand();
-  timer = setTimeout(look, found.running ? WORKING_MS : SLEEPING_MS);
+  if (changed) understanding = understanding.then(understand, understand);
+}
+
+// What was typed into the form is said before anything is fitted or drawn anew.
+async function said() {
+  const form = at("form");
+  if (!typed || !form) return;
+  typed = false;
+  await say("say", Object.fromEntries(new FormData(form)));
 }
 
 async function understand() {
@@ -95,27 +113,31 @@ function drawProgress(progress) {
   const bar = at("bar");
   if (!bar) return;
   bar.value = progress.share;
-  const [step, ...rest] = progress.text.split(" ");
-  at("step").textContent = [bar.dataset[step] ?? step, ...rest].join(" ");
+  at("step").textContent = bar.dataset[progress.step] + (progress.of ? ` ${progress.done}/${progress.of}` : "");
 }
 
 async function send(files) {
-  let refused = "";
+  const refused = [], names = new Set();
+  await said();
   sending = true;
   try {
     for (const file of files) {
       if (file.size > LARGEST) {
-        refused = words.large.replace("{name}", file.name).replace("{most}", String(LARGEST / 2 ** 20));
-        continue;
+        refused.push(words.large.replace("{name}", file.name).replace("{most}", String(LARGEST / 2 ** 20)));
+      } else if (names.has(file.name)) {
+        refused.push(words.twice.replace("{name}", file.name));
+      } else {
+        names.add(file.name);
+        tell(words.sending.replace("{name}", file.name));
+        const answer = await ask("PUT", `files/${encodeURIComponent(file.name)}`, file, "application/octet-stream");
+        if (!answer.ok) refused.push(await reason(answer));
       }
-      tell(words.sending.replace("{name}", file.name));
-      const answer = await ask("PUT", `files/${encodeURIComponent(file.name)}`, file, "application/octet-stream");
-      if (!answer.ok) refused = (await answer.json()).refused;
     }
   } finally {
     sending = false;
     await look();
-    if (refused) tell(refused);
+    await understanding;
+    if (refused.length) tell(refused.join(" "));
   }
 }
 
@@ -144,17 +166,17 @@ async function plan(best, fine) {
     else if (own.name) asked[own.name] = own.value;
   }
   wanted = asked;
-  if (drawing) return;
-  drawing = true;
-  try {
-    while (wanted) {
-      const own = wanted;
-      wanted = null;
-      const answer = await say("plan", own);
-      at("forecast").innerHTML = await answer.text();
-    }
-  } finally {
-    drawing = false;
+  drawing ??= drawPlan().finally(() => { drawing = null; });
+  await drawing;
+}
+
+async function drawPlan() {
+  while (wanted) {
+    const own = wanted;
+    wanted = null;
+    const answer = await say("plan", own);
+    at("forecast").innerHTML = await answer.text();
+    if (own.fine) tell(at("time")?.textContent ?? "");
   }
 }
 
@@ -168,10 +190,12 @@ document.addEventListener("click", async (event) => {
     field.scrollIntoView({ block: "center" });
     field.focus();
   } else if (own.dataset.remove) {
+    await said();
     await ask("DELETE", `files/${encodeURIComponent(own.dataset.remove)}`);
     await look();
     at("chosen").focus();
   } else if (own.id === "example" || own.id === "cancel" || own.id === "start") {
+    if (own.id === "start") await said();
     await say({ example: "example", cancel: "cancel", start: "fit" }[own.id]);
     await look();
     at({ example: "start", cancel: "start", start: "cancel" }[own.id])?.focus();
@@ -179,7 +203,6 @@ document.addEventListener("click", async (event) => {
     own.setAttribute("aria-busy", "true");
     tell(words.working);
     await plan(true, true);
-    tell(words.ready);
     own.removeAttribute("aria-busy");
   }
 });
@@ -187,12 +210,14 @@ document.addEventListener("click", async (event) => {
 document.addEventListener("submit", async (event) => {
   event.preventDefault();
   if (event.target.id !== "form") return;
-  await say("say", Object.fromEntries(new FormData(event.target)));
+  typed = true;
+  await said();
   await look();
 });
 
 document.addEventListener("input", (event) => {
   const own = event.target;
+  typed ||= own.form?.id === "form";
   if (own.form?.id !== "sliders") return;
   if (own.type === "range") own.nextElementSibling.value = own.value;
   const low = at("plan-low"), high = at("plan-high");
@@ -205,8 +230,12 @@ document.addEventListener("input", (event) => {
 });
 
 document.addEventListener("change", async (event) => {
-  if (event.target.id === "chosen") await send([...event.target.files]);
-  if (event.target.id === "language") { await say("say", { language: event.target.value }); location.reload(); }
+  if (event.target.id === "chosen") {
+    const files = [...event.target.files];
+    event.target.value = "";  // so that the same file, corrected, is a change
+    await send(files);
+  }
+  if (event.target.id === "language") { await said(); await say("say", { language: event.target.value }); location.reload(); }
 });
 
 for (const kind of ["dragenter", "dragover", "dragleave", "drop"]) {
