@@ -204,7 +204,7 @@ class Desk:
     def _begin(self) -> None:
         self._stack = ExitStack()
         self._pool = self._stack.enter_context(process_executor(1))
-        self._pool.submit(worker.warm)
+        self._ready = self._pool.submit(worker.warm)
 
     async def ask(self, work: Callable[..., dict[str, Any]], session: Session, *more: Any) -> dict[str, Any]:
         """Return the answer of a function of the worker, or why there is none. The process has one question at a time: its time
@@ -223,6 +223,7 @@ class Desk:
     async def _answer(self, call: Callable[[], dict[str, Any]], session: Session) -> dict[str, Any]:
         for _ in range(2 if session.folder.exists() else 0):
             with suppress(WorkerDied):
+                await asyncio.wait([asyncio.wrap_future(self._ready)])
                 try:
                     return await asyncio.wait_for(asyncio.wrap_future(self._pool.submit(call)), ANSWER_S)
                 except TimeoutError:
