@@ -57,7 +57,7 @@ _OF_PAGE = f"{_POLICY}; base-uri 'none'; form-action 'none'; frame-ancestors 'no
 _OF_REPORT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 _OF_REPORT += "; frame-ancestors 'self'"
 _ALWAYS = {
-    "x-content-type-options": "nosniff", "referrer-policy": "no-referrer", "cache-control": "no-store",
+    "x-content-type-options": "nosniff", "referrer-policy": "same-origin", "cache-control": "no-store",
     "cross-origin-opener-policy": "same-origin", "cross-origin-resource-policy": "same-origin",
 }  # fmt: skip
 _BACKLOG = 512
@@ -129,8 +129,8 @@ class Session:
 
     @property
     def held(self) -> dict[str, int]:
-        """Sizes of its files [bytes]."""
-        return {own.name: own.stat().st_size for own in sorted((self.folder / worker.FILES).iterdir())}
+        """Sizes of its files [bytes], in the order in which an import takes them: by suffix, 2 N before 10 N."""
+        return {own.name: own.stat().st_size for own in sorted((self.folder / worker.FILES).iterdir(), key=_in_order)}
 
     def drop(self, name: str = "*") -> None:
         """Delete a file, or all."""
@@ -182,6 +182,11 @@ class Session:
         if self.task is not None:
             self.task.cancel()
         _kill(self.process)
+
+
+def _in_order(path: Path) -> tuple[str, list[Any]]:
+    parts = re.split(r"([0-9]+)", path.name.casefold())
+    return path.suffix, [int(part) if part.isdigit() else part for part in parts]
 
 
 def _kill(process: asyncio.subprocess.Process | None) -> None:
@@ -289,7 +294,7 @@ class House:
             with suppress(OSError, ValueError):
                 session.outcome = json.loads((job / "outcome.json").read_text(encoding="utf-8"))
             if "refused" not in session.outcome:
-                session.fitted = edition
+                session.fitted, session.asked = edition, {}
         except OSError as error:
             session.outcome = {"refused": session.word("unexpected", error=error.strerror)}
         finally:

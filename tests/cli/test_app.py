@@ -305,6 +305,16 @@ def test_what_is_on_its_way_is_not_read(tab: Tab) -> None:
     assert ("3 circles" in page, "4 circles" in tab.ask("GET", "part/understood")[1]) == (True, True)
 
 
+def test_forces_are_given_in_the_order_that_is_shown(house: tuple[Tab, Path], tab: Tab) -> None:
+    for name in ("10.csv", "2.csv", "1.txt"):
+        tab.ask("PUT", f"files/{name}", (RECOVERED / "f036.csv").read_bytes())
+    listed = re.findall(r'data-remove="([^*"]+)"', tab.ask("GET", "part/files")[1])
+    found = worker.answer(worker.understand, str(house[1] / tab.base.split("/")[-2]), {"forces_N": "10,20,30"})
+    assert [(own["name"], own["force"]) for own in found["tests"]] == [
+        *zip((n[:-4] for n in listed), ("10", "20", "30"), strict=True)
+    ]
+
+
 def test_what_no_longer_applies_is_forgotten(tab: Tab) -> None:
     tab.ask("PUT", "files/bar.xml", b"<a/>")
     tab.holding(RECOVERED / "f036.csv")
@@ -321,19 +331,19 @@ def test_what_no_longer_applies_is_forgotten(tab: Tab) -> None:
 
 def test_a_question_that_hangs_takes_no_other_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The time of an answer counts from where it begins."""
-    monkeypatch.setattr(server, "ANSWER_S", 2.0)
+    monkeypatch.setattr(server, "ANSWER_S", 8.0)
 
     async def asked() -> list[dict[str, Any]]:
         desk, session = server.Desk(), server.Session("key", tmp_path, "en")
         try:
-            works = [partial(pause, 60.0), *[partial(pause, 0.7)] * 5]
+            works = [partial(pause, 60.0), *[partial(pause, 1.8)] * 5]
             return await asyncio.gather(*(desk.ask(work, session) for work in works))
         finally:
             desk.stop()
 
     first, *others = asyncio.run(asked())
     assert "had to be started again" in first["refused"]
-    assert others == [{"slept": 0.7}] * 5
+    assert others == [{"slept": 1.8}] * 5
 
 
 def pause(seconds: float, folder: Path) -> dict[str, Any]:
