@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -65,3 +67,17 @@ def published(recovered: Campaign, compared: Comparison) -> tuple[Document, str]
     """The page of the recovered experiment."""
     document = compose(find(fitted(HybridModel.first(1), recovered), comparison=compared))
     return document, html_page(document)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Debian's Chromium, which asks nobody for anything; skipped where it or playwright is missing."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
+    path = next((own for own in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if own), None)
+    if path is None:
+        pytest.skip("no Chromium is installed")
+    options = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+    with playwright.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=path, args=options)
+        yield running
+        running.close()

@@ -119,6 +119,7 @@ class Session:
     process: asyncio.subprocess.Process | None = None
     seen: float = field(default_factory=time.monotonic)
     tabs: set[str] | None = None  #: that show it; none has asked yet
+    names: dict[str, str] = field(default_factory=dict)  #: by which files were sent, by those by which they are kept
     adding: asyncio.Lock = field(default_factory=asyncio.Lock)  #: files come one after another, so that they fit together
 
     @property
@@ -184,9 +185,9 @@ class Session:
         _kill(self.process)
 
 
-def _in_order(path: Path) -> tuple[str, list[Any]]:
+def _in_order(path: Path) -> tuple[bool, str, list[Any]]:
     parts = re.split(r"([0-9]+)", path.name.casefold())
-    return path.suffix, [int(part) if part.isdigit() else part for part in parts]
+    return not path.suffix, path.suffix, [int(part) if part.isdigit() else part for part in parts]
 
 
 def _kill(process: asyncio.subprocess.Process | None) -> None:
@@ -275,6 +276,9 @@ class House:
             await asyncio.sleep(LOOK_S)
             for session in [own for own in self.sessions.values() if own.is_over]:
                 self.end(session)
+            for left in self.folder.iterdir():  # what work that was under way has written after the end of its session
+                if left.name not in self.sessions:
+                    shutil.rmtree(left, ignore_errors=True)
 
     async def fit(self, session: Session) -> None:
         """Run the report in a process of its own, on a copy of what is there when it begins."""
@@ -286,17 +290,19 @@ class House:
                 await asyncio.to_thread(shutil.copytree, session.folder / worker.FILES, job / worker.FILES)
                 (job / "said.json").write_text(json.dumps(session.said()), encoding="utf-8")
                 session.process = await asyncio.create_subprocess_exec(
-                    sys.executable, "-P", "-c", _FIT, str(job), stdin=nowhere, stdout=nowhere, stderr=nowhere,
+                    sys.executable, "-P", "-c", _FIT, str(job), str(os.getpid()), stdin=nowhere, stdout=nowhere, stderr=nowhere,
                     env={**os.environ, **ONE_THREAD}, start_new_session=True,
                 )  # fmt: skip
                 await session.process.wait()
             session.outcome = {"refused": session.word("fit_died")}
             with suppress(OSError, ValueError):
                 session.outcome = json.loads((job / "outcome.json").read_text(encoding="utf-8"))
-            if "refused" not in session.outcome:
+            if "refused" not in session.outcome:  # only a whole report takes the place of the one before
+                shutil.rmtree(session.folder / worker.RESULT, ignore_errors=True)
+                (job / worker.RESULT).rename(session.folder / worker.RESULT)
                 session.fitted, session.asked = edition, {}
         except OSError as error:
-            session.outcome = {"refused": session.word("unexpected", error=error.strerror)}
+            session.outcome = {"refused": session.word("unexpected", error=error.strerror or "a file could not be copied")}
         finally:
             _kill(session.process)
             session.process = None
@@ -358,11 +364,13 @@ def file_name(sent: str) -> str:
 
 async def _add(house: House, session: Session, request: Request) -> Response:
     """Keep a file: whole, or not at all."""
-    name = file_name(request.path_params["name"])
-    if not name:
+    name, sent = file_name(request.path_params["name"]), request.path_params["name"]
+    if not name or not session.folder.exists():
         return _refused(session.word("name"), 422)
     async with session.adding:
         held = session.held
+        if name in held and session.names.get(name, sent) != sent:
+            return _refused(session.word("same_name", name=sent, other=session.names[name]), 409)
         room = min(LARGEST_FILE, LARGEST_SESSION - sum(size for own, size in held.items() if own != name))
         too_large = _refused(session.word("too_large", name=name, most=max(room, 0) // 2**20), 413)
         if name not in held and len(held) >= MOST_FILES:
@@ -378,6 +386,7 @@ async def _add(house: House, session: Session, request: Request) -> Response:
                         return too_large
                     file.write(chunk)
             part.replace(session.folder / worker.FILES / name)
+            session.names[name] = sent
             session.changed()
         except (ClientDisconnect, OSError):  # or its session has ended
             return _refused(session.word("broken_off", name=name), 400)
@@ -409,7 +418,9 @@ async def _say(house: House, session: Session, request: Request) -> Response:
     if sent is None or not all(isinstance(own, str) and len(own) < 20_000 for own in sent.values()):
         return _refused(session.word("form"), 422)
     if "language" in sent:
-        session.language = sent["language"] if sent["language"] in LANGUAGES else session.language
+        if sent["language"] in LANGUAGES and sent["language"] != session.language:
+            session.language = sent["language"]
+            session.edition += 1  # the sheets are of the other
         return JSONResponse({})
     choices = {name: own.strip() for name, own in sent.items() if name in worker.FIELDS and own.strip()}
     session.edition += choices != session.choices
@@ -530,7 +541,7 @@ class _Guard:
         unsafe = request.method not in ("GET", "HEAD")
         if foreign or (unsafe and origin is None) or request.headers.get("sec-fetch-site") in ("cross-site", "same-site"):
             return 403, "Only the page itself may ask for this."
-        token = request.url.path.split("/")[1]
+        token = str(request.scope["path"]).lstrip("/").partition("/")[0]
         if not secrets.compare_digest(token.encode(), self._token.encode()):
             return 403, "The address must hold its token. Open the one that ldbb-bayes app printed, whole."
         if int(length if (length := request.headers.get("content-length", "0")).isdecimal() else 0) > LARGEST_FILE:

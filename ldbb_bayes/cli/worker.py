@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import signal
 import sys
 import threading
 import time
@@ -105,9 +106,13 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
     if typed == list[str]:
         return [line.strip() for line in text.splitlines() if line.strip()]
     if typed not in (int, float):
-        return text
-    grouped = re.fullmatch(r"[-−]?[1-9]\d{0,2}(,\d{3})+", text)
-    require(not grouped, f"{flag} must be a number without marks between thousands, got {text!r}. Write it like 1000 or 1.5.")
+        lists = own.kind is options.KINDS["numbers"] and ";" in text
+        return text.replace(",", ".").replace(";", ",") if lists else text
+    grouped = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text)
+    require(
+        not grouped and "_" not in text,
+        f"{flag} must be a number without marks between thousands, got {text!r}. Write it like 1000 or 1.5.",
+    )
     try:
         number = typed(text.replace(",", ".").replace("−", "-"))
     except ValueError:
@@ -134,7 +139,8 @@ def _given(folder: Path, choices: Mapping[str, str]) -> Given:
     held = sorted(own for own in (folder / FILES).iterdir() if own.suffix.lower() != _DCC)
     require(held, "files with readings must be given, got none. Drop a workbook, CSV or text files, or take the example.")
     # One file is named; of several, as where * is typed, some may hold no readings. A folder is a campaign.
-    named = held if len(held) == 1 else [folder / FILES / f"*{end}" for end in sorted({own.suffix for own in held})]
+    ends, bare = sorted({own.suffix for own in held} - {""}), [own for own in held if not own.suffix]
+    named = held if len(held) == 1 else [*(folder / FILES / f"*{end}" for end in ends), *bare]
     if any(own.name == TOML for own in held):
         named = [folder / FILES]
     said = {key: own for of in ("name", "table", "labels") for key, own in _made(of, dict, choices, folder).items()}
@@ -214,6 +220,7 @@ def _assumed(own: Any, folder: Path) -> dict[str, Any]:
 
 def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
     """By part of the instrument what is assumed of it, U (k = 2), and whether a certificate says so."""
+    from ldbb_bayes.report.text import two_digits
     from ldbb_bayes.report.wording import assumed_words
 
     found: dict[str, list[dict[str, Any]]] = {}
@@ -227,7 +234,7 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
         else:
             factor, label = {"1": (100.0, "%"), "rad": (180.0 / math.pi, "°"), "N": (1.0, "N")}.get(own.unit, (1e3, "µm"))
             label = "µm/bar" if own.unit.endswith("/bar") else label
-            words = {"words": assumed_words(own)[0], "size": f"± {2.0 * own.sd * factor:.2g} {label}"}
+            words = {"words": assumed_words(own)[0], "size": f"± {two_digits(2.0 * own.sd, factor)} {label}"}
         entry = words | {"stated": own.stated}
         if entry not in found.setdefault(part, []):
             found[part].append(entry)
@@ -298,23 +305,29 @@ def _change(name: str, before: float, after: float, unit: str) -> dict[str, Any]
 
 
 def main() -> None:
-    """Report what a session's job, the folder that is the argument, holds; progress.json and outcome.json say how far it is."""
-    job, parent = Path(sys.argv[1]), os.getppid()
+    """Report what a session's job holds: its folder and the process that asks are the arguments. How far it is stands there in
+    progress.json and outcome.json."""
+    job, parent = Path(sys.argv[1]), int(sys.argv[2])
 
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(1.0)
-        os._exit(1)  # whoever asked has ended
+        if hasattr(os, "killpg"):  # whoever asked has ended
+            os.killpg(0, signal.SIGKILL)
+        os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
     choices = json.loads((job / "said.json").read_text(encoding="utf-8"))
-    outcome = answer(_report, str(job), choices)
+    try:
+        outcome = answer(_report, str(job), choices)
+    except Exception as error:  # noqa: BLE001  # whatever it is, the page says so
+        outcome = {"refused": f"unexpected {type(error).__name__}: {error}"[:300]}
     write_whole(job / "outcome.json", json.dumps(outcome).encode())
 
 
 def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     asked = _made("report", dict, choices, folder)
-    output = options.Output(folder.parent / RESULT, force=True)
+    output = options.Output(folder / RESULT, force=True)
     document, _, converged = report_files(_given(folder, choices), output, asked, options.model_from(), _told(folder))
     return {"converged": converged, "alerts": list(document.alerts), "state": document.state}
 
@@ -403,10 +416,12 @@ def _planned(folder: Path, stamp: int, text: str) -> _Planned:
     ways = _WAYS.get(str(asked.get("directions")), ())
     work, tool = ([own["turn"] * k for k in range(int(own[ball]))] for ball in ("work", "tool"))
     clockings = _in_turn(work, tool, len(work) * len(tool))
-    radii = tuple(sorted({float(test.radius_mm or 150.0) for test in pilot.tests} | {own["radius"]} - {0.0}))
+    radii = tuple(sorted({test.circle.radius_mm for test in pilot.tests} | {own["radius"]} - {0.0}))
     space = _space(folder, stamp, tuple(clockings), radii, ways, bool(asked.get("augment")))
     count, low, high = int(own["circles"]), own["low"], own["high"]
-    kinds = grid_of_tests(space.templates, [low], space.clockings_deg, radii)
+    places = grid_of_tests(space.templates, [low], [(0.0, 0.0)], radii)
+    every = _in_turn(places, space.clockings_deg, len(places) * len(space.clockings_deg))
+    kinds = [replace(place, work_ball_deg=work, tool_ball_deg=tool) for place, (work, tool) in every]
     if asked.get("best"):
         grid = _levels(low, high, max(2, min(round(high - low), _CANDIDATES // len(kinds))))
         among = Space(space.model, pilot, grid, space.clockings_deg, radii, ways, augment=space.augment)

@@ -131,6 +131,7 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
         ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
         ({"forces_N": "1,2"}, "must hold one number for each test"),
         ({"radius_mm": "1,000"}, "without marks between thousands"),
+        ({"radius_mm": "1.000"}, "without marks between thousands"),
     ],
 )
 def test_what_cannot_be_is_refused_with_the_cure(tab: Tab, said: dict[str, str], message: str) -> None:
@@ -203,6 +204,8 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     assert {own["force"] for own in one["tests"]} == {"742"}
     assert {(own["work"], own["tool"]) for own in one["tests"]} == {("0", "0"), ("45", "45"), ("90", "90")}
     assert one["turns"] == 4
+    few = worker.answer(worker.forecast, str(fitted), {"circles": 6, "work": 6, "radius": 100})
+    assert {own["radius"] for own in few["tests"]} == {"100", "150"}  # not one radius with every position first
     refused = {"circles": 0}, {"low": 700, "high": 100}, {"turn": "x"}
     assert all(
         "Move its slider" in (own := worker.answer(worker.plan, str(fitted), asked)["refused"]) or "Lower it" in own
@@ -238,6 +241,7 @@ def test_both_languages_say_the_same_things() -> None:
         ("GET", "state", {"Sec_Fetch_Site": "cross-site"}, 403),
         ("GET", "/", {}, 403),
         ("GET", "/wrong-token/", {}, 403),
+        ("GET", "/?x", {}, 403),
         ("GET", f"/{TOKEN}/s/another/state", {}, 410),
         ("GET", f"/{TOKEN}/static/worker.py", {}, 404),
         ("GET", "result/job.json", {}, 404),
@@ -306,13 +310,19 @@ def test_what_is_on_its_way_is_not_read(tab: Tab) -> None:
 
 
 def test_forces_are_given_in_the_order_that_is_shown(house: tuple[Tab, Path], tab: Tab) -> None:
-    for name in ("10.csv", "2.csv", "1.txt"):
+    for name in ("10.csv", "2.csv", "1.txt", "bare"):
         tab.ask("PUT", f"files/{name}", (RECOVERED / "f036.csv").read_bytes())
     listed = re.findall(r'data-remove="([^*"]+)"', tab.ask("GET", "part/files")[1])
-    found = worker.answer(worker.understand, str(house[1] / tab.base.split("/")[-2]), {"forces_N": "10,20,30"})
-    assert [(own["name"], own["force"]) for own in found["tests"]] == [
-        *zip((n[:-4] for n in listed), ("10", "20", "30"), strict=True)
-    ]
+    found = worker.answer(worker.understand, str(house[1] / tab.base.split("/")[-2]), {"forces_N": "10;20,5;30;40"})
+    shown = [(own["name"], own["force"]) for own in found["tests"]]
+    assert shown == [*zip((own.partition(".")[0] for own in listed), ("10", "20.5", "30", "40"), strict=True)]
+
+
+def test_two_names_do_not_become_one(tab: Tab) -> None:
+    for _ in range(2):
+        assert tab.ask("PUT", "files/run%231.csv", b"1;2")[0] == 200  # the same again, corrected
+    status, said = tab.ask("PUT", "files/run%261.csv", b"3;4")
+    assert (status, "run#1.csv" in said, tab.state()["files"]) == (409, True, 1)
 
 
 def test_what_no_longer_applies_is_forgotten(tab: Tab) -> None:

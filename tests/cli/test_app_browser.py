@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,10 +17,7 @@ import pytest
 
 import ldbb_bayes as lb
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
-BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")]
-OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 AXE = next(ROOT.glob(".venv*/node_modules/axe-core/axe.min.js"), None)
 LONG_MS = 240_000
@@ -37,14 +33,6 @@ def address() -> Iterator[str]:
         yield running.stdout.readline().strip()
         running.send_signal(signal.SIGINT)
         running.communicate(timeout=30)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=BROWSER, args=OPTIONS)
-        yield running
-        running.close()
 
 
 @pytest.fixture
@@ -159,7 +147,7 @@ def test_cancel_and_two_sessions_at_once(page: Any, browser: Any, address: str) 
     page.wait_for_selector("#worth-part table")
     page.fill("#say-bar_U_um", "1")  # and not applied: the fit does so
     page.click("#start")
-    page.wait_for_selector("#understood-part dl:has-text('± 1 µm (stated)')")
+    page.wait_for_selector("#understood-part dl:has-text('± 1.0 µm (stated)')")
     other.click("#start")
     other.wait_for_selector("#step:has-text('waits for another fit')")
     page.click("#cancel")
@@ -190,7 +178,7 @@ def test_everything_by_keyboard(page: Any) -> None:
     reach("#say-bar_U_um")
     page.keyboard.type("1")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#understood-part dl:has-text('± 1 µm (stated)')")
+    page.wait_for_selector("#understood-part dl:has-text('± 1.0 µm (stated)')")
     page.wait_for_selector("#worth-part table")
     reach("#start")
     page.keyboard.press("Enter")

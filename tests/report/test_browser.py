@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -17,10 +15,6 @@ from ldbb_bayes.report.page import Document
 
 SCRIPTS = {path.stem: path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("*.js")}
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[browser]')")
-BROWSER = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 A4_PX = 794 - 2 * 53
 VIEWS = ((1280, "light", "screen"), (1280, "dark", "screen"), (390, "light", "screen"), (A4_PX, "light", "print"))
 # Elements whose text reaches outside themselves, or out of the page; what scrolls on purpose may.
@@ -32,14 +26,6 @@ SPILT = SCRIPTS["spilt"]
 # Text of less contrast than WCAG's AA asks for, 4.5 to 1.
 FAINT = SCRIPTS["faint"]
 UNNAMED = SCRIPTS["unnamed"]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=BROWSER, args=OPTIONS)
-        yield running
-        running.close()
 
 
 def look(browser: Any, page: Path) -> None:

@@ -30,11 +30,15 @@ const say = (path, record) => ask("POST", path, JSON.stringify(record ?? {}), "a
 async function show(name) {
   const place = at(`${name}-part`), focused = document.activeElement?.id;
   place.classList.add("busy");
-  place.setAttribute("aria-busy", "true");
-  const answer = await ask("GET", `part/${name}`);
-  place.innerHTML = await answer.text();
-  place.classList.remove("busy");
-  place.removeAttribute("aria-busy");
+  place.inert = true;  // what would be typed now would be lost
+  try {
+    const answer = await ask("GET", `part/${name}`);
+    if (answer.ok) place.innerHTML = await answer.text();
+    else tell(await reason(answer));
+  } finally {
+    place.classList.remove("busy");
+    place.inert = false;
+  }
   if (focused && document.activeElement === document.body) at(focused)?.focus();
   if (name === "sheets") fitFrame();
   if (name === "worth") placeEffects();
@@ -52,7 +56,7 @@ function fitFrame() {
   const frame = at("report");
   if (!frame) return;
   frame.addEventListener("load", () => {
-    const inner = frame.contentDocument, size = () => { frame.style.height = `${inner.documentElement.scrollHeight + 24}px`; };
+    const inner = frame.contentDocument, size = () => { frame.style.height = `${inner.body.offsetHeight + 24}px`; };
     size();
     new ResizeObserver(size).observe(inner.body);
   });
@@ -171,12 +175,18 @@ async function plan(best, fine) {
 }
 
 async function drawPlan() {
-  while (wanted) {
-    const own = wanted;
-    wanted = null;
-    const answer = await say("plan", own);
-    at("forecast").innerHTML = await answer.text();
-    if (own.fine) tell(at("time")?.textContent ?? "");
+  const place = at("forecast");
+  place.inert = true;  // its links are of the plan before
+  try {
+    while (wanted) {
+      const own = wanted;
+      wanted = null;
+      const answer = await say("plan", own);
+      place.innerHTML = await answer.text();
+      if (own.fine) tell(at("time")?.textContent ?? "");
+    }
+  } finally {
+    place.inert = false;
   }
 }
 
@@ -202,7 +212,10 @@ document.addEventListener("click", async (event) => {
   } else if (own.id === "best") {
     own.setAttribute("aria-busy", "true");
     tell(words.working);
+    own.disabled = true;
     await plan(true, true);
+    own.disabled = false;
+    own.focus();
     own.removeAttribute("aria-busy");
   }
 });
