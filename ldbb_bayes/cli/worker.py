@@ -391,9 +391,9 @@ def _sliders(asked: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
 
 
 def _in_turn(first: Sequence[Any], second: Sequence[Any], count: int) -> list[tuple[Any, Any]]:
-    """So many pairs: both sequences run on together, and shift where they would repeat; as many as there are hold each once."""
-    around = math.lcm(len(first), len(second))
-    return [(first[k % len(first)], second[(k + k // around) % len(second)]) for k in range(count)]
+    """So many pairs, as in a Latin square: each time one of the first comes round it meets the next of the second."""
+    rounds = (divmod(k, len(first)) for k in range(count))
+    return [(first[r], second[(q + r) % len(second)]) for q, r in rounds]
 
 
 class _Planned(NamedTuple):

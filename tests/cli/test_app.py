@@ -191,8 +191,8 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     }
     found = worker.answer(worker.plan, str(fitted), asked)
     assert {(own["work"], own["radius"]) for own in found["tests"]} == {(w, r) for w in ("0", "45") for r in ("100", "150")}
-    kinds = [(own["work"], own["radius"]) for own in found["tests"]]
-    assert {kinds.count(own) for own in kinds} == {2}
+    every = worker.answer(worker.forecast, str(fitted), asked | {"circles": 24})["tests"]
+    assert len({(own["force"], own["work"], own["radius"]) for own in every}) == 24  # each force with each kind
     work, radius = ([own[key] for own in found["tests"]] for key in ("work", "radius"))
     turns, changes = (sum(a != b for a, b in pairwise(own)) for own in (work, radius))
     assert (found["changes"], found["turns"]) == (changes, turns)
