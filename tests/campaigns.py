@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import resource
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -61,11 +65,43 @@ def refuses(said: str, call: Callable[..., object], /, *given: object, **options
         call(*given, **options)
 
 
+def cases(test: str, name: str) -> dict[str, Any]:
+    """The tables of a TOML file beside a test."""
+    return tomllib.loads(Path(test).with_name(name).read_text(encoding="utf-8"))
+
+
 def written(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     """Files of these names and contents in a folder."""
     for name, content in files.items():
         (folder / name).write_bytes(content)
     return [folder / name for name in files]
+
+
+@contextmanager
+def full_disk(largest_bytes: int) -> Iterator[None]:
+    """Files may not grow beyond so much: as on a full disk, writing fails in the middle (Python ignores SIGXFSZ)."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def printed(name: str) -> pd.DataFrame:
+    """A published table as it is printed."""
+    tables = Path(__file__).parents[1] / "data" / "published_tables"
+    return pd.read_csv(tables / f"{name}.csv", dtype=str)
+
+
+def misses(row: pd.Series, estimate: Mapping[str, float]) -> list[float]:
+    """Distance from every printed number in half-units of its last digit."""
+    found = []
+    for name in (name for name in row.index if not name.startswith("force_")):
+        mantissa, _, exponent = row[name].upper().partition("E")
+        half_unit = 0.5 * 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+        found.append(abs(estimate[name.replace("(", "").replace(")", "")] - float(row[name])) / half_unit)
+    return found
 
 
 def tidy(campaign: Campaign, path: Path) -> Path:

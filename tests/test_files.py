@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-import resource
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+from campaigns import full_disk, refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import write_campaign_into
@@ -61,17 +61,6 @@ def test_stopped_at_any_moment_the_old_result_or_the_new_one_stands(
     assert moment > 1
 
 
-@contextmanager
-def full_disk(largest_bytes: int) -> Iterator[None]:
-    """Files may not grow beyond so much: as on a full disk, writing fails in the middle (Python ignores SIGXFSZ)."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (largest_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 def test_a_full_disk_keeps_the_old_result_and_the_old_file(tmp_path: Path) -> None:
     lb.write_campaign(campaign(1), tmp_path / "result")
     write_whole(tmp_path / "posterior.nc", bytes(1000))
@@ -92,8 +81,7 @@ def test_of_two_runs_into_one_new_folder_the_second_is_refused(tmp_path: Path) -
     (mine.__enter__() / "mine").write_text("2")
     with staged_folder(target, force=False) as other:
         (other / "theirs").write_text("1")
-    with pytest.raises(lb.InputError, match="another run wrote meanwhile"):
-        mine.__exit__(None, None, None)
+    refuses("another run wrote meanwhile", mine.__exit__, None, None, None)
     assert [path.name for path in target.iterdir()] == ["theirs"]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import struct
 import subprocess
@@ -231,55 +232,8 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         pass
 
 
-UNGUARDED = """
-import sys
-from math import sqrt
-from ldbb_bayes.jobs import done, executor_named
-with executor_named(sys.argv[1], 2) as executor:
-    print(dict(done(sqrt, range(5), executor)))
-"""
-DASK = """
-import json, os, signal, sys, warnings
-from pathlib import Path
-from ldbb_bayes.errors import InputError
-from ldbb_bayes.jobs import Lost, dask_executor, done
-import ldbb_bayes.jobs as home
-
-def job(x):
-    if x == 5 and not Path(sys.argv[1], "died").exists():
-        Path(sys.argv[1], "died").touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    if x == 9:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return (max, [x * x, 0])  # Dask would take this for a task of its own, if it looked into it
-
-if __name__ == "__main__":
-    with dask_executor(workers=2) as executor:
-        client, gather = executor._client, executor._client._gather
-
-        async def lost_once_gathered(futures, **options):
-            result = await gather(futures, **options)
-            client.futures[getattr(futures, "key", None) or futures[0].key].lose()
-            return result
-
-        client._gather = lost_once_gathered
-        found = dict(done(job, range(20), executor))
-    lost = [k for k, value in found.items() if isinstance(value, Lost)]
-    print(json.dumps([sorted(found), lost, all(found[k] == (max, [k * k, 0]) for k in found if k not in lost)]))
-    home.ANSWER_S = 1.0
-    import distributed
-    other = distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None)
-    for address in ("nonsense", "tcp://127.0.0.1:1", other.scheduler_address):
-        try:
-            with dask_executor(address):
-                pass
-        except InputError as error:
-            print(error)
-"""
-
-
 def run(script: str, folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    (folder / "script.py").write_text(script)
+    shutil.copy(Path(__file__).parent / "scripts" / f"{script}.py", folder / "script.py")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = [sys.executable, str(folder / "script.py"), *map(str, arguments)]
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
@@ -287,7 +241,7 @@ def run(script: str, folder: Path, *arguments: object) -> subprocess.CompletedPr
 
 @pytest.mark.parametrize("kind", ["process", pytest.param("dask", marks=pytest.mark.slow)])
 def test_an_unguarded_script_is_told_so_once(kind: str, tmp_path: Path) -> None:
-    ended = run(UNGUARDED, tmp_path, kind)
+    ended = run("unguarded", tmp_path, kind)
     assert ended.returncode == 1
     assert ended.stderr.count("Traceback") == 1
     assert 'A script must do its work under `if __name__ == "__main__":`' in ended.stderr
@@ -296,7 +250,7 @@ def test_an_unguarded_script_is_told_so_once(kind: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_dask(tmp_path: Path) -> None:
     """In a process of its own: it warns of what is no concern here."""
-    ended = run(DASK, tmp_path, tmp_path)
+    ended = run("dask", tmp_path, tmp_path)
     assert ended.stdout, ended.stderr
     first, *refused = ended.stdout.splitlines()
     assert json.loads(first) == [list(range(20)), [9], True], ended.stderr

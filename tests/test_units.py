@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from campaigns import cases, refuses
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ldbb_bayes import units
 from ldbb_bayes.errors import InputError
 
-CASES = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
+CASES = cases(__file__, "units.toml")
 
 PREFIXES = {"µ": 1e-6, "n": 1e-9}
 
@@ -67,51 +67,23 @@ def test_ranked_keeps_the_order_of_ties_and_infinities_first() -> None:
     assert units.ranked("abcd", keys.__getitem__) == ["c", "d", "a", "b"]
 
 
-@pytest.mark.parametrize(
-    ("value", "uncertainty", "expected"),
-    [
-        (0.0548, 0.003378, ("0.0548", "0.0034")),
-        (1234.5, 987.0, ("1230", "990")),
-        (123456.0, 9960.0, ("123000", "10000")),
-        (0.0123, 0.0995, ("0.01", "0.10")),
-        (-0.0004, 0.011, ("0.000", "0.011")),
-        (3.0, 0.0, ("3.00", "0")),
-        (3.0, float("nan"), ("3.00", "?")),
-        (float("nan"), 1.0, ("?", "1.0")),
-    ],
-)
-def test_two_significant_digits(value: float, uncertainty: float, expected: tuple[str, str]) -> None:
-    assert units.value_and_uncertainty(value, uncertainty) == expected
+@pytest.mark.parametrize(("value", "uncertainty", "expected"), CASES["two_digits"])
+def test_two_significant_digits(value: float, uncertainty: float, expected: list[str]) -> None:
+    assert list(units.value_and_uncertainty(value, uncertainty)) == expected
 
 
 def test_units_and_names() -> None:
-    with pytest.raises(InputError, match="unit must be one of"):
-        units.display_unit("furlong")
+    refuses("unit must be one of", units.display_unit, "furlong")
     names = ("E_C0YX", "E_A0YZ", "E_Xt0", "C_XXX_1", "C_ZZA", "C_XYX")
     assert [units.display_name(name) for name in names] == ["E_C(0Y)X", "E_A(0Y)Z", *names[2:]]
     assert [units.inside_name(units.display_name(name)) for name in names] == list(names)
     assert [name for name in names if units.is_direct(name)] == ["C_ZZA"]
 
 
-@pytest.mark.parametrize(
-    ("mean", "sd", "interval", "unit", "expected"),
-    [
-        (5.478e-5, 3.301e-6, (4.824e-5, 6.134e-5), "mm/N", units.Statement("54.8", "3.3", "6.6", ("48.2", "61.3"), "nm/N")),
-        (
-            7.3e-8,
-            4.5e-8,
-            (1.1e-8, 1.78e-7),
-            "rad",
-            units.Statement("0.073", "0.045", "+0.105 / −0.062", ("0.011", "0.178"), "µrad"),
-        ),
-        (-2e-8, 1e-6, (-2e-6, 2e-6), "rad", units.Statement("0.0", "1.0", "2.0", ("−2.0", "2.0"), "µrad")),
-        (0.0, 0.0, (0.0, 0.0), "mm", units.Statement("0.00", "0", "0", ("0.00", "0.00"), "µm")),
-    ],
-)
-def test_a_result_as_it_is_written(
-    mean: float, sd: float, interval: tuple[float, float], unit: str, expected: units.Statement
-) -> None:
-    assert units.state(mean, sd, interval, unit) == expected
+@pytest.mark.parametrize(("mean", "sd", "interval", "unit", "expected"), CASES["stated"])
+def test_a_result_as_it_is_written(mean: float, sd: float, interval: list[float], unit: str, expected: list[Any]) -> None:
+    *numbers, ends, label = expected
+    assert units.state(mean, sd, (interval[0], interval[1]), unit) == units.Statement(*numbers, tuple(ends), label)
 
 
 @pytest.mark.parametrize(("mean", "sd", "interval", "unit", "expected"), CASES["in_a_sentence"])

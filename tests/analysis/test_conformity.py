@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import plan, refuses, simulated
+from campaigns import cases, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -22,7 +21,7 @@ from ldbb_bayes.inference.posterior import Concern, ConcernKind, campaign_of, cu
 
 CAMPAIGN = simulated(plan((36,) * 4), seed=1)
 MODEL = lb.HybridModel.default(1)
-TABLES: dict[str, Any] = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text("utf-8"))
+TABLES: dict[str, Any] = cases(__file__, "refusals.toml")
 
 
 @pytest.fixture(scope="module")

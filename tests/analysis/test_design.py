@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations_with_replacement, pairwise, product
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import TRUTH, plan, refuses, simulated
+from campaigns import TRUTH, cases, plan, refuses, simulated
 from oracle import Oracle, OracleTest
 
 import ldbb_bayes as lb
@@ -25,7 +24,7 @@ from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
 from ldbb_bayes.result import json_text
 
 LINEAR = lb.HybridModel.first(1)
-REFUSALS: list[list[object]] = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text("utf-8"))["design"]
+REFUSALS: list[list[object]] = cases(__file__, "refusals.toml")["design"]
 LEVELS = tuple(np.linspace(36.0, 742.0, 13))
 THREE = (36.0, 389.0, 742.0)
 BOTH = tuple(product((0.0, 45.0, 90.0), repeat=2))
@@ -479,5 +478,4 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
     ],
 )
 def test_refused(pilot: lb.Campaign, options: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        lb.design(**{"model": LINEAR, "pilot": pilot, "forces_N": LEVELS, **options})  # type: ignore[arg-type]
+    refuses(message, lb.design, **{"model": LINEAR, "pilot": pilot, "forces_N": LEVELS, **options})

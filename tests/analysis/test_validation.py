@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from campaigns import plan, refuses
+from campaigns import cases, plan, refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation, ecdf, simultaneous_band
@@ -55,16 +55,10 @@ def test_executors_change_nothing() -> None:
     assert record["quantities"]["sigma"]["coverage"]["50"] == alone.coverage().loc["sigma", "50"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"model": lb.HybridModel.paper(0)}, "validation must start from proper priors, got flat ones"),
-        ({"sampler": "nuts"}, "sampler must be one of joint, independent"),
-        ({"replicates": 3}, "replicates must be at least 10, got 3"),
-        ({"draws": 1}, "draws must be at least 9, got 1"),
-        ({"prob": 99.0}, "prob must lie between 0 and 1, got 99"),
-    ],
-)
+FLAT = ({"model": lb.HybridModel.paper(0)}, "validation must start from proper priors, got flat ones")
+
+
+@pytest.mark.parametrize(("arguments", "message"), [*cases(__file__, "refusals.toml")["validate"], FLAT])
 def test_refused(arguments: dict, message: str) -> None:
     refuses(message, lb.validate, **({"model": CONSTANT, "plan": CIRCLES} | arguments))
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from campaigns import refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
@@ -47,8 +48,7 @@ def test_units_at_the_edge() -> None:
     ],
 )
 def test_refused(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        make(**changes)
+    refuses(message, make, **changes)
 
 
 def test_what_tests_leave_open_comes_from_the_campaign() -> None:
@@ -83,8 +83,7 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
     ],
 )
 def test_campaign_refused(tests: tuple, options: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        lb.Campaign(tests, **options)
+    refuses(message, lb.Campaign, tests, **options)
 
 
 def test_digest_is_of_the_data() -> None:
@@ -113,11 +112,9 @@ def test_selection() -> None:
     assert [t.name for t in campaign.without("f300").tests] == ["f036", "f742"]
     assert [t.name for t in campaign.select(["f742", "f036"]).tests] == ["f036", "f742"]
     for chosen in (lambda: campaign.without("f301"), lambda: campaign.select(["f301"])):
-        with pytest.raises(InputError, match="Did you mean 'f300'"):
-            chosen()
+        refuses("Did you mean 'f300'", chosen)
     assert campaign.plan().is_plan
-    with pytest.raises(InputError, match="planned test"):
-        campaign.plan().tests[0].readings_mm()
+    refuses("planned test", campaign.plan().tests[0].readings_mm)
 
 
 @pytest.mark.parametrize(
@@ -140,8 +137,7 @@ def test_force_law_both_ways() -> None:
     for pressure, force in ((0.4, 36.0), (3.0, 364.0), (6.0, 742.0)):
         assert law.force_N(pressure) == pytest.approx(force, abs=0.3)
         assert law.pressure_bar(law.force_N(pressure)) == pytest.approx(pressure)
-    with pytest.raises(InputError, match="slope_N_per_bar must be"):
-        lb.ForceLaw(slope_N_per_bar=0.0)
+    refuses("slope_N_per_bar must be", lb.ForceLaw, slope_N_per_bar=0.0)
 
 
 def test_reversal_points_are_masked() -> None:
@@ -149,15 +145,13 @@ def test_reversal_points_are_masked() -> None:
     distance = np.abs((test.angle_deg + 45.0) % 90.0 - 45.0)
     assert distance.min() > 5.0
     assert len(test.angle_deg) == 360 - 4 * 11
-    with pytest.raises(InputError, match="between 0 and 45"):
-        lb.mask_reversals(recording(), 60.0)
+    refuses("between 0 and 45", lb.mask_reversals, recording(), 60.0)
 
 
 def test_arcs_may_run_through_zero() -> None:
     test = lb.mask_angles(recording(0.0, 360.0), [(350.0, 370.0), (100.0, 110.0)])
     assert {355.0, 5.0, 105.0, 11.0, 99.0, 111.0, 349.0} & set(test.angle_deg) == {11.0, 99.0, 111.0, 349.0}
-    with pytest.raises(InputError, match="must leave readings"):
-        lb.mask_angles(recording(), [(0.0, 360.0)])
+    refuses("must leave readings", lb.mask_angles, recording(), [(0.0, 360.0)])
 
 
 ROUND = {"harmonics_um": ((2, 0.21, 35.0), (3, 0.1, -20.0)), "U_um": 0.05}
@@ -184,5 +178,4 @@ def test_certificates_go_where_the_campaign_goes() -> None:
     ],
 )
 def test_certificates_that_cannot_be_are_refused(kind: type, stated: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        kind(**stated)
+    refuses(message, kind, **stated)

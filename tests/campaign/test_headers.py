@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import tomllib
-from pathlib import Path
 
 import pytest
+from campaigns import cases
 
 from ldbb_bayes.campaign.headers import directions_said, load_in_name, said_above, unit_of
 
-CASES: dict[str, list[list[str]]] = tomllib.loads(Path(__file__).with_name("headers.toml").read_text(encoding="utf-8"))
+CASES: dict[str, list[list[str]]] = cases(__file__, "headers.toml")
 
 
 def said(line: str) -> dict[str, float]:

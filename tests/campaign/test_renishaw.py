@@ -7,24 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns import plan, tidy
+from campaigns import plan, refuses, tidy
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
-from ldbb_bayes.errors import InputError
 
-TEXT = """<?xml version="1.0" encoding="utf-8" standalone="yes"?>
-<TEST_DOCUMENT>
-  <TEST_SPEC NAME="150mm XY 2000"><INSTRUMENT MANUFACTURER="Renishaw" MODEL="QC20-W"><SERIAL_NUMBER>1A2B</SERIAL_NUMBER>
-    <NOMINAL_LENGTH>150</NOMINAL_LENGTH><PLANE TEST_PLANE="YX"><A_AXIS_NAME>X</A_AXIS_NAME></PLANE></INSTRUMENT></TEST_SPEC>
-  <OPERATOR>A &amp; B</OPERATOR><DATE_STARTED>20260401-080005</DATE_STARTED><MACHINE_TESTED NAME="VMC 07" />
-  <RUN_RESULTS><BALLBAR_RUN><RUN_DIRECTION>CW</RUN_DIRECTION>
-    <FEATURE NAME="AF_CIRCULARITY" DT="UT_LENGTH_MM">0.0090</FEATURE></BALLBAR_RUN></RUN_RESULTS>
-  <ANALYSIS NAME="RENISHAW_DIAGNOSTICS"><FEATURE NAME="AF_SQUARENESS" DT="UT_SQUARENESS">-12.5</FEATURE>
-    <FEATURE NAME="AF_CIRCULARITY" DT="UT_LENGTH_UM">9.5</FEATURE><FEATURE NAME="AF_NEW" DT="UT_NEW">1</FEATURE>
-    <FEATURE NAME="AF_TEXT">best</FEATURE></ANALYSIS>
-</TEST_DOCUMENT>"""
+TEXT = Path(__file__).with_name("ballbar.b5r").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -85,18 +74,14 @@ def test_beside_the_readings(path: Path, campaign: lb.Campaign) -> None:
 )  # fmt: skip
 def test_what_is_none(path: Path, text: str, why: str) -> None:
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=why):
-        lb.read_b5r(path)
+    refuses(why, lb.read_b5r, path)
 
 
 def test_refused_with_the_reason(path: Path, campaign: lb.Campaign) -> None:
-    with pytest.raises(InputError, match=r"x.b5r alone.*described nowhere.*Export the trace as text"):
-        lb.import_campaign(path)
+    refuses(r"x.b5r alone.*described nowhere.*Export the trace as text", lb.import_campaign, path)
     path.write_text(TEXT.replace('"YX"', '"XZ"'), encoding="utf-8")
-    with pytest.raises(InputError, match="of plane XY, got ZX"):
-        lb.compare_record(lb.read_b5r(path), campaign)
-    with pytest.raises(InputError, match="got a plan"):
-        lb.compare_record(lb.read_b5r(path), plan())
+    refuses("of plane XY, got ZX", lb.compare_record, lb.read_b5r(path), campaign)
+    refuses("got a plan", lb.compare_record, lb.read_b5r(path), plan())
 
 
 def test_imported_with_the_tables(path: Path, campaign: lb.Campaign, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import awkward
 import pytest
-from campaigns import Invoke, written
+from campaigns import Invoke, cases, written
 
 import ldbb_bayes as lb
 
@@ -53,16 +53,7 @@ def test_loads_and_names(files: list[Path], tmp_path: Path, invoke: Invoke) -> N
     assert (campaign.name, campaign.mount.compensated) == ("machine 7", False)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ("--forces-N 1,2", "one number for each test, got 2 for 3 tests"),
-        ("--sign 3", "options: 'sign' must be 1 or -1, got 3"),
-        ("--start-deg nan", "--start-deg must be a finite number, got nan"),
-        ("--separator dot", "options: 'separator' must be valid, got 'dot': it should be one of comma, semicolon"),
-        ("--header-line 70", "line 70"),
-    ],
-)
+@pytest.mark.parametrize(("options", "said"), cases(__file__, "import.toml")["wrong"])
 def test_wrong_options(options: str, said: str, files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
     code, _, shown = invoke("import", *files, "--out", tmp_path / "c", *options.split(" "))
     assert (code, said in " ".join(shown.split())) == (2, True), shown

@@ -6,11 +6,10 @@ Which files of a campaign are refused, and how, is held by tests/campaign; here 
 from __future__ import annotations
 
 import shutil
-import tomllib
 from pathlib import Path
 
 import pytest
-from campaigns import Invoke
+from campaigns import Invoke, cases
 
 import ldbb_bayes as lb
 
@@ -47,7 +46,7 @@ def test_one_force(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
 
 
 # What a library call refuses is held where its tests are; here what a command line alone can get wrong, and that options arrive.
-COMMANDS: dict[str, list[list[str]]] = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text(encoding="utf-8"))
+COMMANDS: dict[str, list[list[str]]] = cases(__file__, "refusals.toml")
 
 
 CASES = {f"{command} {arguments}": message for command, cases in COMMANDS.items() for arguments, message in cases}
@@ -83,14 +82,7 @@ def test_force_replaces_results_and_nothing_else(folder: Path, tmp_path: Path, i
     assert invoke("simulate", folder, "--out", campaign, "--force")[0] == 0
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("schema = 1\n", "'forces_N' must be given"),
-        ("schema = 1\nforces_N = [100.0, 300.0]\n[parameters]\nC_XXZ = 1.0\n", "parameter must be one of"),
-        ("schema = 1\nforce_N = [100.0]\n", "Did you mean 'forces_N'"),
-    ],
-)
+@pytest.mark.parametrize(("content", "message"), cases(__file__, "truths.toml")["refused"])
 def test_bad_truths(content: str, message: str, tmp_path: Path, invoke: Invoke) -> None:
     (tmp_path / "truths.toml").write_text(content)
     assert message in refused(invoke, "simulate", tmp_path / "truths.toml", "--out", tmp_path / "c")

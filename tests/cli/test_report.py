@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import Invoke, plan, refuses, simulated
+from campaigns import Invoke, cases, plan, refuses, simulated
 from reports import NOT_COMPARED, fitted, undrawn
 
 import ldbb_bayes as lb
@@ -137,25 +137,13 @@ def test_refused(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke,
     foreign.mkdir()
     (foreign / "mine.txt").write_text("mine")
     out = tmp_path / "out"
-    cases: list[tuple[list[object], str]] = [
-        (["report", tmp_path / "nothing"], "nothing must be a file, got nothing"),
-        (["report", spoiled(result, tmp_path / "spoiled", cut=True)], "got a damaged file"),
-        (["report", result, "--comparison", damaged], "must be a comparison written by"),
-        (["report", result, "--comparison", comparison, "--design", damaged], "folder with design.json"),
-        (["report", result, "--comparison", comparison, "--design", damaged, "--tests", "4"], "--tests must not go with"),
-        (["report", other, "--comparison", comparison], "comparison must be of the readings of the fit"),
-        (
-            ["report", result, "--comparison", comparison, "--figures", foreign, "--force"],
-            "must hold nothing but earlier results",
-        ),
-        (["report", result, "--comparison", comparison, "--same-instrument"], "must go with a second fit"),
-        (["report", result, "--tolerance", "C_XXX=60"], "tolerance of C_XXX must be a number with its unit, got '60'"),
-        (["report", result, "--tolerance", "stifness_X=60 N/µm"], "Did you mean 'stiffness_X'?"),
-        (["report", result, result, "--comparison", comparison], "results must be of different readings"),
-        (["report", spoiled(result, tmp_path / "altered", cut=False), "--comparison", comparison], "not those of its digest"),
-    ]
-    for arguments, said in cases:
-        code, _, error = invoke(*arguments, "--out", out, "--quiet")
+    folders = {
+        "RESULT": result, "NOTHING": tmp_path / "nothing", "OTHER": other, "COMPARISON": comparison, "DAMAGED": damaged,
+        "FOREIGN": foreign, "SPOILED": spoiled(result, tmp_path / "spoiled", cut=True),
+        "ALTERED": spoiled(result, tmp_path / "altered", cut=False),
+    }  # fmt: skip
+    for words, said in cases(__file__, "report.toml")["refused"]:
+        code, _, error = invoke("report", *(folders.get(word, word) for word in words), "--out", out, "--quiet")
         assert code == 2, said
         assert said in " ".join(error.split()), error
         assert "Traceback" not in error

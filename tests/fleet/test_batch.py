@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from batches import CONSTANT, FORCES_N, LINEAR, dataset_bytes, made_row, write_campaigns
-from campaigns import plan, refuses, simulated, tidy
+from campaigns import cases, full_disk, plan, refuses, simulated, tidy
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
@@ -216,14 +216,7 @@ def test_interrupted_anywhere_and_resumed(made: tuple[list[str], list[int]], tmp
     assert lb.batch(paths, out, force=True).fitted == 20
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"seed": 2}, "got seed 1 where this run has 2"),
-        ({"certificates": {"bar_U_um": 1.0}}, "got certificate bar_U_um nothing where this run has 1.0"),
-        ({"table": {"radius_mm": 100.0}}, "got table option radius_mm nothing where this run has 100.0"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), cases(__file__, "refusals.toml")["another_batch"])
 def test_another_batch_is_not_resumed(
     made: tuple[list[str], list[int]], tmp_path: Path, change: dict[str, Any], message: str
 ) -> None:
@@ -262,8 +255,7 @@ def test_what_is_refused(made: tuple[list[str], list[int]], tmp_path: Path) -> N
         ({"ess": np.inf}, "ess must be a finite number above zero, got inf"),
         ({"seed": 2**63}, "seed must be a whole number from 0 to 2\\^63 - 1, got 9223372036854775808"),
     ):
-        with pytest.raises(InputError, match=message):
-            lb.batch(paths, options.pop("out", tmp_path / "new"), **options)  # type: ignore[arg-type]
+        refuses(message, lb.batch, paths, options.pop("out", tmp_path / "new"), **options)
     assert calls == []
     assert not (tmp_path / "new").exists()
     out = lb.batch(paths, tmp_path / "out").out
@@ -325,45 +317,23 @@ def test_a_full_disk_under_the_journal_and_the_table(made: tuple[list[str], list
     """Files may not grow beyond so much: a message, and what is done is kept."""
     paths, _ = made
     whole = dataset_bytes(lb.batch(paths, tmp_path / "whole").out)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    messages = set()
-    try:
-        for k, size in enumerate((10_000, 40_000, 80_000, len(whole) - 1)):
-            resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-            with pytest.raises(InputError, match=r"(can|must) be (written|writable).*, got: .*free some space") as raised:
-                lb.batch(paths, tmp_path / f"out{k}")
-            messages.add(str(raised.value).split(" must")[0].rpartition("/")[2])
-            assert not (tmp_path / f"out{k}" / "campaigns.parquet").exists()
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-            assert dataset_bytes(lb.batch(paths, tmp_path / f"out{k}", resume=True).out) == whole
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        signal.signal(signal.SIGXFSZ, handler)
+    messages, said = set(), r"(can|must) be (written|writable).*, got: .*free some space"
+    for k, size in enumerate((10_000, 40_000, 80_000, len(whole) - 1)):
+        with (
+            full_disk(size),
+            pytest.raises(InputError, match=said) as raised,
+        ):
+            lb.batch(paths, tmp_path / f"out{k}")
+        messages.add(str(raised.value).split(" must")[0].rpartition("/")[2])
+        assert not (tmp_path / f"out{k}" / "campaigns.parquet").exists()
+        assert dataset_bytes(lb.batch(paths, tmp_path / f"out{k}", resume=True).out) == whole
     assert "batch.sqlite" in messages
-
-
-MADE = """
-import os, signal
-import ldbb_bayes as lb
-import ldbb_bayes.fleet.batch as home
-from batches import made_row
-def fit(settings, job):
-    with open("calls", "a") as handle:
-        handle.write(f"{job.number}\\n")
-    return made_row(settings, job)
-home.fit_row = fit
-def kill(done, *_):
-    if done == 7:
-        os.kill(os.getpid(), signal.SIGKILL)
-lb.batch([f"p{k}" for k in range(20)], "out", progress=kill)
-"""
 
 
 def test_killed_and_resumed(made: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """kill -9 right after a row: the row is kept, and in the end the table is the same."""
-    (tmp_path / "made.py").write_text(MADE)
     root = Path(__file__).resolve().parents[2]
+    shutil.copy(root / "tests" / "scripts" / "killed_batch.py", tmp_path / "made.py")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(root / "tests")])}
     ended = subprocess.run([sys.executable, "made.py"], env=environment, cwd=tmp_path, timeout=60, check=False)
     assert ended.returncode == -signal.SIGKILL

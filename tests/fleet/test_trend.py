@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import refuses
+from campaigns import cases, refuses
 from fleets import doubts, drawn_rows, one_campaign, verdict, with_prior
 from layout import check_texts
 from numpy.typing import NDArray
@@ -402,15 +402,7 @@ def test_doubts(rows: pd.DataFrame) -> None:
     assert "not for levels" not in verdict(lb.trend(rows, one_instrument=False))
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"change_scale": 0.0}, "change_scale must be above 0"),
-        ({"probability": 1.0}, "probability must be above 0 and below 1"),
-        ({"parameters": ["C_XXXX"]}, "got 'C_XXXX'. Did you mean 'C_XXX'"),
-        ({"parameters": ["C_XXX", "C_XXX"]}, "once each"),
-    ],
-)
+@pytest.mark.parametrize(("options", "said"), cases(__file__, "refusals.toml")["trend"])
 def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], said: str) -> None:
     refuses(said, lb.trend, rows, **options)
 

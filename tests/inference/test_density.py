@@ -8,7 +8,7 @@ import emcee
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import oracle_of, plan, simulated
+from campaigns import oracle_of, plan, refuses, simulated
 from scipy import optimize, stats
 
 import ldbb_bayes as lb
@@ -72,15 +72,12 @@ def test_outside_the_bounds() -> None:
         assert np.isfinite(density.log_likelihood(moved)) == (name == "C_XXX")
     assert pickle.loads(pickle.dumps(density)).log_prob(x) == density.log_prob(x)
     assert repr(density) == "LogDensity of 'campaign': 19 parameters, 9 scales"
-    with pytest.raises(InputError, match=r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names"):
-        density.log_prob(np.zeros(3))
+    refuses(r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names", density.log_prob, np.zeros(3))
     for u in (1.5, -1e-9, np.nan):
         with pytest.raises(InputError, match=f"u must lie between 0 and 1, got {u}. Give prior"):
             density.prior_transform(np.where(np.arange(len(x)) == 3, u, 0.5))
-    with pytest.raises(InputError, match="must have readings to have a posterior, got a plan"):
-        lb.log_density(lb.HybridModel.default(1), plan())
-    with pytest.raises(InputError, match="must be proper, got a flat one"):
-        lb.log_density(lb.HybridModel.paper(0), FEW).prior_transform(np.zeros(14))
+    refuses("must have readings to have a posterior, got a plan", lb.log_density, lb.HybridModel.default(1), plan())
+    refuses("must be proper, got a flat one", lb.log_density(lb.HybridModel.paper(0), FEW).prior_transform, np.zeros(14))
 
 
 def test_an_optimiser_finds_the_mode() -> None:

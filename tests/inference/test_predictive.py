@@ -103,11 +103,15 @@ def test_only_what_circles_do_not_share_beyond_the_orders_widens_intervals() -> 
     assert widening == [pytest.approx(0.0, abs=0.1), pytest.approx(growth, rel=0.05)]
 
 
-def test_autocorrelation_of_white_noise_is_uniform() -> None:
+def test_autocorrelation_of_white_noise_is_uniform_and_of_smoothed_noise_is_seen() -> None:
     rng = np.random.default_rng(2)
     angle = np.sort(rng.uniform(0.0, 360.0, 150))
     p_values = [predictive.autocorrelation(lb.CircularTest(100.0, angle, rng.normal(size=150)))[1] for _ in range(400)]
     assert stats.kstest(p_values, "uniform").pvalue > 0.01
+    smooth = np.convolve(np.random.default_rng(2).normal(size=402), np.ones(3) / 3.0, mode="valid")
+    value, p = predictive.autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
+    assert value > 0.5
+    assert p < 1e-6
     assert predictive.autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (0.0, 1.0)
 
 
@@ -202,12 +206,3 @@ def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: l
     assert (found.loc["drift_time_length", "unit"], found.loc["hysteresis_sin2", "unit"]) == ("mm/h", "mm")
     flat = lb.sample(lb.HybridModel.paper(0), drifting, seed=1, sampler="independent", rule=lb.StoppingRule(ess=100.0))
     assert lb.nuisances(flat).empty
-
-
-def test_autocorrelation_of_smoothed_noise_is_seen() -> None:
-    rng = np.random.default_rng(2)
-    smooth = np.convolve(rng.normal(size=402), np.ones(3) / 3.0, mode="valid")
-    value, p = predictive.autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, smooth))
-    assert value > 0.5
-    assert p < 1e-6
-    assert predictive.autocorrelation(lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))) == (0.0, 1.0)

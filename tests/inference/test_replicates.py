@@ -8,7 +8,7 @@ import arviz_stats
 import numpy as np
 import pytest
 import xarray as xr
-from campaigns import HYPER_UM, oracle_of, plan, simulated
+from campaigns import HYPER_UM, oracle_of, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -67,10 +67,8 @@ def test_prediction_as_a_table(posterior: xr.DataTree) -> None:
         InputError, match=r"got planes or set-ups with E_Xt0_2, E_Yt0_2 too\. Fit with replace\(campaign, foreseen"
     ):
         lb.predict(posterior, replace(later, tests=(replace(later.tests[0], setup=2),)))
-    with pytest.raises(InputError, match="the plan must be of the posterior's machine wCAFYXZSt"):
-        lb.predict(posterior, replace(later, topology="wFYXZSt"))
-    with pytest.raises(InputError, match="posterior must be of one model, got an average"):
-        lb.with_predictive(averaged)
+    refuses("the plan must be of the posterior's machine wCAFYXZSt", lb.predict, posterior, replace(later, topology="wFYXZSt"))
+    refuses("posterior must be of one model, got an average", lb.with_predictive, averaged)
 
 
 @pytest.mark.filterwarnings("ignore:The inplace keyword in DataFrame")  # arviz-stats 0.8 with pandas 3.1

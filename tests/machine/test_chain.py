@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
+from campaigns import cases, refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
@@ -41,19 +44,9 @@ def _labels(machine: chain.Machine) -> list[str]:
     return [name.label for name in chain.geometric_names(machine)]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("wCAFYXZSt", "XZ"), "plane must be one of XY, YZ, ZX, got 'XZ'. Did you mean 'ZX'"),
-        (("wYXZt", "XY"), "topology must read w…F…t"),
-        (("wFYXYt", "XY"), "got 'Y' twice"),
-        (("wFYXt", "YZ"), "got 'wFYXt' without Z"),
-        (("wFXYt", "XY", {"X": (0.0, float("nan"), 0.0)}), "three finite numbers"),
-    ],
-)
-def test_refused(arguments: tuple[str, str], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        chain.Machine(*arguments)
+@pytest.mark.parametrize(("arguments", "message"), cases(__file__, "refusals.toml")["machine"])
+def test_refused(arguments: list[Any], message: str) -> None:
+    refuses(message, chain.Machine, *arguments)
 
 
 # Readings

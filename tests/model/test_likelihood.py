@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import HYPER_UM, oracle_of, plan, simulated
+from campaigns import HYPER_UM, oracle_of, plan, refuses, simulated
 from hypothesis import given as drawn
 from hypothesis import strategies as st
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.fourier import SIZE, basis, reduce_readings
 from ldbb_bayes.model.hybrid import BoundModel, information_of, informations_of
 from ldbb_bayes.model.likelihood import NOISE, OWN, Information
@@ -215,10 +214,8 @@ def test_contributions_are_logarithmic_derivatives(term: str) -> None:
 def test_noise_must_be_left_and_scales_positive() -> None:
     one = Information(("a",), (OWN,), np.ones(1), False, (np.ones((2, 1)),), ({NOISE: np.eye(2)},))
     assert one.variances() == pytest.approx([1.0 / 3.0])
-    with pytest.raises(InputError, match="reading noise must be left"):
-        one.variances([NOISE])
-    with pytest.raises(InputError, match="prior sd must be positive"):
-        replace(one, scale=np.zeros(1))
+    refuses("reading noise must be left", one.variances, [NOISE])
+    refuses("prior sd must be positive", replace, one, scale=np.zeros(1))
 
 
 # ---- readings reduced to at most 25 numbers per test

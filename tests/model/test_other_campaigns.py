@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaigns import refuses
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -140,13 +141,11 @@ def test_one_direction_leaves_the_model_as_it_was() -> None:
 def test_refused() -> None:
     plain = everything()
     silent = replace(plain, tests=(replace(plain.tests[0], direction=None), *plain.tests[1:]))
-    with pytest.raises(lb.InputError, match=r"'f100' must state its direction, CW or CCW"):
-        HybridModel.first(1).bind(silent)
+    refuses(r"'f100' must state its direction, CW or CCW", HybridModel.first(1).bind, silent)
     timeless = replace(plain, tests=(replace(plain.tests[0], time_s=None), *plain.tests[1:]))
     with pytest.raises(lb.InputError, match=r"drift over time must have time_s in every test, got 1 without"):
         _ = HybridModel.first(1).with_term(Drift("time")).bind(timeless).terms
-    with pytest.raises(lb.InputError, match="Drift over must be one of time, temperature"):
-        Drift("pressure")  # type: ignore[arg-type]
+    refuses("Drift over must be one of time, temperature", Drift, "pressure")
 
 
 def test_drift_of_a_sorted_campaign_is_stated() -> None:

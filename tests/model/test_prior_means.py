@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import oracle_of, plan, simulated
+from campaigns import oracle_of, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
@@ -135,8 +135,7 @@ def test_models_that_cannot_be() -> None:
         replace(model, fixed=("E_YY1",))
     with pytest.raises(InputError, match=r"C_XXX must be fixed at zero or have a prior mean, got both"):
         model_from_toml("schema = 1\nfixed = ['C_XXX']\n[prior.means]\nC_XXX = 1e-5\n")
-    with pytest.raises(InputError, match=r"prior means must be a dict, got 1\.0"):
-        model_from_toml("schema = 1\n[prior]\nmeans = 1.0\n")
+    refuses(r"prior means must be a dict, got 1\.0", model_from_toml, "schema = 1\n[prior]\nmeans = 1.0\n")
     with pytest.raises(InputError, match=r"prior mean must be one of C_XXX, .*, got 'C_XXY'\. Did you mean 'C_XYX'"):
         replace(model, prior=replace(model.prior, means={"C_XXY": 1e-5})).bind(plan())
 

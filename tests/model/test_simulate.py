@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from campaigns import HYPER_UM, TRUTH, oracle_of, plan
+from campaigns import HYPER_UM, TRUTH, cases, oracle_of, plan, refuses
 
 import ldbb_bayes as lb
-from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import exact_reading_mm
 
 SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
@@ -52,14 +51,6 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
     assert np.abs(sample - np.eye(24)).max() < 0.3
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"parameters": {"C_XXZ": 1.0}}, "parameter must be one of"),
-        ({"hyper_um": {"sigma": -1.0}}, "hyper-parameter sigma must be"),
-        ({"hyper_um": {"rho": 1.0}}, "hyper-parameter must be one of"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), cases(__file__, "spec.toml")["simulate"])
 def test_refused(arguments: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        lb.HybridModel.first(0).simulate(plan(), seed=1, **arguments)
+    refuses(message, lb.HybridModel.first(0).simulate, plan(), seed=1, **arguments)

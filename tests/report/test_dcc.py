@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from campaigns import cases
 from reports import SCRIPT, awkward, fitted
 from scipy.stats import chi2
 
@@ -23,7 +23,7 @@ from ldbb_bayes.inference.posterior import result_json
 from ldbb_bayes.report.page import dsi_unit
 
 SI = "{https://ptb.de/si}"
-STRUCTURE = tomllib.loads(Path(__file__).with_name("dcc_structure.toml").read_text("utf-8"))
+STRUCTURE = cases(__file__, "dcc_structure.toml")
 
 
 def checked(path: Path) -> ElementTree.Element:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 
 import awkward
@@ -11,7 +10,7 @@ import fuzz
 import malformed
 import numpy as np
 import pytest
-from campaigns import written
+from campaigns import cases, written
 from typer.testing import CliRunner, Result
 
 import ldbb_bayes as lb
@@ -51,7 +50,7 @@ def test_the_page_counts_them(root: Path) -> None:
 
 
 # What a message names: options that say otherwise, or the line to leave out. The others name what only its owner can mend.
-CURES: dict[str, str] = tomllib.loads(Path(__file__).with_name("cures.toml").read_text(encoding="utf-8"))
+CURES: dict[str, str] = cases(__file__, "cures.toml")
 LINES = "08 09 10 11 12 13 14 16 17 18 19 20 21 22 41 43 63"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import tomllib
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -14,9 +13,9 @@ from typing import Any
 
 import explanation
 import numpy as np
-import pandas as pd
 import pytest
 import study
+from campaigns import cases, misses, printed
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Campaign
@@ -24,7 +23,7 @@ from ldbb_bayes.machine.chain import Circle, Machine, exact_reading_mm
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "studies"
-CLAIMS: dict[str, list[str]] = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))
+CLAIMS: dict[str, list[str]] = cases(__file__, "claims.toml")
 
 
 @cache
@@ -47,25 +46,11 @@ def module_of(folder: str, name: str) -> ModuleType:
     return import_module(name)
 
 
-def printed(name: str) -> pd.DataFrame:
-    return pd.read_csv(ROOT / "data" / "published_tables" / f"{name}.csv", dtype=str)
-
-
 def paper_estimate(campaign: Campaign) -> dict[str, float]:
     bound = lb.HybridModel.paper(0).bind(campaign)
     mean = bound.given(np.array([[1e-3]]))[1].mean
     np.testing.assert_allclose(mean[0] / bound.scale, bound.centre / bound.scale, atol=1e-9)
     return dict(zip(bound.names, mean[0], strict=True))
-
-
-def misses(row: pd.Series, estimate: dict[str, float]) -> list[float]:
-    """Distance from every printed number in half-units of its last digit."""
-    found = []
-    for name in (name for name in row.index if not name.startswith("force_")):
-        mantissa, _, exponent = row[name].upper().partition("E")
-        half_unit = 0.5 * 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
-        found.append(abs(estimate[name.replace("(", "").replace(")", "")] - float(row[name])) / half_unit)
-    return found
 
 
 def test_tables_5_to_8(recovered: Campaign) -> None:
