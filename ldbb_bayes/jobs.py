@@ -236,7 +236,10 @@ def _serve(pipe: Connection) -> None:
     """Do jobs until the other end is closed: when the pool ends, or its process is killed."""
     dask_setup(None)
     os.environ.update(ONE_THREAD)
-    pipe.send("ready")
+    try:
+        pipe.send("ready")
+    except OSError:
+        return
     while True:
         try:
             answer = True, pipe.recv()()

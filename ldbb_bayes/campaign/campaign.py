@@ -65,6 +65,9 @@ Number = Annotated[float, BeforeValidator(_no_text), Field(allow_inf_nan=False)]
 Force = Annotated[Number, Field(gt=0.0, le=1e6)]
 Pressure = Annotated[Number, Field(ge=0.0)]
 Positive = Annotated[Number, Field(gt=0.0)]
+# Of a certificate, µm or N, and degrees: what is larger is in another unit.
+Certified = Annotated[Number, Field(gt=0.0, le=1e3)]
+CertifiedAngle = Annotated[Number, Field(gt=0.0, le=10.0)]
 Percent = Annotated[Number, Field(gt=0.0, le=100.0)]
 Harmonic = tuple[Annotated[int, BeforeValidator(_no_text), Field(ge=2, le=12)], Pressure, Number]
 Length = Annotated[Number, Field(gt=0.0, le=1e5)]
@@ -95,7 +98,7 @@ class ForceLaw(Shown):
 class MountCompensation(Shown):
     """Deflection of the work ball's mount per bar (Eq. 32) and whether the readings are already free of it."""
 
-    deflection_um_per_bar: Annotated[Number, Field(ge=0.0)] = 2.33  #: nominal
+    deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33  #: nominal
     compensated: bool = True  #: whether the readings are free of it
 
 
@@ -107,10 +110,10 @@ class Ball(Shown):
     coefficient.
     """
 
-    sphericity_um: Positive | None = None  #: deviation from sphericity, peak to valley
+    sphericity_um: Certified | None = None  #: deviation from sphericity, peak to valley
     grade: str | None = None  #: of ISO 3290: G3 to G200, in its place
     harmonics_um: tuple[Harmonic, ...] = ()  #: (order, amplitude [µm], phase [deg])
-    U_um: Positive | None = None  #: of their coefficients
+    U_um: Certified | None = None  #: of their coefficients
     certificate: Label | None = None  #: which one says so: a name, no number depends on it
 
     def __post_init__(self) -> None:
@@ -136,12 +139,12 @@ class Instrument(Shown):
     work: Ball = field(default_factory=Ball)  #: ball
     tool: Ball = field(default_factory=Ball)  #: ball
     bar_length_error_um: Number = 0.0  #: by which readings are too large
-    bar_U_um: Positive | None = None  #: of the bar's length
+    bar_U_um: Certified | None = None  #: of the bar's length
     mount_U_percent: Percent | None = None  #: of its deflection
     force_U_percent: Percent | None = None  #: of the force's gain
     force_linearity_percent: Percent | None = None  #: largest deviation from the line, of the largest force
-    force_random_N: Positive | None = None  #: random error of every force, one sd
-    angle_U_deg: Positive | None = None  #: of reference and lag
+    force_random_N: Certified | None = None  #: random error of every force, one sd
+    angle_U_deg: CertifiedAngle | None = None  #: of reference and lag
     bar_certificate: Label | None = None  #: which certificate says so: names, no number depends on them
     force_certificate: Label | None = None  #: likewise
 

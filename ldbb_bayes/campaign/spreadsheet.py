@@ -182,6 +182,8 @@ def constant(
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 # How a zip (XLSX, ODS) and a compound file (XLS, or a workbook with a password) begin.
 _ARCHIVE, _BINARY, _WORKBOOKS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0", (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+# How PDF and pictures begin, which hold no table whatever they show.
+_PICTURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 
 
 def read_sheets(
@@ -191,6 +193,8 @@ def read_sheets(
     raw = _bytes_of(path)
     if raw.startswith((_ARCHIVE, _BINARY)) or path.suffix.lower() in _WORKBOOKS:
         return _sheets_of_workbook(path, raw, sheets)
+    if raw.startswith(_PICTURES):
+        return [Sheet(path, "", [])]
     if sheets:
         got = f"a text file with sheet {sheets[0]!r} asked for"
         raise InputError(f"{path} must be a workbook to have sheets, got {got}. Leave it out.")

@@ -64,7 +64,8 @@ _BACKLOG = 512
 _PREFIX = "ldbb-bayes-"
 _FIT = "from ldbb_bayes.cli.worker import main; main()"
 _SHOWN = {"report.html": "text/html", "report.pdf": "application/pdf"}
-_LOADED = {"report.json": "", "dcc.xml": "", "posterior.nc": "", "results.csv": "tables/results.csv"}
+_LOADED = {"report.json": "", "dcc.xml": "", "posterior.nc": "", "parameters.csv": "tables/averaged.csv"}
+_UNAVERAGED = "tables/results.csv"  # where nothing could be averaged over, the sheets state the fit itself
 _FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
 
@@ -96,7 +97,8 @@ class Pages:
 
     def show(self, template: str, language: str, **values: Any) -> str:
         """Return a page, or a part of one."""
-        filled = {"w": words_of_page(language), "language": language, "fields": worker.FIELDS, **values}
+        limits = {"files": MOST_FILES, "bytes": LARGEST_FILE}
+        filled = {"w": words_of_page(language), "language": language, "fields": worker.FIELDS, "most": limits, **values}
         return self._templates.get_template(template).render(filled)
 
 
@@ -111,6 +113,7 @@ class Session:
     folder: Path
     language: str
     choices: dict[str, str] = field(default_factory=dict)
+    wrong: list[str] = field(default_factory=list)  #: those of them that were refused
     edition: int = 0  #: of files and choices
     fitted: int = -1  #: the edition that the report is of
     asked: dict[str, Any] = field(default_factory=dict)  #: of the plan
@@ -119,6 +122,7 @@ class Session:
     process: asyncio.subprocess.Process | None = None
     seen: float = field(default_factory=time.monotonic)
     tabs: set[str] | None = None  #: that show it; none has asked yet
+    closed: set[str] = field(default_factory=set)  #: tabs, whose last questions may come late
     names: dict[str, str] = field(default_factory=dict)  #: by which files were sent, by those by which they are kept
     adding: asyncio.Lock = field(default_factory=asyncio.Lock)  #: files come one after another, so that they fit together
 
@@ -327,6 +331,7 @@ async def _part(house: House, session: Session, request: Request) -> Response:
     name, values = request.path_params["name"], dict[str, Any]()
     if name == "understood":
         values = {"found": await house.desk.ask(worker.understand, session, session.said())}
+        session.wrong = worker.named(str(values["found"].get("refused", "")), session.choices)
     elif name == "worth":
         values = {"found": await house.desk.ask(worker.worth, session, session.said())}
     elif name == "plan":
@@ -444,13 +449,14 @@ async def _cancel(house: House, session: Session, request: Request) -> Response:
 
 
 async def _state(house: House, session: Session, request: Request) -> Response:
-    session.tabs = {*(session.tabs or ()), request.query_params.get("tab", "")}
+    session.tabs = {*(session.tabs or ()), request.query_params.get("tab", "")} - session.closed
     return JSONResponse(session.state())
 
 
 async def _leave(house: House, session: Session, request: Request) -> Response:
     """A tab was closed, or is loaded anew: then it asks again before long."""
-    session.tabs = (session.tabs or set()) - {request.query_params.get("tab", "")}
+    session.closed.add(request.query_params.get("tab", ""))
+    session.tabs = (session.tabs or set()) - session.closed
     return Response(status_code=204)
 
 
@@ -477,6 +483,7 @@ async def _result(house: House, session: Session, request: Request) -> Response:
     if name in _FOLDERS and folder.is_dir():
         return await _zipped(folder / _FOLDERS[name], name)
     path = folder / (_LOADED.get(name) or name)
+    path = folder / _UNAVERAGED if name == "parameters.csv" and not path.is_file() else path
     if name not in (*_SHOWN, *_LOADED) or not path.is_file():
         return _refused(session.word("nothing"), 404)
     policy = {"content-security-policy": _OF_REPORT} if name == "report.html" else {}

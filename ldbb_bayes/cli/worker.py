@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.candidates import Space
     from ldbb_bayes.campaign.importing import Imported
 
-__all__ = ["FIELDS", "FILES", "RESULT", "TOML", "Field", "answer", "forecast", "main", "plan", "understand", "warm", "worth"]
+__all__ = [
+    "FIELDS", "FILES", "RESULT", "TOML", "Field", "answer", "forecast", "main", "named", "plan", "understand", "warm", "worth",
+]  # fmt: skip
 
 FILES, RESULT, PLAN = "campaign", "result", "plan"
 TOML, _DCC = "campaign.toml", ".xml"
@@ -178,7 +180,14 @@ def _reason(error: Exception, folder: Path) -> str:
 
 def _plain(text: str, folder: Path) -> str:
     """Files by the names they were dropped with."""
-    return re.sub(re.escape(str(folder / FILES)) + r"[/\\]?", "", text)
+    inside = re.sub(re.escape(str(folder / FILES)) + r"[/\\]", "", text)
+    return inside.replace(str(folder / FILES), "the folder")
+
+
+def named(message: str, choices: Mapping[str, str]) -> list[str]:
+    """Return which of the entries a refusal names, by option or by field."""
+    words = set(re.findall(r"[\w-]+", message))
+    return [name for name in choices if {name, FIELDS[name].flag} & words]
 
 
 # ---- what was understood

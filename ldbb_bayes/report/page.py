@@ -125,8 +125,6 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
     """Return everything in numbers for files: inside units (mm, N, rad), µm and µm/m for circular-test quantities."""
     bound, (measured, pairs), summary = bound_of(found.posterior), measured_circularity(found.posterior), found.summary
     verdicts = [wording.verdict_words(found.verdicts[name]) if name in found.verdicts else "" for name in summary.index]
-    factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
-    results = summary.assign(U_k2=2.0 * summary["sd"], verdict=verdicts, reading_unit=labels, reading_factor=factors)
     heads = {"kind": "type", "unit": "u_unit"}
     lines = [
         {"parameter": name, "unit": budget.unit, **{heads.get(key, key): value for key, value in asdict(line).items()}}
@@ -137,7 +135,7 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
     names = [*bound.names, *map(str, bound.hyper_prior.names)]
     draws = np.concatenate([beta, phi], axis=1)
     every = {
-        "results": results.rename_axis("parameter"),
+        "results": _stated(summary.assign(U_k2=2.0 * summary["sd"], verdict=verdicts)),
         "covariance": pd.DataFrame(np.cov(draws.T), names, names).rename_axis("parameter"),
         "correlation": pd.DataFrame(np.corrcoef(draws.T), names, names).rename_axis("parameter"),
         "budget": pd.DataFrame(lines).set_index("parameter"),
@@ -145,12 +143,21 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
         "measured_circularity": _with_units(measured).rename_axis("test"),
         "contributions": _with_units(contributions(found.posterior, ci_prob=found.ci_prob)).set_index("plane"),
     }
+    if found.averaged is not None:
+        mean = lb.summarize(found.averaged, ci_prob=found.ci_prob)
+        every["averaged"] = _stated(mean.drop(columns=["ess_bulk", "ess_tail", "rhat"]).assign(U_k2=2.0 * mean["sd"]))
     if len(pairs):
         every["measured_pairs"] = _with_units(pairs).rename_axis("tests")
     if others:
         side_by_side = pd.concat({other.name: other.differences for other in others}, names=["campaign", "parameter"])
         every["differences"] = side_by_side.reset_index().set_index("campaign")
     return every
+
+
+def _stated(summary: pd.DataFrame) -> pd.DataFrame:
+    """With the unit for reading of every row, and the factor to it."""
+    factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
+    return summary.assign(reading_unit=labels, reading_factor=factors).rename_axis("parameter")
 
 
 def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
@@ -160,7 +167,8 @@ def _with_units(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 _NAMES = (
-    "results covariance correlation budget circularity measured_circularity contributions measured_pairs differences conformity"
+    "results averaged covariance correlation budget circularity measured_circularity contributions measured_pairs differences "
+    "conformity"
 )
 _TABLES = tuple(f"{name}.csv" for name in _NAMES.split())
 REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")

@@ -124,12 +124,14 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
     [
         ({"radius_mm": "wide"}, "--radius-mm must be a number"),
         ({"force_U_percent": "1000"}, "--force-U-percent must be at least 1e-06 and at most 100"),
-        ({"mount_um_per_bar": "nan"}, "--mount-um-per-bar must be finite"),
+        ({"mount_um_per_bar": "nan"}, "--mount-um-per-bar must be at least 0 and at most 1000, got nan"),
         ({"force_N": "9999"}, "Choose one within what was tested"),
         ({"balls": "G7"}, "must be one of G3, G5"),
         ({"tolerance": "C_XXX"}, "--tolerance must be"),
         ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
         ({"forces_N": "1,2"}, "must hold one number for each test"),
+        ({"bar_U_um": "1e9"}, "--bar-U-um must be at least 1e-06 and at most 1000"),
+        ({"angle_U_deg": "400"}, "at most 10,"),
         ({"radius_mm": "1,000"}, "without marks between thousands"),
         ({"radius_mm": "1.000"}, "without marks between thousands"),
     ],
@@ -139,6 +141,8 @@ def test_what_cannot_be_is_refused_with_the_cure(tab: Tab, said: dict[str, str],
     page = tab.ask("GET", "part/understood")[1]
     assert message in page
     assert 'role="alert"' in page
+    (name,) = said
+    assert re.findall(r'id="say-(\w+)"[^>]*aria-invalid', page) == ([] if name == "bar_dcc" else [name])  # no file to choose
     assert str(RECOVERED.parent) not in page
 
 
@@ -215,7 +219,7 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
 
 def test_both_languages_say_the_same_things() -> None:
     english, german = (server.words_of_page(own) for own in server.LANGUAGES)
-    free = {"labels", "what", "because", "instrument"}
+    free = {"labels", "what", "because", "instrument", "choices"}
     assert english.keys() == german.keys()
     for key in english.keys() - free - {"decimal"}:
         pairs = [(english[key], german[key])] if isinstance(english[key], str) else [
@@ -224,6 +228,7 @@ def test_both_languages_say_the_same_things() -> None:
         for one, other in pairs:
             assert set(re.findall(r"\{\w+\}", one)) == set(re.findall(r"\{\w+\}", other))
     assert worker.FIELDS.keys() - {"language"} <= german["labels"].keys()
+    assert {value for value, _ in worker.FIELDS["topology"].choices} < german["choices"].keys()
 
 
 # ---- who may ask, and for what
@@ -316,6 +321,15 @@ def test_forces_are_given_in_the_order_that_is_shown(house: tuple[Tab, Path], ta
     found = worker.answer(worker.understand, str(house[1] / tab.base.split("/")[-2]), {"forces_N": "10;20,5;30;40"})
     shown = [(own["name"], own["force"]) for own in found["tests"]]
     assert shown == [*zip((own.partition(".")[0] for own in listed), ("10", "20.5", "30", "40"), strict=True)]
+
+
+def test_what_holds_no_table_is_left_out(tab: Tab) -> None:
+    """A scan or a picture among the readings stops nothing; alone it is refused."""
+    for name, start in (("scan.pdf", b"%PDF-1.7\n\xe2\xe3"), ("photo.jpg", b"\xff\xd8\xff\xe0")):
+        tab.ask("PUT", f"files/{name}", start + bytes(range(256)))
+        assert "what the file is" in (page := tab.ask("GET", "part/understood")[1]) or name == "photo.jpg", page
+    page = tab.holding(*RECOVERED.glob("f*.csv")).ask("GET", "part/understood")[1]
+    assert ("6 circles" in page, "it holds no table" in page) == (True, True)
 
 
 def test_two_names_do_not_become_one(tab: Tab) -> None:

@@ -91,7 +91,7 @@ def test_example_from_drop_to_pdf(page: Any, browser: Any, tmp_path: Path) -> No
         assert len(paper) == 2
     stated = page.frame_locator("#report").locator("section.sheet").first.locator("tbody tr").first.inner_text().split("\t")
     assert stated[2] in sheet
-    for name in ("results.csv", "tables.zip", "report.json", "dcc.xml", "campaign.zip", "posterior.nc", "report.zip"):
+    for name in ("parameters.csv", "tables.zip", "report.json", "dcc.xml", "campaign.zip", "posterior.nc", "report.zip"):
         with page.expect_download() as loading:
             page.click(f"a[href='result/{name}']")
         assert Path(loading.value.path()).stat().st_size > 500

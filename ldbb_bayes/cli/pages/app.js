@@ -4,7 +4,7 @@
 const at = (id) => document.getElementById(id);
 const words = document.body.dataset;
 const tab = `tab=${crypto.randomUUID()}`;
-const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, LARGEST = 64 * 2 ** 20;
+const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, LARGEST = Number(words.mostBytes);
 let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = null, wanted = null, resting = 0, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false;
 
 const tell = (text) => { at("status").textContent = text; };
@@ -29,12 +29,15 @@ const say = (path, record) => ask("POST", path, JSON.stringify(record ?? {}), "a
 // Puts a step in its place; the element that has the focus keeps it where it is there again.
 async function show(name) {
   const place = at(`${name}-part`), focused = document.activeElement?.id;
+  const opened = [...place.querySelectorAll("details[open] > summary")].map((own) => own.textContent);
   place.classList.add("busy");
   place.inert = true;  // what would be typed now would be lost
   try {
     const answer = await ask("GET", `part/${name}`);
-    if (answer.ok) place.innerHTML = await answer.text();
-    else tell(await reason(answer));
+    if (answer.ok) {
+      place.innerHTML = await answer.text();
+      for (const own of place.querySelectorAll("summary")) own.parentElement.open ||= opened.includes(own.textContent);
+    } else tell(await reason(answer));
   } finally {
     place.classList.remove("busy");
     place.inert = false;
@@ -148,7 +151,7 @@ async function send(files) {
 // Files of what was dropped, folders opened.
 async function dropped(items) {
   const entries = [...items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean), found = [];
-  while (entries.length && found.length < 400) {
+  while (entries.length && found.length < Number(words.mostFiles)) {
     const own = entries.shift();
     if (own.isFile) found.push(await new Promise((done, fail) => own.file(done, fail)));
     else {
