@@ -87,13 +87,21 @@ class Pages:
     def __init__(self) -> None:
         loader = jinja2.PackageLoader("ldbb_bayes.cli", "pages")
         self._templates = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-        self._templates.filters["number"] = self._number
+        self._templates.filters |= {"number": self._number, "phrase": self._phrase}
 
     @staticmethod
     @jinja2.pass_context
     def _number(context: jinja2.runtime.Context, value: object) -> str:
         """With the decimal sign of the language."""
         return re.sub(r"(?<=\d)\.(?=\d)", str(context["w"]["decimal"]), str(value))
+
+    @staticmethod
+    @jinja2.pass_context
+    def _phrase(context: jinja2.runtime.Context, text: str) -> str:
+        """What an import says, in the language as far as it is known there."""
+        for pattern, other in context["w"]["phrases"].items():
+            text = re.sub(pattern, other, text)
+        return text
 
     def show(self, template: str, language: str, **values: Any) -> str:
         """Return a page, or a part of one."""
