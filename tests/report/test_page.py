@@ -22,7 +22,7 @@ import ldbb_bayes as lb
 from ldbb_bayes import units
 from ldbb_bayes.inference.posterior import curves_of, record_of
 from ldbb_bayes.report.figures.style import new_figure
-from ldbb_bayes.report.page import Document, compose, html_page
+from ldbb_bayes.report.page import Document, compose, html_page, tables
 from ldbb_bayes.report.sections import SECTIONS, Details, Picture, Section, find
 from ldbb_bayes.report.sheets import Banner, Fields, Pair, ReportSheet, languages, sheets, words_of
 from ldbb_bayes.report.text import nuisance_table
@@ -194,6 +194,9 @@ def test_numbers_of_an_average() -> None:
     campaign, model = simulated(plan()), lb.HybridModel.first(1).without("discrepancy", "setup-shift")
     averaged = lb.average({"constant": model.with_degree(0), "linear": model}, campaign, draws=400)
     found = find(fitted(model, campaign), comparison=NOT_COMPARED, recommended=NOT_COMPARED, averaged=averaged)
+    row, draws = tables(found)["averaged"].loc["C_XXX"], averaged["posterior"]["C_XXX"].values
+    assert [row["mean"], row["U_k2"]] == pytest.approx([draws.mean(), 2.0 * draws.std(ddof=1)])
+    assert (row["reading_unit"], row["reading_factor"]) == ("nm/N", 1e6)
     for force in (None, 500.0, 1000.0):
         first, second = sheets(found, force_N=force)
         row = next(row for block in second.blocks if isinstance(block, Table) for row in block.rows if row[1] == "C_XXX")
