@@ -28,7 +28,8 @@ from ldbb_bayes.result import Shown
 
 __all__ = [
     "UNITS", "WORDS", "Assumption", "Heading", "Layout", "Notes", "Said", "TestLayout", "directions_said", "find_headings",
-    "layout_to_toml", "load_in_name", "not_understood", "note_heading", "read_layout", "said_above", "said_elsewhere", "unit_of",
+    "is_cut", "layout_to_toml", "load_in_name", "not_understood", "note_heading", "plane_in_name", "radius_in_name",
+    "read_layout", "said_above", "said_elsewhere", "unit_of",
 ]  # fmt: skip
 
 # Words and units by which files name what they hold, in English, German and some others.
@@ -233,15 +234,19 @@ _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT = {name: WORDS["mount"][name] for name in ("raw", "compensated")}
 _ANOTHER = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
-_IN_NAME = re.compile(rf"(?<![\d.,A-Za-z])({_NUMBER})[ _]?(kN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])", re.IGNORECASE)
-# A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N).
+_IN_NAME = re.compile(rf"(?<![\d.,A-Za-z])({_NUMBER})[ _-]?(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])", re.IGNORECASE)
+# A decimal mark that a file name cannot hold (3_5bar), marks between thousands (1 238 N; there is no force of 10 236 N).
 _CUT = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])|\d[_p\-]\d[ _]?N(?![a-z])"
-    r"|\d[ ']\d{3}[ _]?k?N(?![a-z])",
+    r"|(?<![a-zA-Z\d])[1-5][ ']\d{3}[ _]?k?N(?![a-z])",
     re.IGNORECASE,
 )
 # Three digits at most: F2000 is a feed.
 _AS_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
+# A radius from 50 mm on: R10 numbers a run.
+_AS_R = re.compile(r"(?<![a-zA-Z0-9])R(?:adius)?[ _=]?([5-9]\d|[1-9]\d{2,3})(?:[ _]?mm)?(?![a-zA-Z\d.,])")
+_PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
+_TURNED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 # Up to these a number with a mark before three digits may be of thousands.
 _LARGEST = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 _WAYS: Mapping[str, Any] = WORDS["directions"]
@@ -368,6 +373,23 @@ def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str]
             if key != "force_N" or not _may_be_thousands(key, text):
                 return key, abs(_value(text)) * one, name
     return None
+
+
+def is_cut(names: Sequence[str]) -> bool:
+    """Whether a number before a unit may be the rest of another: ``1 238 N``."""
+    return any(_CUT.search(name) for name in names)
+
+
+def radius_in_name(names: Sequence[str]) -> tuple[str, float, str] | None:
+    """Likewise a radius [mm]: ``R100``, ``Radius 250 mm``."""
+    found = ((_AS_R.findall(name[:_LONGEST]), name) for name in names)
+    return next((("radius_mm", float(radii[0]), name) for radii, name in found if len(set(radii)) == 1), None)
+
+
+def plane_in_name(names: Sequence[str]) -> str | None:
+    """The plane that a name says alone."""
+    found = ({_TURNED.get(own, own) for own in _PLANE.findall(name[:_LONGEST])} for name in names)
+    return next((planes.pop() for planes in found if len(planes) == 1), None)
 
 
 # Beside the word for a test in the header of the column that names it.

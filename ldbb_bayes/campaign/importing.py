@@ -135,11 +135,13 @@ class _Table:
         """A quantity of the test: by its column, as given, by the lines above the table, the name; None where none says it."""
         unit, option = _UNIT.get(key, "°"), _option(key)
         named = headers.load_in_name(self.names(), key) if key in _LOADS else None
+        named = headers.radius_in_name(self.names()) if key == "radius_mm" else named
         first = [(column, "its column", _IN_LINE), (self.given(key), "as given", _IN_LINE)]
         first = first if key == "radius_mm" else first[::-1]
         sure = [(float(value), where, within) for value, where, within in first if value is not None]
         said = [(own.value, f"line {own.line}", _IN_LINE) for own in self.above.get(key, ())]
-        said += [(named[1], f"the name {named[2]!r}", _IN_NAME)] if named and named[0] == key else []
+        where = f"the name {named[2]!r}" if named and key in _LOADS else "its name"
+        said += [(named[1], where, _IN_NAME)] if named and named[0] == key else []
         if not (sure or said):
             return None
         (value, where, _), *others = sure + said
@@ -184,6 +186,7 @@ class _Table:
         found = {key: self.quantity(key, None if given else self._one_value(key)) for key in _LOADS}
         loads = {key: value for key, value in found.items() if value is not None}
         got = "got neither from a column, the lines above the table or the name"
+        got += f" (which number does {self.own_name!r} mean?)" * headers.is_cut(self.names())
         cure = "Give --forces-N or --pressures-bar, one for each test in the order of files and sheets, or a [[test]] in --layout"
         require(loads, f"{self.place}: force or pressure must be known, {got}. {cure}.")
         return loads
@@ -555,6 +558,8 @@ def _take_said(campaign: dict[str, Any], tables: Sequence[_Table]) -> None:
             lines = [own for own in table.above.get(key, ()) if own.value == own.value]
             said = {own.value if isinstance(own.value, str) else round(own.value, 9): f"line {own.line}" for own in lines}
             own = {value: line if " of " in line else f"{line} of {table.sheet.place}" for value, line in said.items()}
+            if key == "plane" and (named := headers.plane_in_name(table.names())):
+                said, own = ({named: "its name"} | lines for lines in (said, own))
             sure = table.stated.get(key) or table.fields.get(key) or table.given(key)
             if sure is not None:
                 sure = ("raw", "compensated")[sure.compensated] if isinstance(sure, MountCompensation) else sure

@@ -191,6 +191,7 @@ def read_sheets(
 ) -> list[Sheet]:
     """Return the tables in a file: of a workbook (XLSX, XLS, ODS) the sheets asked for, by default all that hold anything."""
     raw = _bytes_of(path)
+    require(path.suffix.lower() != ".zip", f"{path} must be unpacked, got an archive. Unpack it and name the files in it.")
     if raw.startswith((_ARCHIVE, _BINARY)) or path.suffix.lower() in _WORKBOOKS:
         return _sheets_of_workbook(path, raw, sheets)
     if raw.startswith(_PICTURES):

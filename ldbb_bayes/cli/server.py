@@ -50,6 +50,8 @@ MOST_SESSIONS, MOST_WAITING, MOST_FILES = 32, 100, 400
 LARGEST_FILE, LARGEST_SESSION, LARGEST_WORDS = LARGEST_TABLE_BYTES, 4 * 2**26, 2**17
 # Seconds until a session ends: closed (a reload is back at once), never opened, silent (tabs in the background sleep).
 CLOSED_S, UNOPENED_S, SILENT_S, ANSWER_S, LOOK_S = 8.0, 60.0, 3600.0, 120.0, 1.0
+# Until the fit of a page that asks for nothing any more gives way to one that waits.
+ABANDONED_S = 150.0
 _PAGES = files("ldbb_bayes.cli") / "pages"
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; frame-src 'self'"
 _OF_PAGE = f"{_POLICY}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -288,6 +290,11 @@ class House:
             await asyncio.sleep(LOOK_S)
             for session in [own for own in self.sessions.values() if own.is_over]:
                 self.end(session)
+            waiting = any(own.running and own.process is None for own in self.sessions.values())
+            for session in self.sessions.values():
+                if waiting and session.process is not None and time.monotonic() - session.seen > ABANDONED_S:
+                    session.stop()
+                    session.outcome = {"refused": session.word("gave_way")}
             for left in self.folder.iterdir():  # what work that was under way has written after the end of its session
                 if left.name not in self.sessions:
                     shutil.rmtree(left, ignore_errors=True)

@@ -40,7 +40,7 @@ __all__ = [
 FILES, RESULT, PLAN = "campaign", "result", "plan"
 TOML, _DCC = "campaign.toml", ".xml"
 _WAYS: Mapping[str, tuple[Direction, ...]] = {"both": ("CW", "CCW"), "CW": ("CW",), "CCW": ("CCW",)}
-_ALL_DRAWN, _MOST_CIRCLES, _CANDIDATES, _SEARCHED, _FEW = 360, 60, 240, 12, 32
+_ALL_DRAWN, _MOST_CIRCLES, _CANDIDATES, _SEARCHED, _FEW_KINDS, _FEW = 360, 60, 720, 12, 4, 32
 # Of the largest reductions of a certificate those shown, and the least that is one.
 _MOST_EFFECTS, _LEAST_EFFECT = 4, 0.05
 
@@ -106,7 +106,8 @@ def _value(own: Option, name: str, text: str, folder: Path) -> Any:
         require(text in held, f"{flag} must be a file that was added, got {text!r}. Add it, or choose none.")
         return folder / FILES / text
     if typed == list[str]:
-        return [line.strip() for line in text.splitlines() if line.strip()]
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        return [re.sub(r"(?<=\d),(?=\d)", ".", line) for line in lines] if name == "tolerance" else lines
     if typed not in (int, float):
         lists = own.kind is options.KINDS["numbers"] and ";" in text
         return text.replace(",", ".").replace(";", ",") if lists else text
@@ -185,9 +186,10 @@ def _plain(text: str, folder: Path) -> str:
 
 
 def named(message: str, choices: Mapping[str, str]) -> list[str]:
-    """Return which of the entries a refusal names, by option or by field."""
+    """Return which of the entries a refusal names: by option, by field, or by what was typed."""
     words = set(re.findall(r"[\w-]+", message))
-    return [name for name in choices if {name, FIELDS[name].flag} & words]
+    of = {name: {name, FIELDS[name].flag, _GROUPS[FIELDS[name].group][name].to} for name in choices}
+    return [name for name, own in choices.items() if of[name] & words or repr(own) in message]
 
 
 # ---- what was understood
@@ -239,11 +241,13 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
         if part == "balls":
             ball = getattr(campaign.instrument, stem)
             # Two and three lobes share the deviation from sphericity: S² / 24 each.
-            words = {"words": stem, "size": ball.grade or f"{math.sqrt(24.0) * own.sd * 1e3:.3g} µm"}
+            words = {"words": stem, "size": ball.grade or f"{math.sqrt(24.0) * own.sd * 1e3:.3g} µm", "round": not ball.grade}
         else:
             factor, label = {"1": (100.0, "%"), "rad": (180.0 / math.pi, "°"), "N": (1.0, "N")}.get(own.unit, (1e3, "µm"))
             label = "µm/bar" if own.unit.endswith("/bar") else label
-            words = {"words": assumed_words(own)[0], "size": f"± {two_digits(2.0 * own.sd, factor)} {label}"}
+            error = campaign.instrument.bar_length_error_um if part == "bar" else 0.0
+            size = f"{f'{error:g} '.replace('-', '−') if error else ''}± {two_digits(2.0 * own.sd, factor)} {label}"
+            words = {"words": assumed_words(own)[0], "size": size, "round": False}
         entry = words | {"stated": own.stated}
         if entry not in found.setdefault(part, []):
             found[part].append(entry)
@@ -432,9 +436,11 @@ def _planned(folder: Path, stamp: int, text: str) -> _Planned:
     every = _in_turn(places, space.clockings_deg, len(places) * len(space.clockings_deg))
     kinds = [replace(place, work_ball_deg=work, tool_ball_deg=tool) for place, (work, tool) in every]
     if asked.get("best"):
-        grid = _levels(low, high, max(2, min(round(high - low), _CANDIDATES // len(kinds))))
+        # Of one kind in whole newtons, as a report has them.
+        most = _CANDIDATES if len(kinds) == 1 else _CANDIDATES // 3 // len(kinds)
+        grid = _levels(low, high, max(2, min(round(high - low) + 1, most)))
         among = Space(space.model, pilot, grid, space.clockings_deg, radii, ways, augment=space.augment)
-        if count <= _SEARCHED:
+        if count <= _SEARCHED and len(kinds) <= _FEW_KINDS:
             tests = among.tests_of(among.search.of_number(count))
         else:
             counts = efficient_rounding(among.search.shares(float(count)).share, count)
@@ -513,7 +519,8 @@ def plan(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Write the tests as a plan, a campaign folder without readings, and return what `forecast` does."""
     found, (space, tests, _) = forecast(folder, asked), _planned(*_asked(folder, asked))
     name = f"{space.pilot.name}, next campaign"
-    lb.write_campaign(replace(space.pilot, tests=tests, foreseen=(), name=name, tolerances={}), folder / PLAN, force=True)
+    coming = replace(space.pilot, tests=tests, foreseen=(), name=name, tolerances={}, date=None, operator=None)
+    lb.write_campaign(coming, folder / PLAN, force=True)
     return found
 
 

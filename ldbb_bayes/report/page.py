@@ -30,7 +30,7 @@ from ldbb_bayes.report.sections import SECTIONS, Beside, Compared, Findings, Pic
 from ldbb_bayes.report.sheets import Banner, Pair, ReportSheet, pdf_of, sheets, words_of
 from ldbb_bayes.report.text import fit_in_words
 from ldbb_bayes.result import Array, Shown, json_text
-from ldbb_bayes.units import display_name, display_unit, typeset
+from ldbb_bayes.units import display_name, display_unit, is_skewed, typeset
 
 __all__ = [
     "REPORT_FILES", "Document", "check_folder", "compose", "dsi_unit", "html_page", "tables", "write_dcc", "write_report",
@@ -144,8 +144,11 @@ def tables(found: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataF
         "contributions": _with_units(contributions(found.posterior, ci_prob=found.ci_prob)).set_index("plane"),
     }
     if found.averaged is not None:
-        mean = lb.summarize(found.averaged, ci_prob=found.ci_prob)
-        every["averaged"] = _stated(mean.drop(columns=["ess_bulk", "ess_tail", "rhat"]).assign(U_k2=2.0 * mean["sd"]))
+        mean = lb.summarize(found.averaged, ci_prob=found.ci_prob).drop(columns=["ess_bulk", "ess_tail", "rhat"])
+        # Slopes are exactly zero in some of the models: no mean and U describe them.
+        mean = mean.loc[[own.name for own in bound_of(found.averaged).parameters if own.degree == 0]]
+        skewed = [is_skewed(row["mean"], (row["ci_low"], row["ci_high"])) for _, row in mean.iterrows()]
+        every["averaged"] = _stated(mean.assign(U_k2=2.0 * mean["sd"], skewed=skewed))
     if len(pairs):
         every["measured_pairs"] = _with_units(pairs).rename_axis("tests")
     if others:

@@ -7,7 +7,15 @@ import math
 import pytest
 from campaigns import cases
 
-from ldbb_bayes.campaign.headers import directions_said, load_in_name, said_above, unit_of
+from ldbb_bayes.campaign.headers import (
+    directions_said,
+    is_cut,
+    load_in_name,
+    plane_in_name,
+    radius_in_name,
+    said_above,
+    unit_of,
+)
 
 CASES: dict[str, list[list[str]]] = cases(__file__, "headers.toml")
 
@@ -51,6 +59,13 @@ def test_a_load_in_a_name(name: str, bar: str, newton: str) -> None:
     }
     assert load_in_name(["3.5bar 238N"], "force_N") == ("force_N", 238.0, "3.5bar 238N")
     assert load_in_name(["3.5bar 238N"], "pressure_bar") == ("pressure_bar", 3.5, "3.5bar 238N")
+
+
+@pytest.mark.parametrize(("name", "radius", "plane", "number"), CASES["places"])
+def test_radius_and_plane_in_a_name(name: str, radius: str, plane: str, number: str) -> None:
+    found = radius_in_name(["36 N", name])
+    assert (f"{found[1]:g}" if found else "-") == radius
+    assert (plane_in_name([name]) or "-", is_cut([name])) == (plane, number == "cut")
 
 
 @pytest.mark.parametrize(("line", "names", "found"), CASES["directions"])

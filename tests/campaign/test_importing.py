@@ -248,6 +248,20 @@ def test_what_is_given_wins_over_lines_above_and_is_told(tmp_path: Path) -> None
     assert not {"plane", "mount"} & {own.what for own in same.assumptions}
 
 
+def test_names_say_plane_and_radius(tmp_path: Path) -> None:
+    paths = [table(tmp_path / f"ZX_R100_{force}N.csv") for force in (36, 742)]
+    found = imported(paths)
+    assert (found.campaign.plane, [test.radius_mm for test in found.campaign.tests]) == ("ZX", [100.0, 100.0])
+    assert told(found) >= {("plane", "ZX"), ("radius_mm", "100 mm")}
+    assert found.unsaid == lb.import_campaign(paths, layout=found.layout).unsaid
+    given = imported(paths, plane="XY", radius_mm=150.0)
+    assert told(given) >= {("plane", "XY, as given"), ("radius_mm", "150 mm, as given")}
+    assert (given.campaign.plane, given.campaign.tests[0].circle.radius_mm) == ("XY", 150.0)
+    for above in ("Plane: YZ", "Radius: 150 mm"):
+        refuses("must be said once.*its name", imported, table(tmp_path / "ZX_R100_36N.csv", above=above))
+    refuses("which number does 'Test 2 350 N' mean", imported, table(tmp_path / "Test 2 350 N.csv"))
+
+
 # ---- what is refused
 
 

@@ -17,7 +17,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -116,6 +116,10 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
     assert tab.ask("POST", "say", {"bar_U_um": "1,5", "topology": "wXYFZSt", "nonsense": "1"})[0] == 200
     page = tab.ask("GET", "part/understood")[1]
     assert "± 1.5 µm" in page
+    tab.ask(
+        "POST", "say", {"bar_U_um": "1,5", "bar_length_error_um": "-0,8", "tolerance": "C_XXX=60,5 nm/N", "topology": "wXYFZSt"}
+    )
+    assert "−0.8 ± 1.5 µm" in tab.ask("GET", "part/understood")[1]
     assert "machine wXYFZSt" in page
     tab.ask("POST", "say", {"language": "de"})
     page = tab.ask("GET", "part/understood")[1]
@@ -131,6 +135,8 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
         ({"force_N": "9999"}, "Choose one within what was tested"),
         ({"balls": "G7"}, "must be one of G3, G5"),
         ({"tolerance": "C_XXX"}, "--tolerance must be"),
+        ({"unit": "furlong"}, "furlong"),
+        ({"angle_column": "Foo"}, "Foo"),
         ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
         ({"forces_N": "1,2"}, "must hold one number for each test"),
         ({"bar_U_um": "1e9"}, "bar_U_um must be less than or equal to 1000, got 1000000000"),
@@ -164,7 +170,8 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session's folder as a fit leaves it, as far as a plan needs it: the campaign, and uncertainties of its fit."""
     folder = tmp_path_factory.mktemp("fitted")
     (folder / worker.RESULT).mkdir()
-    lb.write_campaign(lb.read_campaign(RECOVERED), folder / worker.RESULT / "campaign")
+    campaign = replace(lb.read_campaign(RECOVERED), date="2026-11-20", operator="A")
+    lb.write_campaign(campaign, folder / worker.RESULT / "campaign")
     (folder / worker.RESULT / "summary.json").write_text(json.dumps({"parameters": {"C_XXX": {"sd": 3.4e-6}}}))
     return folder
 
@@ -206,6 +213,7 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     assert found["minutes"] == found["cost"] == 8 * 6 + turns * 5 + changes * 20
     plan = lb.read_campaign(fitted / "plan")
     assert plan.is_plan
+    assert (plan.date, plan.operator) == (None, None)  # of the campaign before
     assert [f"{test.force_N:.4g}" for test in plan.tests] == [own["force"] for own in found["tests"]]
     one = worker.answer(worker.forecast, str(fitted), {"circles": 3, "levels": 1, "work": 3, "tool": 3})
     assert {own["force"] for own in one["tests"]} == {"742"}
@@ -345,6 +353,7 @@ def test_two_names_do_not_become_one(tab: Tab) -> None:
 def test_what_no_longer_applies_is_forgotten(tab: Tab) -> None:
     tab.ask("PUT", "files/bar.xml", b"<a/>")
     tab.holding(RECOVERED / "f036.csv")
+    assert "Certificates not used: bar.xml" in tab.ask("GET", "part/understood")[1]
     edition = tab.state()["edition"]
     for _ in range(2):
         tab.ask("POST", "say", {"bar_dcc": "bar.xml", "radius_mm": "150", "operator": "A"})
@@ -386,6 +395,9 @@ def test_a_bomb_is_refused(tab: Tab) -> None:
     assert tab.ask("PUT", "files/bomb.xlsx", packed.getvalue())[0] == 200
     assert "bomb.xlsx" in (page := tab.ask("GET", "part/understood")[1])
     assert 'role="alert"' in page
+    tab.ask("DELETE", "files/bomb.xlsx")
+    tab.ask("PUT", "files/campaign.zip", packed.getvalue())
+    assert "campaign.zip must be unpacked" in tab.ask("GET", "part/understood")[1]
 
 
 def test_no_text_becomes_code(tab: Tab) -> None:
@@ -453,6 +465,19 @@ def test_a_killed_worker_loses_nothing(house: tuple[Tab, Path], tab: Tab) -> Non
     assert json.loads(tab.ask("POST", "cancel")[1])["outcome"] == {"cancelled": True}
     until(lambda: not processes("ldbb_bayes.cli.worker"), 10)
     assert tab.state()["files"] == 7
+
+
+def test_a_fit_of_a_silent_page_gives_way(house: tuple[Tab, Path], tab: Tab, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "ABANDONED_S", 1.0)
+    other = house[0].opened()
+    for own in (tab, other):
+        own.ask("POST", "example")
+        own.ask("POST", "fit")
+    (first,) = until(lambda: processes("ldbb_bayes.cli.worker"))
+    until(lambda: other.state()["progress"]["step"] != "waiting")
+    assert processes("ldbb_bayes.cli.worker") != [first]
+    assert "another fit was waiting" in tab.state()["outcome"]["refused"]
+    assert other.ask("POST", "cancel")[0] == 200
 
 
 def processes(word: str) -> list[int]:

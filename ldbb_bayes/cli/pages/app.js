@@ -5,7 +5,7 @@ const at = (id) => document.getElementById(id);
 const words = document.body.dataset;
 const tab = `tab=${crypto.randomUUID()}`;
 const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, LARGEST = Number(words.mostBytes);
-let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = null, wanted = null, resting = 0, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false;
+let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = null, wanted = null, resting = 0, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false, blocked = false;
 
 const tell = (text) => { at("status").textContent = text; };
 
@@ -43,6 +43,7 @@ async function show(name) {
     place.inert = false;
   }
   if (focused && document.activeElement === document.body) at(focused)?.focus();
+  if (name === "fit" && at("start")) at("start").disabled = blocked;
   if (name === "sheets") fitFrame();
   if (name === "worth") placeEffects();
 }
@@ -91,8 +92,8 @@ async function drawChanges() {
   if (finished || changed) await show("sheets");
   if (finished || found.fitted !== before.fitted) await show("plan");
   if (finished) {
-    tell(words.ready);
-    at("fit-part").querySelector("[role=alert]")?.focus();
+    tell(found.outcome.state ? words.ready : "");
+    if (document.activeElement === document.body) (at("fit-part").querySelector("[role=alert]") ?? at("start"))?.focus();
   }
   if (changed) understanding = understanding.then(understand, understand);
 }
@@ -107,10 +108,12 @@ async function said() {
 
 async function understand() {
   at("worth-part").innerHTML = "";
-  if (!state.files) { at("understood-part").innerHTML = ""; return; }
+  if (!state.files) { blocked = false; at("understood-part").innerHTML = ""; return; }
   tell(words.working);
   await show("understood");
   const refused = at("understood-part").querySelector("[role=alert]");
+  blocked = Boolean(refused);
+  if (at("start")) at("start").disabled = blocked;
   if (refused) refused.focus();
   else await show("worth");
   tell(refused ? "" : words.ready);
@@ -209,6 +212,7 @@ document.addEventListener("click", async (event) => {
     at("chosen").focus();
   } else if (own.id === "example" || own.id === "cancel" || own.id === "start") {
     if (own.id === "start") await said();
+    tell(words.working);
     await say({ example: "example", cancel: "cancel", start: "fit" }[own.id]);
     await look();
     at({ example: "start", cancel: "start", start: "cancel" }[own.id])?.focus();
