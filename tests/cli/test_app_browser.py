@@ -186,5 +186,5 @@ def test_everything_by_keyboard(page: Any) -> None:
     reach("a[href='result/report.pdf']")
     reach("#plan-circles")
     page.keyboard.press("End")
-    page.wait_for_selector("#forecast p:has-text('60 circles')")
+    page.wait_for_selector("#forecast p:has-text('Circles: 60')")
     reach("a[href='result/plan.html']")

@@ -4,10 +4,15 @@
 const at = (id) => document.getElementById(id);
 const words = document.body.dataset;
 const tab = `tab=${crypto.randomUUID()}`;
-const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, LARGEST = Number(words.mostBytes);
-let state = { edition: -1, fitted: -1, running: false }, timer = 0, drawing = null, wanted = null, resting = 0, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false, blocked = false;
+const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, READ_MS = 5000, LARGEST = Number(words.mostBytes);
+let state = { edition: -1, fitted: -1, running: false }, timer = 0, telling = 0, drawing = null, wanted = null, resting = 0, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false, blocked = false;
 
-const tell = (text) => { at("status").textContent = text; };
+// What is over need not be read for ever.
+function tell(text) {
+  at("status").textContent = text;
+  clearTimeout(telling);
+  if (text === words.ready) telling = setTimeout(() => tell(""), READ_MS);
+}
 
 async function ask(method, path, body, kind) {
   try {
