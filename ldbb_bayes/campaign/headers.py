@@ -28,7 +28,7 @@ from ldbb_bayes.result import Shown
 
 __all__ = [
     "UNITS", "WORDS", "Assumption", "Heading", "Layout", "Notes", "Said", "TestLayout", "directions_said", "find_headings",
-    "is_cut", "layout_to_toml", "load_in_name", "not_understood", "note_heading", "plane_in_name", "radius_in_name",
+    "layout_to_toml", "load_in_name", "load_is_ambiguous", "not_understood", "note_heading", "plane_in_name", "radius_in_name",
     "read_layout", "said_above", "said_elsewhere", "unit_of",
 ]  # fmt: skip
 
@@ -375,19 +375,19 @@ def load_in_name(names: Sequence[str], kind: str = "") -> tuple[str, float, str]
     return None
 
 
-def is_cut(names: Sequence[str]) -> bool:
-    """Whether a number before a unit may be the rest of another: ``1 238 N``."""
+def load_is_ambiguous(names: Sequence[str]) -> bool:
+    """Whether the number before a unit may be the rest of another: ``1 238 N``."""
     return any(_CUT.search(name) for name in names)
 
 
-def radius_in_name(names: Sequence[str]) -> tuple[str, float, str] | None:
-    """Likewise a radius [mm]: ``R100``, ``Radius 250 mm``."""
-    found = ((_AS_R.findall(name[:_LONGEST]), name) for name in names)
-    return next((("radius_mm", float(radii[0]), name) for radii, name in found if len(set(radii)) == 1), None)
+def radius_in_name(names: Sequence[str]) -> float | None:
+    """The radius [mm] of the first name that says one alone: ``R100``, ``Radius 250 mm``."""
+    found = (set(_AS_R.findall(name[:_LONGEST])) for name in names)
+    return next((float(radii.pop()) for radii in found if len(radii) == 1), None)
 
 
 def plane_in_name(names: Sequence[str]) -> str | None:
-    """The plane that a name says alone."""
+    """The plane of the first name that says one alone: ``ZX``; ``XZ`` is the same."""
     found = ({_TURNED.get(own, own) for own in _PLANE.findall(name[:_LONGEST])} for name in names)
     return next((planes.pop() for planes in found if len(planes) == 1), None)
 

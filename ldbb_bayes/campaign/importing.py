@@ -46,7 +46,7 @@ _UNIT = {"force_N": "N", "pressure_bar": "bar", "radius_mm": "mm", "feed_mm_per_
 _UNIT |= {"resolution_um": "µm"}
 _LOADS = {"force_N": ("force", "forces_N"), "pressure_bar": ("pressure", "pressures_bar")}
 # What lines above a table say of the campaign, and what says otherwise.
-_OF_CAMPAIGN = {"plane": "--plane", "resolution_um": "--resolution-um", "mount": "--raw, or --mount-um-per-bar"}
+_OF_CAMPAIGN = {"plane": "--plane", "resolution_um": "--resolution-um", "mount": "--raw, --mount-um-per-bar"}
 _OF_CAMPAIGN |= {"feed_mm_per_min": "--feed-mm-per-min"} | {key: f"--{key.replace('_', '-')}" for key in LABELS}
 _OF_ALL = {*_OF_CAMPAIGN, "radius_mm", "temperature_C"}
 # Of these each test may say its own; of people, places and instruments all are named.
@@ -135,13 +135,13 @@ class _Table:
         """A quantity of the test: by its column, as given, by the lines above the table, the name; None where none says it."""
         unit, option = _UNIT.get(key, "°"), _option(key)
         named = headers.load_in_name(self.names(), key) if key in _LOADS else None
-        named = headers.radius_in_name(self.names()) if key == "radius_mm" else named
+        radius = headers.radius_in_name(self.names()) if key == "radius_mm" else None
         first = [(column, "its column", _IN_LINE), (self.given(key), "as given", _IN_LINE)]
         first = first if key == "radius_mm" else first[::-1]
         sure = [(float(value), where, within) for value, where, within in first if value is not None]
         said = [(own.value, f"line {own.line}", _IN_LINE) for own in self.above.get(key, ())]
-        where = f"the name {named[2]!r}" if named and key in _LOADS else "its name"
-        said += [(named[1], where, _IN_NAME)] if named and named[0] == key else []
+        said += [(named[1], f"the name {named[2]!r}", _IN_NAME)] if named and named[0] == key else []
+        said += [(radius, "its name", _IN_NAME)] if radius is not None else []
         if not (sure or said):
             return None
         (value, where, _), *others = sure + said
@@ -186,7 +186,7 @@ class _Table:
         found = {key: self.quantity(key, None if given else self._one_value(key)) for key in _LOADS}
         loads = {key: value for key, value in found.items() if value is not None}
         got = "got neither from a column, the lines above the table or the name"
-        got += f" (which number does {self.own_name!r} mean?)" * headers.is_cut(self.names())
+        got += f" (which number does {self.own_name!r} mean?)" * headers.load_is_ambiguous(self.names())
         cure = "Give --forces-N or --pressures-bar, one for each test in the order of files and sheets, or a [[test]] in --layout"
         require(loads, f"{self.place}: force or pressure must be known, {got}. {cure}.")
         return loads

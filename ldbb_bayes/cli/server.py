@@ -346,7 +346,7 @@ async def _part(house: House, session: Session, request: Request) -> Response:
     name, values = request.path_params["name"], dict[str, Any]()
     if name == "understood":
         values = {"found": await house.desk.ask(worker.understand, session, session.said())}
-        session.wrong = worker.named(str(values["found"].get("refused", "")), session.choices)
+        session.wrong = values["found"].get("wrong", [])
     elif name == "worth":
         values = {"found": await house.desk.ask(worker.worth, session, session.said())}
     elif name == "plan":

@@ -33,9 +33,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.candidates import Space
     from ldbb_bayes.campaign.importing import Imported
 
-__all__ = [
-    "FIELDS", "FILES", "RESULT", "TOML", "Field", "answer", "forecast", "main", "named", "plan", "understand", "warm", "worth",
-]  # fmt: skip
+__all__ = ["FIELDS", "FILES", "RESULT", "TOML", "Field", "answer", "forecast", "main", "plan", "understand", "warm", "worth"]
 
 FILES, RESULT, PLAN = "campaign", "result", "plan"
 TOML, _DCC = "campaign.toml", ".xml"
@@ -185,21 +183,31 @@ def _plain(text: str, folder: Path) -> str:
     return inside.replace(str(folder / FILES), "the folder")
 
 
-def named(message: str, choices: Mapping[str, str]) -> list[str]:
-    """Return which of the entries a refusal names: by option, by field, or by what was typed."""
-    words = set(re.findall(r"[\w-]+", message))
-    of = {name: {name, FIELDS[name].flag, _GROUPS[FIELDS[name].group][name].to} for name in choices}
-    return [name for name, own in choices.items() if of[name] & words or repr(own) in message]
+def _wrong(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
+    """The entries without which nothing is refused; where no single one is, those without which the refusal is another."""
+    left: dict[str, InputError | None] = {}
+    for name in choices.keys() & FIELDS.keys() - {"language"}:
+        try:
+            _read(folder, {key: own for key, own in choices.items() if key != name})
+            left[name] = None
+        except InputError as other:
+            left[name] = other
+    alone = [name for name, other in left.items() if other is None]
+    return sorted(alone or (name for name, other in left.items() if str(other) != str(error)))
 
 
 # ---- what was understood
 
 
 def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return tests, traces, what was assumed and what looks odd, of the files of a session."""
+    """Return tests, traces, what was assumed and what looks odd, of the files of a session; or the refusal, and the entries that
+    are wrong."""
     from ldbb_bayes.report import wording
 
-    campaign, imported = _read(folder, choices)
+    try:
+        campaign, imported = _read(folder, choices)
+    except InputError as error:
+        return {"refused": _reason(error, folder), "wrong": _wrong(folder, choices, error)}
     seen = lb.preview(campaign)
     tests = [
         {
@@ -224,7 +232,7 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _assumed(own: Any, folder: Path) -> dict[str, Any]:
-    fields = [field.name for field in FIELDS.values() if field.flag in re.findall(r"--[\w-]+", own.option)]
+    fields = [field.name for field in FIELDS.values() if field.flag in own.option.split(", ")]
     shown = {key: _plain(str(getattr(own, key)), folder) for key in ("place", "what", "value", "because")}
     return shown | {"fields": fields, "option": own.option}
 
@@ -241,13 +249,14 @@ def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
         if part == "balls":
             ball = getattr(campaign.instrument, stem)
             # Two and three lobes share the deviation from sphericity: S² / 24 each.
-            words = {"words": stem, "size": ball.grade or f"{math.sqrt(24.0) * own.sd * 1e3:.3g} µm", "round": not ball.grade}
+            size = ball.grade or f"{math.sqrt(24.0) * own.sd * 1e3:.3g} µm"
+            words = {"words": stem, "size": size, "is_sphericity": not ball.grade}
         else:
             factor, label = {"1": (100.0, "%"), "rad": (180.0 / math.pi, "°"), "N": (1.0, "N")}.get(own.unit, (1e3, "µm"))
             label = "µm/bar" if own.unit.endswith("/bar") else label
             error = campaign.instrument.bar_length_error_um if part == "bar" else 0.0
             size = f"{f'{error:g} '.replace('-', '−') if error else ''}± {two_digits(2.0 * own.sd, factor)} {label}"
-            words = {"words": assumed_words(own)[0], "size": size, "round": False}
+            words = {"words": assumed_words(own)[0], "size": size, "is_sphericity": False}
         entry = words | {"stated": own.stated}
         if entry not in found.setdefault(part, []):
             found[part].append(entry)

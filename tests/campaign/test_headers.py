@@ -9,8 +9,8 @@ from campaigns import cases
 
 from ldbb_bayes.campaign.headers import (
     directions_said,
-    is_cut,
     load_in_name,
+    load_is_ambiguous,
     plane_in_name,
     radius_in_name,
     said_above,
@@ -64,8 +64,8 @@ def test_a_load_in_a_name(name: str, bar: str, newton: str) -> None:
 @pytest.mark.parametrize(("name", "radius", "plane", "number"), CASES["places"])
 def test_radius_and_plane_in_a_name(name: str, radius: str, plane: str, number: str) -> None:
     found = radius_in_name(["36 N", name])
-    assert (f"{found[1]:g}" if found else "-") == radius
-    assert (plane_in_name([name]) or "-", is_cut([name])) == (plane, number == "cut")
+    assert ("-" if found is None else f"{found:g}") == radius
+    assert (plane_in_name([name]) or "-", load_is_ambiguous([name])) == (plane, number == "cut")
 
 
 @pytest.mark.parametrize(("line", "names", "found"), CASES["directions"])

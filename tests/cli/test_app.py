@@ -135,6 +135,7 @@ def test_what_was_dropped_is_understood(tab: Tab) -> None:
         ({"force_N": "9999"}, "Choose one within what was tested"),
         ({"balls": "G7"}, "must be one of G3, G5"),
         ({"tolerance": "C_XXX"}, "--tolerance must be"),
+        ({"bar_U_um": "1e9", "forces_N": "36;364;742", "operator": "A"}, "bar_U_um"),
         ({"unit": "furlong"}, "furlong"),
         ({"angle_column": "Foo"}, "Foo"),
         ({"bar_dcc": "../../job.json"}, "--bar-dcc must be a file that was added"),
@@ -150,7 +151,7 @@ def test_what_cannot_be_is_refused_with_the_cure(tab: Tab, said: dict[str, str],
     page = tab.ask("GET", "part/understood")[1]
     assert message in page
     assert 'role="alert"' in page
-    (name,) = said
+    name, *_ = said
     assert re.findall(r'id="say-(\w+)"[^>]*aria-invalid', page) == ([] if name == "bar_dcc" else [name])  # no file to choose
     assert str(RECOVERED.parent) not in page
 
